@@ -1,0 +1,4 @@
+"""Data: what goes into scenes, and later into training.
+
+    letters.py   characters as albedo bitmaps
+"""

@@ -1,0 +1,66 @@
+"""Characters as albedo bitmaps for scenes: `python -m data_gen.letters FOLDER F 7 R`.
+
+DejaVu Sans (the font that matplotlib carries) on a 1 cm square of 256 x 256 cells, 8-bit, white is
+albedo 1; strokes are thinned or thickened until 0.2 cm^2 reflect, the area of the paper's figures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+from scipy.ndimage import distance_transform_edt
+
+from radiometry.errors import ArgumentParser, InputError, run_command
+from radiometry.output import atomic, output_folder
+
+SIDE = 256
+FILL = 0.2
+
+
+def letter(character: str) -> np.ndarray:
+    """Binary bitmap of a character, uint8 (256, 256), as high or wide as the square."""
+    font = ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", 1000)
+    canvas = Image.new("L", (2000, 2000))
+    ImageDraw.Draw(canvas).text((500, 400), character, fill=255, font=font)
+    ink = np.asarray(canvas) >= 128
+    inside = distance_transform_edt(ink) - distance_transform_edt(~ink)
+    low, high = -100.0, float(inside.max())
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _on_square(inside > middle).mean() > FILL * 255 else (low, middle)
+    return _on_square(inside > low)
+
+
+def _on_square(ink: np.ndarray) -> np.ndarray:
+    """Crop to the ink and scale it to fill the square, binary 0 or 255."""
+    glyph = Image.fromarray(ink.astype(np.uint8) * 255)
+    glyph = glyph.crop(glyph.getbbox())
+    scale = SIDE / max(glyph.size)
+    glyph = glyph.resize((round(glyph.width * scale), round(glyph.height * scale)), Image.Resampling.BILINEAR)
+    square = Image.new("L", (SIDE, SIDE))
+    square.paste(glyph, ((SIDE - glyph.width) // 2, (SIDE - glyph.height) // 2))
+    return np.where(np.asarray(square) >= 128, 255, 0).astype(np.uint8)
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    parser = ArgumentParser(prog="python -m data_gen.letters", description="Draw characters as albedo bitmaps.")
+    parser.add_argument("folder")
+    parser.add_argument("characters", nargs="+", help="one character each")
+    options = parser.parse_args(argv)
+    for character in options.characters:
+        if len(character) != 1 or not character.isalnum():
+            raise InputError("characters", "single letters or digits", character, "separate them by blanks")
+    folder = output_folder(options.folder)
+    for character in options.characters:
+        bitmap = letter(character)
+        with atomic(folder / f"{character}.png") as partial:
+            Image.fromarray(bitmap).save(partial, format="PNG", optimize=True)
+        print(f"{character}.png: reflective area {bitmap.mean() / 255:.3f} cm^2 on a 1 cm square")
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,15 @@
+"""Inversion: speckle frames, or their autocorrelation, to the hidden object's albedo.
+
+    capture.py       reads frames and autocorrelation pictures, checks them
+    estimate.py      frames -> autocorrelation estimate, with what is known of the camera
+    spectrum.py      noisy estimate -> noise level, detection, Fourier modulus
+    methods.py       retrieval methods by name
+    hio.py           hybrid input-output with shrink-wrap
+    registration.py  shift and 180-degree turn; registered mean of many starts
+    metrics.py       registered correlation with a truth; which character is it
+    report.py        the picture of a result
+    result.py        the files of a result
+    __main__.py      the command
+
+Nothing here imports Mitsuba.
+"""

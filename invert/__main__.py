@@ -1,0 +1,95 @@
+"""`python -m invert`: frames or autocorrelations to albedo, report.png and result.json."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from radiometry.errors import ArgumentParser, InputError, run_command
+
+
+def parser() -> ArgumentParser:
+    p = ArgumentParser(prog="python -m invert", description="Reconstruct a hidden object's albedo.")
+    p.add_argument("inputs", nargs="+", help="frames of one capture, a folder of them, or autocorrelation pictures")
+    p.add_argument("-o", "--output", required=True, help="folder for albedo, report.png and result.json")
+    p.add_argument("--method", choices=("hio",), default="hio")
+    p.add_argument("--quality", choices=("fast", "balanced", "best"), default="balanced")
+    p.add_argument("--autocorrelation", action="store_true", help="inputs are 127 x 127 estimates, one result each")
+    p.add_argument("--pixel-pitch-m", type=float, help="pixel pitch on the wall; wanted for lengths in metres only")
+    p.add_argument("--wavelength-m", type=float)
+    p.add_argument("--distance-m", type=float, help="hidden object to wall")
+    p.add_argument("--patch", default="auto", help="patch size in pixels, or auto (300 um a lag, or an eighth of the frame)")
+    p.add_argument("--dark", type=Path, help="dark frame to subtract")
+    p.add_argument("--truth", type=Path, help="known albedo (.npy or picture, one pixel a lag) to compare with")
+    p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
+    return p
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Read, estimate, then retrieve and report each estimate."""
+    options = parser().parse_args(argv)
+    patch = _check(options)
+    from invert.capture import CameraFacts, read_capture
+    from invert.estimate import estimate_from_frames, published_estimate
+    from invert.result import read_truth
+    from radiometry.output import output_folder
+
+    begin = time.perf_counter()
+    truth = read_truth(options.truth) if options.truth else None
+    if options.autocorrelation:
+        estimates = [published_estimate(Path(item)) for item in options.inputs]
+        read_s = (time.perf_counter() - begin) / len(estimates)
+    else:
+        known = CameraFacts(options.wavelength_m, options.pixel_pitch_m, options.distance_m)
+        capture = read_capture(options.inputs, known, options.dark)
+        read_s = time.perf_counter() - begin
+        estimates = [estimate_from_frames(capture, patch, options.device)]
+
+    output = output_folder(options.output)
+    for estimate in estimates:
+        folder = output if len(estimates) == 1 else output_folder(output / Path(estimate.name).stem)
+        _invert(estimate, truth, read_s, folder, options)
+
+
+def _invert(estimate, truth, read_s: float, folder: Path, options) -> None:
+    """Read the noise, retrieve the albedo, write the result."""
+    from tqdm import tqdm
+
+    from invert.methods import QUALITIES, retrieve
+    from invert.result import write_result
+    from invert.spectrum import read_measurement
+
+    begin = time.perf_counter()
+    measurement = read_measurement(estimate.lags, estimate.quantisation, estimate.transfer)
+    with tqdm(total=QUALITIES[options.quality].iterations, desc=options.method, unit="it", disable=None, leave=False) as bar:
+        result = retrieve(measurement, options.method, options.quality, options.seed, options.device, bar.update)
+    seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
+    settings = {"method": options.method, "quality": options.quality, "seed": options.seed}
+    summary = write_result(folder, estimate, measurement, result, truth, settings, seconds)
+    print(f"{'object found' if summary['object_found'] else 'no object found'}: {folder / 'report.png'}")
+
+
+def _check(options) -> int | None:
+    """Check options that argparse cannot; returns the patch size, None for auto."""
+    if not 0 <= options.seed < 2**63:
+        raise InputError("--seed", "a whole number, zero or more", options.seed, "choose another")
+    names = [Path(item).stem for item in options.inputs]
+    if options.autocorrelation and len(set(names)) != len(names):
+        raise InputError("inputs", "autocorrelations of different names", "one name twice",
+                         "rename one; results go to folders of these names")
+    if options.device == "cuda":
+        import torch
+
+        if not torch.cuda.is_available():
+            raise InputError("--device", "a CUDA GPU and a torch build that uses it", "none", "use --device cpu")
+    if options.patch == "auto":
+        return None
+    if not options.patch.isdigit():
+        raise InputError("--patch", "a number of pixels or auto", options.patch, "choose another")
+    return int(options.patch)
+
+
+if __name__ == "__main__":
+    run_command(main)

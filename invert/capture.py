@@ -1,0 +1,163 @@
+"""What users hand in: rendered or captured frames, or published autocorrelation pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from radiometry.autocorrelation import SIDE
+from radiometry.errors import InputError, positive
+from radiometry.frames import FrameHeader, read_frame
+
+FRAME_KINDS = (".exr", ".tif", ".tiff", ".png", ".npy")
+"""In a folder, the first kind that is there is the capture."""
+
+
+@dataclass(frozen=True)
+class CameraFacts:
+    """What is known of the capture; None where it is not. Lengths in metres, pitch on the wall."""
+
+    wavelength_m: float | None = None
+    pixel_pitch_m: float | None = None
+    distance_m: float | None = None
+    pupil_diameter_m: float | None = None
+    pupil_distance_m: float | None = None
+
+    @property
+    def lag_geometry(self) -> tuple[float, float, float] | None:
+        """(wavelength, distance, pixel pitch), None unless all are known."""
+        if self.wavelength_m is None or self.distance_m is None or self.pixel_pitch_m is None:
+            return None
+        return self.wavelength_m, self.distance_m, self.pixel_pitch_m
+
+
+@dataclass(frozen=True)
+class Capture:
+    """Frames of one capture, each float32 (H, W), and what is known about them."""
+
+    frames: list[np.ndarray]
+    files: list[Path]
+    facts: CameraFacts
+
+
+def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
+    """Frame files of the inputs in order; a folder stands for the frames in it."""
+    files: list[Path] = []
+    for item in map(Path, inputs):
+        if item.is_dir():
+            inside = sorted(path for path in item.iterdir() if path.is_file() and not path.name.startswith("."))
+            kinds = [[path for path in inside if path.suffix.lower() == kind] for kind in FRAME_KINDS]
+            found = next((paths for paths in kinds if paths), [])
+            if not found:
+                raise InputError("frames", f"a folder with frames ({', '.join(FRAME_KINDS)})", f"none in {item}",
+                                 "check the folder")
+            files.extend(found)
+        elif item.is_file():
+            files.append(item)
+        else:
+            raise InputError("frames", "a file or folder", f"no {item}", "check the path")
+    return files
+
+
+def read_capture(inputs: Sequence[str | Path], known: CameraFacts, dark: Path | None = None) -> Capture:
+    """Read all frames as one capture; options (`known`) win over file headers.
+
+    Raises InputError for damaged, colour, constant, non-finite or differently sized frames, for
+    headers that contradict one another, and for one frame given twice.
+    """
+    files = find_frames(inputs)
+    frames: list[np.ndarray] = []
+    facts: CameraFacts | None = None
+    for file in files:
+        pixels, header = read_picture(file)
+        check_frame(pixels, file)
+        if frames and pixels.shape != frames[0].shape:
+            raise InputError("frames", f"frames of one size ({frames[0].shape[1]} x {frames[0].shape[0]}, as {files[0].name})",
+                             f"{pixels.shape[1]} x {pixels.shape[0]} in {file.name}", "give frames of one camera setting")
+        if any(pixels.any() and np.array_equal(pixels, other) for other in frames):
+            raise InputError("frames", "independent frames", f"{file.name} repeats an earlier frame pixel for pixel",
+                             "leave the copy out")
+        own = _facts_of(header)
+        if facts is not None and own != facts:
+            raise InputError("frames", "frames of one capture (same wavelength, pitch and distance)",
+                             f"another header in {file.name}", "invert the captures one by one")
+        facts = own
+        frames.append(pixels)
+    if dark is not None:
+        offset, _ = read_picture(dark)
+        if offset.shape != frames[0].shape:
+            raise InputError("--dark", f"a dark frame of the frames' size {frames[0].shape}", offset.shape, "give another")
+        frames = [frame - offset for frame in frames]
+    given = {name: positive(name, value) for name, value in vars(known).items() if value is not None}
+    return Capture(frames, files, replace(facts or CameraFacts(), **given))
+
+
+def read_picture(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
+    """One monochrome picture as float32 (H, W), with its header if it is one of the simulator's frames."""
+    kind = file.suffix.lower()
+    if kind == ".exr":
+        return read_frame(file)
+    try:
+        if kind == ".npy":
+            pixels = np.load(file, allow_pickle=False)
+        elif kind in FRAME_KINDS:
+            from skimage import io
+
+            pixels = io.imread(file)
+        else:
+            raise InputError("frame", f"one of {', '.join(FRAME_KINDS)}", file.name, "convert it")
+    except InputError:
+        raise
+    except Exception as error:  # every decoder raises its own kinds
+        raise InputError("frame", "a picture that can be read", f"{file} ({type(error).__name__})",
+                         "write it again or leave it out") from None
+    if pixels.ndim != 2:
+        raise InputError("frame", "a monochrome picture (height, width)", f"{file.name} of shape {pixels.shape}",
+                         "give one channel of intensity, one frame a file")
+    if pixels.dtype.kind not in "uif":
+        raise InputError("frame", "numbers", f"{file.name} of type {pixels.dtype}", "convert it to 16-bit integers or floats")
+    return pixels.astype(np.float32), None
+
+
+def check_frame(pixels: np.ndarray, file: Path) -> None:
+    """Refuse frames that cannot be speckle. All-zero frames are legal: a short exposure may be empty."""
+    if not np.isfinite(pixels).all():
+        raise InputError("frame", "finite pixels", f"NaN or infinity in {file.name}", "leave the frame out")
+    if pixels.size and pixels.flat[0] != 0.0 and np.ptp(pixels) == 0.0:
+        raise InputError("frame", "speckle", f"the same value {pixels.flat[0]:g} everywhere in {file.name}",
+                         "check the exposure or leave the frame out")
+    if min(pixels.shape) < SIDE:
+        raise InputError("frame", f"at least {SIDE} x {SIDE} pixels", f"{pixels.shape[1]} x {pixels.shape[0]} in {file.name}",
+                         "give larger frames")
+
+
+def _facts_of(header: FrameHeader | None) -> CameraFacts:
+    if header is None:
+        return CameraFacts()
+    return CameraFacts(header.wavelength_m, header.pixel_pitch_m, header.distance_m, header.pupil_diameter_m,
+                       header.pupil_distance_m)
+
+
+def read_autocorrelation(file: Path) -> tuple[np.ndarray, float]:
+    """A published autocorrelation picture or array: float32 (127, 127), and its quantisation step.
+
+    A 127 x 254 picture is read as its left half. Raises InputError where it is not one.
+    """
+    if not file.is_file():
+        raise InputError("autocorrelation", "a picture or array", f"no {file}", "check the path")
+    pixels, _ = read_picture(file)
+    if pixels.shape == (SIDE, 2 * SIDE):
+        pixels = pixels[:, :SIDE]
+    if pixels.shape != (SIDE, SIDE):
+        raise InputError("autocorrelation", f"{SIDE} x {SIDE} lags (or {SIDE} x {2 * SIDE}, left half)",
+                         f"{pixels.shape[0]} x {pixels.shape[1]} in {file.name}", "crop it, zero lag in the middle")
+    if not np.isfinite(pixels).all() or (pixels < 0.0).any():
+        raise InputError("autocorrelation", "finite lags, zero or more", f"others in {file.name}", "correct the file")
+    asymmetry = np.abs(pixels - pixels[::-1, ::-1]).max()
+    if asymmetry > 1.0 + 1e-3 * pixels.max():
+        raise InputError("autocorrelation", "a centro-symmetric picture, zero lag in the middle",
+                         f"a difference of {asymmetry:g} between opposite lags in {file.name}", "check what the file holds")
+    return pixels, 0.0 if file.suffix.lower() in (".npy", ".exr") else 1.0

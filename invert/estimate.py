@@ -1,0 +1,82 @@
+"""The autocorrelation estimate that retrieval starts from, with what is known about its origin."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from invert.capture import Capture, read_autocorrelation
+from radiometry.autocorrelation import LAGS, AutocorrelationEstimator, automatic_patch_size, patch_grid
+from radiometry.transfer import lag_transfer
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """An estimate (127, 127), zero lag at [63, 63], floor included.
+
+    Attributes:
+        quantisation: step of an estimate stored as integers, 0 for none.
+        transfer: H of the camera per lag (127, 127), None where the camera is unknown.
+        pitch_m: object distance of one lag, None where the camera is unknown.
+        frame: first frame of the capture, for the report; None for published estimates.
+        facts: how the frames were cut, for result.json.
+        seconds: time that the autocorrelation took.
+    """
+
+    name: str
+    lags: np.ndarray
+    quantisation: float = 0.0
+    transfer: np.ndarray | None = None
+    pitch_m: float | None = None
+    frame: np.ndarray | None = None
+    facts: dict[str, Any] = field(default_factory=dict)
+    seconds: float = 0.0
+
+
+def published_estimate(file: Path) -> Estimate:
+    """An autocorrelation picture or array, as it is."""
+    lags, quantisation = read_autocorrelation(file)
+    return Estimate(file.name, lags, quantisation)
+
+
+def estimate_from_frames(capture: Capture, patch: int | None, device: str) -> Estimate:
+    """Cut frames into patches and estimate r*r (the paper's Eqs. 8 and 9).
+
+    Args:
+        patch: patch size in pixels; None chooses it from the lag pitch wanted (300 um), or takes an
+            eighth of the frame where the camera is unknown.
+    """
+    begin = time.perf_counter()
+    geometry = capture.facts.lag_geometry
+    shape = (capture.frames[0].shape[0], capture.frames[0].shape[1])
+    grid = patch_grid(shape, patch or automatic_patch_size(shape, geometry))
+    estimator = AutocorrelationEstimator(grid, device)
+    for frame in capture.frames:
+        estimator.add(frame)
+    lags = estimator.estimate()
+    return Estimate(
+        name=", ".join(file.name for file in capture.files),
+        lags=lags,
+        transfer=_camera_transfer(capture, grid.lag_pitch_m(*geometry)) if geometry else None,
+        pitch_m=grid.lag_pitch_m(*geometry) if geometry else None,
+        frame=capture.frames[0],
+        facts={
+            "frames": len(capture.frames),
+            "patches": {"size": grid.size, "rows": grid.rows, "columns": grid.columns},
+            "dof_expected": estimator.dof,
+        },
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def _camera_transfer(capture: Capture, pitch_m: float) -> np.ndarray | None:
+    facts = capture.facts
+    if facts.lag_geometry is None or facts.pupil_diameter_m is None or facts.pupil_distance_m is None:
+        return None
+    wavelength_m, distance_m, pixel_pitch_m = facts.lag_geometry
+    return lag_transfer(np.arange(-LAGS, LAGS + 1), pitch_m, distance_m, pixel_pitch_m, facts.pupil_diameter_m,
+                        wavelength_m, facts.pupil_distance_m)

@@ -1,0 +1,114 @@
+"""How good a reconstruction is: registered correlation with a truth, and which character it shows."""
+
+from __future__ import annotations
+
+import string
+from functools import lru_cache
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import torch
+from PIL import Image, ImageDraw, ImageFont
+
+from invert.registration import registered
+
+CHARACTERS = string.ascii_uppercase + string.digits + "abdefghnqrty"
+"""Capitals, digits and the small letters that are not a smaller copy of their capital."""
+
+_SIDE = 64
+_STRETCHES = (0.4, 0.55, 0.75, 1.0, 1.35, 1.8, 2.5)
+_TURNS_DEG = tuple(range(0, 180, 10))
+
+
+def on_grid(image: np.ndarray, side: int = 2 * _SIDE) -> torch.Tensor:
+    """Zero-pad an image so that a circular shift of it is a plain one; float32 (side, side)."""
+    padded = torch.zeros(side, side)
+    padded[: image.shape[0], : image.shape[1]] = torch.as_tensor(np.ascontiguousarray(image, np.float32))
+    return padded
+
+
+def aligned_pearson(image: np.ndarray, truth: np.ndarray) -> tuple[float, np.ndarray]:
+    """Pearson correlation after the best whole-pixel shift and 180-degree turn (no mirroring).
+
+    Both are zero-padded to twice their size, so nothing wraps.
+
+    Returns:
+        the correlation and the image moved onto the truth, cut to its size.
+    """
+    moved, correlation = registered(on_grid(image)[None], on_grid(truth))
+    return float(correlation[0]), moved[0, : truth.shape[0], : truth.shape[1]].numpy()
+
+
+@lru_cache(maxsize=4)
+def glyphs(characters: str = CHARACTERS) -> np.ndarray:
+    """Characters of DejaVu Sans as white on black, float32 (n, 256, 256), centred."""
+    font = ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", 150)
+    drawn = []
+    for character in characters:
+        canvas = Image.new("L", (256, 256))
+        ImageDraw.Draw(canvas).text((128, 128), character, fill=255, font=font, anchor="mm")
+        drawn.append(np.asarray(canvas, np.float32) / 255.0)
+    return np.stack(drawn)
+
+
+def identify(image: np.ndarray, *, mirrored: bool = False, characters: str = CHARACTERS) -> list[tuple[str, float]]:
+    """Rank characters by their best registered correlation with a reconstruction.
+
+    Each template is turned, stretched along the picture's axes (a tilted object is seen
+    foreshortened) and scaled to the reconstruction's spread, then registered over all shifts and
+    the 180-degree turn.
+
+    Args:
+        image: reconstruction (64, 64).
+        mirrored: also try mirrored templates, for captures whose axes are the wall's, not the object's.
+
+    Returns:
+        (character, correlation), best first.
+    """
+    target = np.clip(image.astype(np.float64), 0.0, None)
+    if target.sum() == 0.0:
+        return [(character, 0.0) for character in characters]
+    spread = _covariance(torch.as_tensor(target))[None]
+    size = float(torch.sqrt(torch.diagonal(spread[0]).sum()))
+    templates = torch.from_numpy(glyphs(characters))[:, None]
+    reference = on_grid(image)
+    best = torch.zeros(len(characters))
+    for flip in ((1.0, -1.0) if mirrored else (1.0,)):
+        for degrees in _TURNS_DEG:
+            for stretch in _STRETCHES:
+                warped = _warp(templates, flip, np.deg2rad(degrees), stretch, size)
+                _, correlation = registered(torch.nn.functional.pad(warped, (0, _SIDE, 0, _SIDE)), reference)
+                best = torch.maximum(best, correlation)
+    order = best.argsort(descending=True)
+    return [(characters[int(i)], float(best[i])) for i in order]
+
+
+def _covariance(image: torch.Tensor) -> torch.Tensor:
+    """Covariance of an image's mass, pixels squared, (..., 2, 2) in (column, row) order."""
+    n_row, n_column = image.shape[-2:]
+    row = torch.arange(n_row, dtype=image.dtype)[:, None].expand(n_row, n_column)
+    column = torch.arange(n_column, dtype=image.dtype)[None].expand(n_row, n_column)
+    place = torch.stack((column, row)).flatten(1)
+    mass = image.flatten(-2) / image.sum((-2, -1)).unsqueeze(-1)
+    mean = mass @ place.T
+    offset = place - mean.unsqueeze(-1)
+    return torch.einsum("...n,...in,...jn->...ij", mass, offset, offset)
+
+
+def _warp(templates: torch.Tensor, flip: float, turn: float, stretch: float, size: float) -> torch.Tensor:
+    """Templates (n, 1, 256, 256) flipped, turned and stretched to `size` on a 64 x 64 grid, (n, 64, 64)."""
+    matrix = (np.diag([np.sqrt(stretch), 1.0 / np.sqrt(stretch)])
+              @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ np.diag([flip, 1.0]))
+    matrix_t = torch.as_tensor(matrix, dtype=torch.float64)
+    spread = matrix_t @ _template_covariance(templates) @ matrix_t.T
+    scale = size / torch.sqrt(torch.diagonal(spread, dim1=-2, dim2=-1).sum(-1))
+    inverse = torch.linalg.inv(scale[:, None, None] * matrix_t)
+    # affine_grid maps output coordinates in [-1, 1] (32 pixels) to input ones (128 pixels)
+    theta = torch.cat((inverse * (_SIDE / templates.shape[-1]), torch.zeros(len(templates), 2, 1)), dim=2).float()
+    grid = torch.nn.functional.affine_grid(theta, [len(templates), 1, _SIDE, _SIDE], align_corners=False)
+    return torch.nn.functional.grid_sample(templates, grid, align_corners=False)[:, 0]
+
+
+def _template_covariance(templates: torch.Tensor) -> torch.Tensor:
+    return _covariance(templates[:, 0].double())

@@ -1,0 +1,98 @@
+"""What a retrieval leaves behind: arrays, pictures and result.json."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from invert.capture import read_picture
+from invert.estimate import Estimate
+from invert.methods import Reconstruction
+from invert.metrics import aligned_pearson
+from invert.registration import OBJECT
+from invert.report import save_picture, save_report
+from invert.spectrum import Measurement
+from radiometry.autocorrelation import autocorrelate, peak_of_cell_means, window_smooth
+from radiometry.errors import InputError
+from radiometry.noise_model import fit_known_signal
+from radiometry.output import save_array, save_json
+
+
+def read_truth(path: Path) -> np.ndarray:
+    """A known albedo, float32 (64, 64), one pixel a lag (cell means)."""
+    if not path.is_file():
+        raise InputError("--truth", "an albedo, one pixel a lag", f"no {path}", "check the path")
+    truth, _ = read_picture(path)
+    if truth.shape != (OBJECT, OBJECT) or not np.isfinite(truth).all() or (truth < 0.0).any():
+        raise InputError("--truth", f"a {OBJECT} x {OBJECT} albedo, one pixel a lag, zero or more",
+                         f"shape {truth.shape} in {path.name}", "resample it to the lag pitch")
+    return truth
+
+
+def write_result(folder: Path, estimate: Estimate, measurement: Measurement, result: Reconstruction,
+                 truth: np.ndarray | None, settings: dict[str, Any], seconds: dict[str, float]) -> dict[str, Any]:
+    """Write albedo.npy, albedo.png, autocorrelation.npy, report.png and, last, result.json; returns its content.
+
+    With a truth the albedo is moved onto it, and the floor over peak is read by fitting the known
+    r*r to all lags instead of extrapolating the measured ones to zero lag.
+    """
+    albedo, floor_over_peak, comparison = result.albedo, measurement.floor_over_peak, {}
+    if truth is not None:
+        pearson = 0.0
+        if albedo.any() and np.ptp(truth) > 0.0:
+            pearson, albedo = aligned_pearson(albedo, truth)
+        comparison = {"pearson": pearson}
+        floor_over_peak = floor_over_known_peak(estimate, truth)
+    summary = {
+        "input": estimate.name,
+        **settings,
+        "object_found": result.object_found,
+        "confidence": result.confidence,
+        "noise": {
+            "floor_over_peak": floor_over_peak,
+            "dof": measurement.noise.dof,
+            "detection_sigma": measurement.detection if np.isfinite(measurement.detection) else None,
+            "lines_mended": list(measurement.mended),
+        },
+        "pitch_m": estimate.pitch_m,
+        "residual": result.residual,
+        **estimate.facts,
+        **comparison,
+        "seconds": seconds,
+    }
+    save_array(folder / "albedo.npy", np.ascontiguousarray(albedo, np.float32))
+    save_array(folder / "autocorrelation.npy", estimate.lags)
+    save_picture(folder / "albedo.png", albedo)
+    save_report(folder / "report.png", frame=estimate.frame, estimate=estimate.lags, albedo=albedo, truth=truth,
+                numbers=_numbers(summary))
+    save_json(folder / "result.json", summary)
+    return summary
+
+
+def floor_over_known_peak(estimate: Estimate, truth: np.ndarray) -> float | None:
+    """b / (r*r)(0) by a fit of the known r*r, window-smoothed and seen through the camera; None without signal."""
+    known = autocorrelate(truth)
+    signal = window_smooth(known)
+    if estimate.transfer is not None:
+        signal *= estimate.transfer
+    if not signal.any():
+        return None
+    gain, floor = fit_known_signal(estimate.lags, signal)
+    return floor / (gain * peak_of_cell_means(known)) if gain > 0.0 else None
+
+
+def _numbers(summary: dict[str, Any]) -> list[str]:
+    """The lines below a report's panels."""
+    noise, name = summary["noise"], summary["input"]
+    found = "object found" if summary["object_found"] else "NO OBJECT FOUND"
+    parts = [f"floor/peak {noise['floor_over_peak']:.3g}" if noise["floor_over_peak"] is not None else "floor/peak unknown",
+             f"K {noise['dof']:.3g}" if noise["dof"] is not None else "K unbounded"]
+    if summary["pitch_m"] is not None:
+        parts.append(f"{summary['pitch_m'] * 1e6:.0f} um a lag")
+    if "pearson" in summary:
+        parts.append(f"correlation with the truth {summary['pearson']:.2f}")
+    parts.append(f"{summary['method']}, {summary['seconds']['retrieval']:.1f} s")
+    return [name if len(name) < 80 else f"{name[:77]}...", f"{found}, agreement of starts {summary['confidence']:.2f}",
+            ", ".join(parts)]

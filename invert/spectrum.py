@@ -1,0 +1,113 @@
+"""From a noisy autocorrelation estimate to the Fourier modulus that phase retrieval starts from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from radiometry.autocorrelation import LAGS, SIDE
+from radiometry.noise_model import INDEPENDENT, RING, NoiseLevel, centre_filled, extrapolated_peak, read_noise_level
+
+GRID = 128
+"""Retrieval grid: the 127 x 127 lags of a 64 x 64 object fit without wrapping."""
+
+RESOLUTION_LAGS = 0.5
+"""Standard deviation, in lags, of the Gaussian that limits the resolution of the reconstruction."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """An estimate with what was read from it.
+
+    Attributes:
+        estimate: (127, 127) float32, zero lag at [63, 63], lines through zero lag mended.
+        noise: floor, degrees of freedom, ring where the signal ends.
+        peak: (r*r)(0) above the floor, patch window deconvolved; 0 where no object is found.
+        detection: how many standard deviations the signal stands above the floor (all lags together).
+        mended: names of lines through zero lag that were replaced ("row", "column").
+    """
+
+    estimate: np.ndarray
+    noise: NoiseLevel
+    peak: float
+    detection: float
+    mended: tuple[str, ...]
+
+    @property
+    def floor_over_peak(self) -> float | None:
+        return self.noise.floor / self.peak if self.peak > 0.0 else None
+
+
+def read_measurement(estimate: np.ndarray, quantisation: float = 0.0, transfer: np.ndarray | None = None) -> Measurement:
+    """Read the noise level, mend read-noise lines and fill zero lag of a raw estimate (127, 127).
+
+    Args:
+        transfer: H of the camera per lag (127, 127) where it is known; the signal is divided by it.
+    """
+    noise = read_noise_level(estimate, quantisation)
+    mended_estimate, mended = mend_lines(estimate, noise)
+    found = detection(mended_estimate, noise)
+    if transfer is not None:
+        # Beyond the signal there is nothing to restore, only noise to raise.
+        usable = np.where(noise.signal_ring >= RING, np.maximum(transfer, 0.05), 1.0)
+        mended_estimate = noise.floor + (mended_estimate - np.float32(noise.floor)) / usable.astype(np.float32)
+    peak = extrapolated_peak(mended_estimate, noise)
+    return Measurement(centre_filled(mended_estimate, noise.floor + peak), noise, peak, found, mended)
+
+
+def mend_lines(estimate: np.ndarray, noise: NoiseLevel) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Replace the row or column through zero lag by its neighbours' mean where its outer part stands out.
+
+    Read noise that whole sensor rows (or columns) share is white along them, so it fills exactly
+    that line of the power spectrum; an object that long would reach the outer lags beside it too.
+    """
+    mended = np.array(estimate, np.float32)
+    names = []
+    outside = np.abs(np.arange(-LAGS, LAGS + 1)) > noise.signal_ring
+    outside[:LAGS] = False
+    for name, view in (("row", mended), ("column", mended.T)):
+        spread = max(noise.deviation, 1e-6 * noise.floor) / outside.sum() ** 0.5
+        if view[LAGS, outside].mean() - noise.floor > 5.0 * spread:
+            view[LAGS] = 0.5 * (view[LAGS - 1] + view[LAGS + 1])
+            names.append(name)
+    return mended, tuple(names)
+
+
+def detection(estimate: np.ndarray, noise: NoiseLevel) -> float:
+    """Signal strength in standard deviations: the largest of the summed excesses over growing rings.
+
+    A matched filter for blobs of unknown size around zero lag; zero lag itself is left out.
+    """
+    if noise.floor <= 0.0:
+        return float("inf") if estimate[INDEPENDENT].max() > 0.0 else 0.0
+    spread = max(noise.deviation, 1e-6 * noise.floor)
+    strengths = []
+    for ring in (2, 4, 8, 16, 32):
+        inside = INDEPENDENT & (ring >= RING)
+        strengths.append(float((estimate[inside] - noise.floor).sum()) / (spread * float(inside.sum()) ** 0.5))
+    return max(strengths)
+
+
+def fourier_modulus(measurement: Measurement) -> torch.Tensor:
+    """|F(r)| on the retrieval grid, float32 (128, 65), scaled to 1 at zero frequency.
+
+    Floor subtracted, lags beyond the signal set to zero, patch window deconvolved (dividing the
+    spectrum by the triangle it was multiplied with), resolution limited. Zero lag is free in the
+    data; it is filled so that four fifths of the highest frequencies, where an object has next to
+    nothing, fall to zero: noise there would be read as structure.
+    """
+    excess = centre_filled(measurement.estimate - np.float32(measurement.noise.floor), 0.0)
+    excess[measurement.noise.signal_ring + 1 < RING] = 0.0
+    padded = np.zeros((GRID, GRID), np.float32)
+    padded[:SIDE, :SIDE] = excess
+    spectrum = np.fft.rfft2(np.roll(padded, (-LAGS, -LAGS), (0, 1))).real
+    row = np.abs(np.fft.fftfreq(GRID))[:, None]
+    column = np.fft.rfftfreq(GRID)[None, :]
+    spectrum -= np.quantile(spectrum[(row > 0.3) & (column > 0.3)], 0.8)
+    spectrum /= (1.0 - row) * (1.0 - column)
+    spectrum *= np.exp(-((2.0 * np.pi * RESOLUTION_LAGS) ** 2) * (row**2 + column**2))
+    modulus = np.sqrt(np.maximum(spectrum, 0.0))
+    scale = modulus[0, 0] or modulus.max() or 1.0
+    return torch.from_numpy((modulus / scale).astype(np.float32))

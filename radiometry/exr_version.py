@@ -1,0 +1,44 @@
+"""The EXR header attribute `version`, which the OpenEXR binding (3.5) neither writes nor shows.
+
+The name belongs to the frame contract and the format allows it, so it is added to, and read from,
+the header's bytes. Layout: https://openexr.com/en/latest/OpenEXRFileLayout.html
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+_FIRST_ATTRIBUTE = 8  # after the magic number and the format's version field
+
+
+def _attributes(content: bytes) -> Iterator[tuple[int, str, bytes]]:
+    """(offset of the attribute's end, name, value) of each attribute of a single-part header."""
+    place = _FIRST_ATTRIBUTE
+    while content[place]:
+        name_end = content.index(b"\0", place)
+        type_end = content.index(b"\0", name_end + 1)
+        size = struct.unpack_from("<i", content, type_end + 1)[0]
+        value = content[type_end + 5 : type_end + 5 + size]
+        name = content[place:name_end].decode()
+        place = type_end + 5 + size
+        yield place, name, value
+
+
+def add_version(path: Path, version: str, blocks: int) -> None:
+    """Add `version` to a single-part scan-line file whose offset table has `blocks` entries."""
+    content = path.read_bytes()
+    end = max(place for place, _, _ in _attributes(content))
+    attribute = b"version\0string\0" + struct.pack("<i", len(version)) + version.encode()
+    table = struct.Struct(f"<{blocks}Q")
+    offsets = [offset + len(attribute) for offset in table.unpack_from(content, end + 1)]
+    rest = content[end + 1 + table.size :]
+    path.write_bytes(content[:end] + attribute + b"\0" + table.pack(*offsets) + rest)
+
+
+def read_version(path: Path) -> str | None:
+    """The attribute `version` of a file, None where there is none."""
+    with open(path, "rb") as stream:
+        content = stream.read(65536)
+    return {name: value.decode() for _, name, value in _attributes(content) if name == "version"}.get("version")

@@ -1,0 +1,91 @@
+"""Speckle frames as EXR files: one float32 channel `photoelectrons` and the facts of the capture."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+
+from radiometry.errors import InputError
+from radiometry.exr_version import add_version, read_version
+from radiometry.output import atomic
+
+CHANNEL = "photoelectrons"
+
+_LINES_PER_BLOCK = 16  # of ZIP compression
+
+
+@dataclass(frozen=True)
+class FrameHeader:
+    """Attributes of a frame file. Lengths in metres; `pixel_pitch_m` is on the wall, `distance_m` from
+    object to virtual detector. The pupil may be unknown (None) in files of other origin."""
+
+    wavelength_m: float
+    pixel_pitch_m: float
+    distance_m: float
+    exposure_s: float
+    seed: int
+    frame: int
+    scene_sha256: str
+    version: str
+    pupil_diameter_m: float | None = None
+    pupil_distance_m: float | None = None
+
+
+def write_frame(path: Path, photoelectrons: np.ndarray, header: FrameHeader) -> None:
+    """Write a frame (H, W) with its header; the file appears only when it is whole."""
+    attributes: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    attributes.update({name: value for name, value in asdict(header).items() if value is not None and name != "version"})
+    pixels = np.ascontiguousarray(photoelectrons, np.float32)
+    with atomic(path) as partial:
+        try:
+            OpenEXR.File(attributes, {CHANNEL: pixels}).write(str(partial))
+            add_version(partial, header.version, -(-pixels.shape[0] // _LINES_PER_BLOCK))
+        except RuntimeError as error:
+            raise OSError(str(error)) from None
+
+
+@contextmanager
+def _silenced() -> Iterator[None]:
+    """Keep the library's own words about a damaged file off the terminal: they come as an exception too."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    kept = [(stream, os.dup(stream)) for stream in (1, 2)]
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        for stream, _ in kept:
+            os.dup2(nowhere, stream)
+        yield
+    finally:
+        for stream, copy in kept:
+            os.dup2(copy, stream)
+            os.close(copy)
+        os.close(nowhere)
+
+
+def read_frame(path: Path) -> tuple[np.ndarray, FrameHeader | None]:
+    """Read a frame: float32 (H, W), and its header, None where the file carries no capture facts.
+
+    Raises InputError for a damaged file or one with colour channels.
+    """
+    try:
+        with _silenced(), OpenEXR.File(str(path), separate_channels=True) as file:
+            channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+            attributes = {**file.header(), "version": read_version(path)}
+    except Exception as error:  # the library raises bare exceptions of several kinds
+        raise InputError("frame", "a whole EXR file", f"{path} ({str(error).splitlines()[0] if str(error) else 'damaged'})",
+                         "write it again or leave it out") from None
+    if len(channels) != 1:
+        raise InputError("frame", f"one channel ({CHANNEL})", f"{path} with {', '.join(sorted(channels))}",
+                         "convert it to one channel of intensity")
+    pixels = next(iter(channels.values())).astype(np.float32)
+    known = {field.name: attributes[field.name] for field in fields(FrameHeader) if field.name in attributes}
+    required = {field.name for field in fields(FrameHeader) if field.default is not None}
+    return pixels, FrameHeader(**known) if required <= set(known) else None

@@ -1,0 +1,47 @@
+"""Photons: how many a laser emits, and how many land in one coherence area of the wall."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+PLANCK_J_S = 6.62607015e-34
+LIGHT_M_PER_S = 299_792_458.0
+
+
+def photon_rate(power_w: float, wavelength_m: float) -> float:
+    """Photons per second in `power_w` watts at `wavelength_m`."""
+    return power_w * wavelength_m / (PLANCK_J_S * LIGHT_M_PER_S)
+
+
+def decibel(ratio: float) -> float:
+    """10 log10(ratio); minus infinity for zero."""
+    return 10.0 * math.log10(ratio) if ratio > 0.0 else -math.inf
+
+
+def grain_area(albedo: np.ndarray, cell_area_m2: float, wavelength_m: float, distance_m: float) -> float:
+    """Coherence area of the speckle on the wall, in m^2.
+
+    (lambda z)^2 (integral r^2) / (integral r)^2, the integral of the squared degree of coherence
+    (Goodman, Speckle Phenomena in Optics, 2007, Eq. 4-75, with van Cittert-Zernike).
+
+    Args:
+        albedo: power reflectance r on a grid, any shape.
+        cell_area_m2: area of one grid cell on the object.
+    """
+    power = float(albedo.sum(dtype=np.float64)) * cell_area_m2
+    if power == 0.0:
+        return math.inf
+    squared = float(np.square(albedo, dtype=np.float64).sum()) * cell_area_m2
+    return (wavelength_m * distance_m) ** 2 * squared / power**2
+
+
+def ideal_floor_over_peak(photoelectrons_per_area_m2: float, coherence_area_m2: float) -> float:
+    """Shot-noise floor b over (r*r)(0): one over the photoelectrons per coherence area.
+
+    Shot noise of a frame of mean n photoelectrons per unit area has the white power spectrum n; the
+    speckle's own spectrum at zero lag is n^2 A_c. Their ratio is 1 / (n A_c).
+    """
+    photoelectrons = photoelectrons_per_area_m2 * coherence_area_m2
+    return 1.0 / photoelectrons if photoelectrons > 0.0 else math.inf

@@ -1,0 +1,115 @@
+"""Closed-form light budget: laser, virtual source, object, virtual detector, pupil, pixel.
+
+Every wall is Lambertian and every patch small against its distance, so each bounce multiplies by
+albedo cos cos A / (pi d^2); together P A_obj A_det A_pupil / (pi^3 d1^2 d2^2 d3^2) times the
+cosines and losses (the paper's section 6.B).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from radiometry.errors import InputError, positive
+from radiometry.photons import decibel, photon_rate
+
+
+@dataclass(frozen=True)
+class LightPath:
+    """What the closed form needs. Lengths in metres, areas in m^2, angles as cosines, the rest ratios.
+
+    `object_albedo_area_m2` is the integral of the albedo over the object's own surface.
+    """
+
+    wavelength_m: float
+    power_w: float
+    source_albedo: float
+    source_cosine: float
+    source_to_object_m: float
+    object_cosine_in: float
+    object_albedo_area_m2: float
+    object_cosine_out: float
+    object_to_detector_m: float
+    detector_cosine_in: float
+    detector_albedo: float
+    detector_cosine_out: float
+    detector_to_pupil_m: float
+    pupil_area_m2: float
+    pupil_cosine: float
+    transmission: float
+    quantum_efficiency: float
+    pixel_area_m2: float
+    pixels: int
+
+    def __post_init__(self) -> None:
+        for name in ("wavelength_m", "source_to_object_m", "object_to_detector_m", "detector_to_pupil_m",
+                     "pupil_area_m2", "pixel_area_m2", "pixels"):
+            positive(name, getattr(self, name))
+        for name in ("power_w", "object_albedo_area_m2"):
+            positive(name, getattr(self, name), zero_allowed=True)
+        for name in ("source_albedo", "source_cosine", "object_cosine_in", "object_cosine_out", "detector_cosine_in",
+                     "detector_albedo", "detector_cosine_out", "pupil_cosine", "transmission", "quantum_efficiency"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InputError(name, "a ratio between 0 and 1", getattr(self, name), f"correct {name}")
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The light budget of one pixel: named factors whose product is its throughput."""
+
+    rows: tuple[tuple[str, float], ...]
+    laser_photons_per_s: float
+    pixels: int
+
+    @property
+    def per_pixel(self) -> float:
+        """Photoelectrons in one pixel per laser photon."""
+        return math.prod(factor for _, factor in self.rows)
+
+    @property
+    def per_pixel_db(self) -> float:
+        return math.fsum(decibel(factor) for _, factor in self.rows)
+
+    @property
+    def per_frame_db(self) -> float:
+        return self.per_pixel_db + decibel(self.pixels)
+
+    @property
+    def photoelectrons_per_pixel_s(self) -> float:
+        return self.laser_photons_per_s * self.per_pixel
+
+    @property
+    def photoelectrons_per_frame_s(self) -> float:
+        return self.photoelectrons_per_pixel_s * self.pixels
+
+    def as_dict(self) -> dict[str, object]:
+        """JSON-ready: `per_pixel_db`, `per_frame_db`, `photons_per_second`, `rows`. A dark path reads null."""
+        def finite(value: float) -> float | None:
+            return value if math.isfinite(value) else None
+
+        return {
+            "per_pixel_db": finite(self.per_pixel_db),
+            "per_frame_db": finite(self.per_frame_db),
+            "photons_per_second": self.photoelectrons_per_frame_s,
+            "rows": [{"name": name, "db": finite(decibel(factor))} for name, factor in self.rows],
+        }
+
+
+def closed_form(path: LightPath) -> Budget:
+    """The budget of one pixel, one row per physical factor."""
+    rows = (
+        ("virtual source albedo", path.source_albedo),
+        ("virtual source cosine", path.source_cosine),
+        ("virtual source to object", path.object_albedo_area_m2 / (math.pi * path.source_to_object_m**2)),
+        ("object cosine, incoming", path.object_cosine_in),
+        ("object cosine, outgoing", path.object_cosine_out),
+        ("object to pixel on virtual detector", path.pixel_area_m2 / (math.pi * path.object_to_detector_m**2)),
+        ("virtual detector cosine, incoming", path.detector_cosine_in),
+        ("virtual detector albedo", path.detector_albedo),
+        ("virtual detector cosine, outgoing", path.detector_cosine_out),
+        ("virtual detector to pupil", path.pupil_area_m2 / (math.pi * path.detector_to_pupil_m**2)),
+        ("pupil cosine", path.pupil_cosine),
+        ("camera transmission", path.transmission),
+        ("quantum efficiency", path.quantum_efficiency),
+    )
+    return Budget(rows, photon_rate(path.power_w, path.wavelength_m), path.pixels)

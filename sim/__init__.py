@@ -1,0 +1,34 @@
+"""Coherent simulator: one Mitsuba scene file in, speckle frames out.
+
+    variant.py       picks the Mitsuba variant
+    plugins/         laser, phase_screen, speckle_camera, speckle: the scene vocabulary
+    scene_file.py    loads and checks a scene file, hashes what it is made of
+    geometry.py      scene -> Geometry: distances, cosines, the light path
+    hidden_object.py scene -> the albedo seen from the virtual detector, on any grid
+    plan.py          what is modelled, what is left out and why, at which predicted error
+    illumination.py  phase screen on the virtual source -> field on the hidden object
+    propagation/     object -> virtual detector, one kernel a file
+    camera.py        field -> photoelectrons: pupil, pixel, noise
+    frame.py         the flow above for one frame
+    __main__.py      the command
+
+Importing it sets a Mitsuba variant (unless one is set) and registers the plugins, so that
+`mi.load_file("scene.xml", optimize=False)` and `mi.render(scene, seed=1)` work.
+"""
+
+import sys
+
+from radiometry.errors import InputError
+from sim.variant import activate_variant
+
+try:
+    VARIANT = activate_variant()
+except InputError as error:
+    if sys.argv[0] == "-m":  # `python -m sim` imports the package before its command could catch this
+        sys.stderr.write(f"error: {error}\n")
+        raise SystemExit(2) from None
+    raise
+
+from sim.plugins import register_plugins  # (plugins need the variant)
+
+register_plugins()

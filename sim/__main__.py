@@ -1,0 +1,131 @@
+"""`python -m sim`: a scene file to speckle frames."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from radiometry.errors import ArgumentParser, InputError, positive, run_command
+
+VERSION_UNKNOWN = "uninstalled"
+
+
+def parser() -> ArgumentParser:
+    p = ArgumentParser(prog="python -m sim", description="Render speckle frames of a hidden object.")
+    p.add_argument("scene", help="Mitsuba scene file (XML)")
+    p.add_argument("-o", "--output", help="folder for frame_0000.exr..., truth.npy and sim.json")
+    p.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="scene parameter")
+    p.add_argument("--frames", type=int, default=2)
+    p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--plan", action="store_true", help="print what would be modelled, as JSON, and render nothing")
+    p.add_argument("--mean", action="store_true", help="write expected photoelectrons, before any noise")
+    p.add_argument("--tolerance", type=float, default=1e-2, help="relative error of the expected autocorrelation")
+    p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
+    return p
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Load, plan, render, write."""
+    options = parser().parse_args(argv)
+    _check(options)
+    from sim.geometry import read_geometry
+    from sim.plan import make_plan
+    from sim.scene_file import load_scene, parse_definitions
+
+    definitions = parse_definitions(options.definitions)
+    scene, digest = load_scene(options.scene, definitions)
+    geometry = read_geometry(scene)
+    plan = make_plan(geometry, options.frames, options.tolerance)
+    if options.plan:
+        print(json.dumps(plan, indent=2, allow_nan=False))
+        return
+    for warning in plan["warnings"]:
+        print(f"warning: {warning}", file=sys.stderr)
+    _render(geometry, plan, digest, definitions, options)
+
+
+def _check(options) -> None:
+    if options.frames < 1:
+        raise InputError("--frames", "at least 1", options.frames, "ask for more frames")
+    if not 0 <= options.seed < 2**31:
+        raise InputError("--seed", "a whole number from 0 to 2147483647", options.seed, "choose another")
+    positive("--tolerance", options.tolerance)
+    if options.output is None and not options.plan:
+        raise InputError("-o", "an output folder", "none", "add -o DIR, or --plan to render nothing")
+    if options.device == "cuda":
+        import torch
+
+        if not torch.cuda.is_available():
+            raise InputError("--device", "a CUDA GPU and a torch build that uses it", "none", "use --device cpu")
+
+
+def _render(geometry, plan, digest: str, definitions: dict[str, str], options) -> None:
+    """Draw every frame, then write what they share; frames left by an earlier, longer run are removed."""
+    from tqdm import tqdm
+
+    from radiometry.frames import FrameHeader, write_frame
+    from radiometry.output import output_folder, save_array, save_json
+    from sim.frame import Simulation
+
+    folder = output_folder(options.output)
+    (folder / "sim.json").unlink(missing_ok=True)
+    begin = time.perf_counter()
+    simulation = Simulation(geometry, options.device)
+    render_s = write_s = 0.0
+    for number in tqdm(range(options.frames), desc="frames", unit="frame", disable=None):
+        started = time.perf_counter()
+        frame = simulation.expected(options.seed, number) if options.mean else simulation.frame(options.seed, number)
+        rendered = time.perf_counter()
+        header = FrameHeader(geometry.wavelength_m, geometry.pixel_pitch_m, geometry.distance_m,
+                             geometry.electronics.exposure_s, options.seed, number, digest, _version(),
+                             geometry.pupil_diameter_m, geometry.pupil_distance_m)
+        write_frame(_frame_path(folder, number), frame.numpy(), header)
+        render_s, write_s = render_s + rendered - started, write_s + time.perf_counter() - rendered
+    for stale in folder.glob("frame_[0-9]*.exr"):
+        if stale.name not in {_frame_path(folder, number).name for number in range(options.frames)}:
+            stale.unlink()
+    truth, pitch_m = lag_grid_albedo(geometry)
+    save_array(folder / "truth.npy", truth)
+    save_json(folder / "sim.json", {
+        "scene": str(options.scene),
+        "scene_sha256": digest,
+        "definitions": definitions,
+        "seed": options.seed,
+        "version": _version(),
+        "lag_pitch_m": pitch_m,
+        "mean_photoelectrons_per_pixel": simulation.mean_photoelectrons,
+        "expected_photoelectrons_only": options.mean,
+        "plan": plan,
+        "seconds": {"prepare": time.perf_counter() - begin - render_s - write_s, "render": render_s, "write": write_s},
+    })
+    print(f"{options.frames} frames: {folder}")
+
+
+def lag_grid_albedo(geometry):
+    """The hidden object's albedo on the lag grid that `invert` chooses for these frames: (64, 64) float32, pitch."""
+    from radiometry.autocorrelation import automatic_patch_size, patch_grid
+
+    facts = (geometry.wavelength_m, geometry.distance_m, geometry.pixel_pitch_m)
+    grid = patch_grid(geometry.frame_shape, automatic_patch_size(geometry.frame_shape, facts))
+    pitch_m = grid.lag_pitch_m(*facts)
+    return geometry.hidden_object.cell_means(pitch_m, 64), pitch_m
+
+
+def _frame_path(folder: Path, number: int) -> Path:
+    return folder / f"frame_{number:04d}.exr"
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("correlograph")
+    except PackageNotFoundError:
+        return VERSION_UNKNOWN
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,50 @@
+"""From intensity on the wall to what the camera stores: pupil, pixel, photons, electronics."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from radiometry.transfer import amplitude_transfer
+from sim.geometry import Geometry
+from sim.plugins.speckle_camera import Electronics
+
+
+def transfer_function(geometry: Geometry) -> torch.Tensor:
+    """Pupil OTF times pixel sinc at the frequencies of an rfft2 of the frame, float32 (H, W // 2 + 1).
+
+    The wall is rough, so the mean image is the wall's intensity blurred incoherently by the pupil.
+    """
+    height, width = geometry.frame_shape
+    transfer = amplitude_transfer(
+        np.fft.fftfreq(height, geometry.pixel_pitch_m)[:, None],
+        np.fft.rfftfreq(width, geometry.pixel_pitch_m)[None, :],
+        geometry.pixel_pitch_m, geometry.pupil_diameter_m, geometry.wavelength_m, geometry.pupil_distance_m,
+    )
+    return torch.from_numpy(transfer.astype(np.float32))
+
+
+def mean_image(wall_intensity: torch.Tensor, transfer: torch.Tensor) -> torch.Tensor:
+    """Intensity as pixels collect it: blurred by pupil and pixel, never negative."""
+    spectrum = torch.fft.rfft2(wall_intensity) * transfer
+    return torch.fft.irfft2(spectrum, s=wall_intensity.shape).clamp_min_(0.0)
+
+
+def expose(photoelectrons: np.ndarray, electronics: Electronics, generator: np.random.Generator) -> np.ndarray:
+    """Draw one stored frame from expected photoelectrons, float32, in electrons.
+
+    Shot noise of signal and dark current together, then read noise, row noise, full well and the
+    converter; an effect whose parameter is 0 is left out.
+    """
+    stored = generator.poisson(photoelectrons + electronics.dark_current * electronics.exposure_s).astype(np.float32)
+    if electronics.read_noise:
+        stored += np.float32(electronics.read_noise) * generator.standard_normal(stored.shape, np.float32)
+    if electronics.row_noise:
+        stored += np.float32(electronics.row_noise) * generator.standard_normal((stored.shape[0], 1), np.float32)
+    if electronics.full_well:
+        # A biased converter keeps read noise below zero: only the top is clipped.
+        np.minimum(stored, np.float32(electronics.full_well), out=stored)
+    if electronics.bits:
+        step = np.float32(electronics.full_well / (2**electronics.bits - 1))
+        stored = np.round(stored / step) * step
+    return stored

@@ -1,0 +1,200 @@
+"""Scene -> Geometry: where the light goes, in float64, checked at the door."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mitsuba as mi
+import numpy as np
+
+from radiometry.errors import InputError
+from radiometry.throughput import LightPath
+from sim.hidden_object import HiddenObject, is_hidden_object
+from sim.plugins.laser import Laser
+from sim.plugins.phase_screen import PhaseScreen
+from sim.plugins.speckle_camera import Electronics, SpeckleCamera
+
+
+@dataclass(frozen=True)
+class Spot:
+    """Laser spot on the virtual source: a uniform disc on a rough wall."""
+
+    centre: np.ndarray
+    diameter_m: float
+    height_rms_m: float
+    correlation_length_m: float
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """What the simulator needs to know of a scene. Lengths in metres, vectors in world axes (3,).
+
+    `right` and `down` are the frame's axes on the wall, as the camera sees them.
+    """
+
+    spot: Spot
+    hidden_object: HiddenObject
+    detector_centre: np.ndarray
+    right: np.ndarray
+    down: np.ndarray
+    frame_shape: tuple[int, int]
+    pixel_pitch_m: float
+    pupil_diameter_m: float
+    pupil_distance_m: float
+    electronics: Electronics
+    light_path: LightPath
+    direct_light: float
+    """Fraction of the laser's light that one square metre of the virtual detector receives straight
+    from the virtual source: zero when a baffle, or the walls' own facing, blocks it."""
+
+    @property
+    def wavelength_m(self) -> float:
+        return self.light_path.wavelength_m
+
+    @property
+    def source_distance_m(self) -> float:
+        return self.light_path.source_to_object_m
+
+    @property
+    def distance_m(self) -> float:
+        """Object to virtual detector."""
+        return self.light_path.object_to_detector_m
+
+    @property
+    def object_pitch_m(self) -> tuple[float, float]:
+        """Object sampling (row, column) whose FFT is exactly the frame: lambda z / (pixels pitch)."""
+        reach = self.wavelength_m * self.distance_m / self.pixel_pitch_m
+        return reach / self.frame_shape[0], reach / self.frame_shape[1]
+
+
+def read_geometry(scene: mi.Scene) -> Geometry:
+    """Read a scene in the project's vocabulary; raises InputError naming what is missing or impossible."""
+    shapes = {shape.id(): shape for shape in scene.shapes()}
+    source = _shape(shapes, "virtual_source")
+    detector = _shape(shapes, "virtual_detector")
+    laser = _only(scene.emitters(), Laser, "laser")
+    camera = _only(scene.sensors(), SpeckleCamera, "speckle_camera")
+    if not any(is_hidden_object(shape) for shape in scene.shapes()):
+        raise InputError("hidden_object", "at least one shape whose id starts with hidden_object", sorted(shapes),
+                         "add one, and pass optimize=False to mi.load_file")
+
+    spot_point, source_normal, source_albedo = _first_hit(scene, laser.origin, laser.direction, source, "the laser beam")
+    detector_centre, detector_normal, detector_albedo = _first_hit(scene, camera.pupil_centre, camera.axis, detector,
+                                                                   "the axis of the speckle_camera")
+    height, width = int(camera.film().size()[1]), int(camera.film().size()[0])
+    right = _unit(np.cross(camera.axis, camera.up))
+    right, down = (_unit(v - detector_normal * (v @ detector_normal)) for v in (right, -camera.up))
+    _check_frame_fits(scene, camera, detector, detector_centre, right, down, (height, width))
+
+    hidden_object = HiddenObject(scene, detector_centre, spot_point, right, down)
+    cosines = hidden_object.mean_cosines()
+    to_source, to_detector = hidden_object.centre - spot_point, detector_centre - hidden_object.centre
+    to_pupil = camera.pupil_centre - detector_centre
+    screen = source.bsdf()
+    if not isinstance(screen, PhaseScreen):
+        raise InputError("virtual_source", "a phase_screen BSDF", type(screen).__name__, "wrap its BSDF in a phase_screen")
+    path = LightPath(
+        wavelength_m=laser.wavelength_m,
+        power_w=laser.power_w,
+        source_albedo=source_albedo,
+        source_cosine=_cosine(source_normal, to_source),
+        source_to_object_m=float(np.linalg.norm(to_source)),
+        object_cosine_in=cosines[0],
+        object_albedo_area_m2=hidden_object.albedo_area_m2(),
+        object_cosine_out=cosines[1],
+        object_to_detector_m=float(np.linalg.norm(to_detector)),
+        detector_cosine_in=_cosine(detector_normal, -to_detector),
+        detector_albedo=detector_albedo,
+        detector_cosine_out=_cosine(detector_normal, to_pupil),
+        detector_to_pupil_m=float(np.linalg.norm(to_pupil)),
+        pupil_area_m2=np.pi * camera.pupil_diameter_m**2 / 4.0,
+        pupil_cosine=_cosine(camera.axis, -to_pupil),
+        transmission=camera.transmission,
+        quantum_efficiency=camera.electronics.quantum_efficiency,
+        pixel_area_m2=camera.pixel_pitch_m**2,
+        pixels=height * width,
+    )
+    return Geometry(
+        spot=Spot(spot_point, laser.spot_diameter_m, screen.height_rms_m, screen.correlation_length_m),
+        hidden_object=hidden_object,
+        detector_centre=detector_centre,
+        right=right,
+        down=down,
+        frame_shape=(height, width),
+        pixel_pitch_m=camera.pixel_pitch_m,
+        pupil_diameter_m=camera.pupil_diameter_m,
+        pupil_distance_m=path.detector_to_pupil_m,
+        electronics=camera.electronics,
+        light_path=path,
+        direct_light=_direct_light(scene, path.source_albedo, spot_point, source_normal, detector_centre, detector_normal),
+    )
+
+
+def _shape(shapes: dict[str, mi.Shape], name: str) -> mi.Shape:
+    if name not in shapes:
+        raise InputError(name, f"a shape with id {name}", f"only {sorted(shapes)}",
+                         "add it, and pass optimize=False to mi.load_file")
+    return shapes[name]
+
+
+def _only(plugins: list, kind: type, name: str):
+    found = [plugin for plugin in plugins if isinstance(plugin, kind)]
+    if len(found) != 1:
+        raise InputError(name, f"exactly one {name} in the scene", len(found), "add or remove one")
+    return found[0]
+
+
+def _first_hit(scene: mi.Scene, origin: np.ndarray, direction: np.ndarray, expected: mi.Shape,
+               ray_name: str) -> tuple[np.ndarray, np.ndarray, float]:
+    """Point, outward normal and diffuse albedo where a ray first meets the scene, which must be `expected`."""
+    hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(*origin.tolist()), mi.Vector3f(*direction.tolist())))
+    if not bool(hit.is_valid()[0]):
+        raise InputError(expected.id(), f"{ray_name} to meet it", "nothing there", "correct the to_world transforms")
+    if hit.shape[0] != expected:
+        raise InputError(expected.id(), f"{ray_name} to meet it", f"{hit.shape[0].id()} in the way",
+                         "move one of them")
+    distance = float(hit.t[0])
+    normal = np.asarray(hit.n, np.float64).reshape(3)
+    albedo = float(np.asarray(hit.bsdf().eval_diffuse_reflectance(hit)).reshape(-1)[0])
+    if normal @ direction > 0.0:
+        raise InputError(expected.id(), f"{ray_name} to meet its front", "its back", "turn the shape round")
+    return origin + distance * direction, _unit(normal), albedo
+
+
+def _check_frame_fits(scene: mi.Scene, camera: SpeckleCamera, detector: mi.Shape, centre: np.ndarray,
+                      right: np.ndarray, down: np.ndarray, frame_shape: tuple[int, int]) -> None:
+    """All four corners of the frame must lie on the virtual detector and be seen by the camera."""
+    half_height, half_width = (0.5 * n * camera.pixel_pitch_m for n in frame_shape)
+    for sign_down, sign_right in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+        corner = centre + sign_down * half_height * down + sign_right * half_width * right
+        _first_hit(scene, camera.pupil_centre, _unit(corner - camera.pupil_centre), detector, "a corner of the frame")
+
+
+def _direct_light(scene: mi.Scene, source_albedo: float, spot: np.ndarray, source_normal: np.ndarray,
+                  detector: np.ndarray, detector_normal: np.ndarray) -> float:
+    way = detector - spot
+    cosines = max(_cosine_signed(source_normal, way), 0.0) * max(_cosine_signed(detector_normal, -way), 0.0)
+    if cosines == 0.0 or is_blocked(scene, spot, detector):
+        return 0.0
+    return source_albedo * cosines / (np.pi * float(way @ way))
+
+
+def is_blocked(scene: mi.Scene, start: np.ndarray, end: np.ndarray) -> bool:
+    """Whether a shape stands between two points, both end points' own surfaces left out."""
+    way = end - start
+    ray = mi.Ray3f(mi.Point3f(*(start + 1e-4 * way).tolist()), mi.Vector3f(*_unit(way).tolist()))
+    ray.maxt = float(np.linalg.norm(way)) * (1.0 - 2e-4)
+    return bool(scene.ray_test(ray)[0])
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.linalg.norm(vector)
+
+
+def _cosine_signed(normal: np.ndarray, way: np.ndarray) -> float:
+    return float(normal @ way / (np.linalg.norm(normal) * np.linalg.norm(way)))
+
+
+def _cosine(normal: np.ndarray, way: np.ndarray) -> float:
+    """Cosine between a normal and a way out, zero where the way lies behind the surface."""
+    return min(max(_cosine_signed(normal, way), 0.0), 1.0)

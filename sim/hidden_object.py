@@ -1,0 +1,113 @@
+"""The hidden object as the virtual detector sees it: albedo and cosines on any grid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from radiometry.errors import InputError
+
+MEASURING_GRID = 512
+"""Samples along the longer side of the object when its area and cosines are measured."""
+
+
+def is_hidden_object(shape: mi.Shape) -> bool:
+    return shape.id().startswith("hidden_object")
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Visible surface on a grid, each array (rows, columns): power albedo (0 where nothing is seen or
+    where light from the virtual source does not arrive), cosines towards source and detector."""
+
+    albedo: np.ndarray
+    cosine_in: np.ndarray
+    cosine_out: np.ndarray
+
+
+class HiddenObject:
+    """All shapes whose id starts with `hidden_object`, seen along the line from the virtual detector.
+
+    Grid rows run along `down`, columns along `right`, both made perpendicular to that line.
+    """
+
+    def __init__(self, scene: mi.Scene, detector: np.ndarray, spot: np.ndarray, right: np.ndarray,
+                 down: np.ndarray) -> None:
+        boxes = [shape.bbox() for shape in scene.shapes() if is_hidden_object(shape)]
+        low = np.min([np.asarray(box.min, np.float64) for box in boxes], axis=0)
+        high = np.max([np.asarray(box.max, np.float64) for box in boxes], axis=0)
+        self._scene, self._detector, self._spot = scene, detector, spot
+        self.centre = 0.5 * (low + high)
+        line = self.centre - detector
+        self.line_of_sight = line / np.linalg.norm(line)
+        self.right = _perpendicular(right, self.line_of_sight)
+        self.down = _perpendicular(down, self.line_of_sight)
+        corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+        corners -= self.centre
+        self.extent_m = (float(np.ptp(corners @ self.down)), float(np.ptp(corners @ self.right)))
+        self.depth_m = float(np.ptp(corners @ self.line_of_sight))
+        if max(self.extent_m) == 0.0:
+            raise InputError("hidden_object", "a shape with a surface", "no extent", "correct its to_world")
+        self._measured = self._measure()
+
+    def sample(self, pitch_m: tuple[float, float], shape: tuple[int, int]) -> Samples:
+        """Sample at the cell centres of a grid (rows, columns) centred on the object."""
+        scene = self._scene
+        row = (np.arange(shape[0]) - 0.5 * (shape[0] - 1)) * pitch_m[0]
+        column = (np.arange(shape[1]) - 0.5 * (shape[1] - 1)) * pitch_m[1]
+        offset = row[:, None, None] * self.down + column[None, :, None] * self.right
+        start = self.centre + offset - (self.depth_m + max(self.extent_m)) * self.line_of_sight
+        origin = mi.Point3f(np.ascontiguousarray(start.reshape(-1, 3).T, np.float32))
+        hit = scene.ray_intersect(mi.Ray3f(origin, mi.Vector3f(*self.line_of_sight.tolist())))
+        mine = dr.zeros(mi.Bool, dr.width(origin))
+        for candidate in scene.shapes():
+            if is_hidden_object(candidate):
+                mine |= hit.shape == mi.ShapePtr(candidate)
+        mine &= hit.is_valid()
+        to_spot = dr.normalize(mi.Point3f(*self._spot.tolist()) - hit.p)
+        cosine_in = dr.dot(hit.n, to_spot)
+        cosine_out = dr.dot(hit.n, mi.Vector3f(*(-self.line_of_sight).tolist()))
+        lit = mine & (cosine_in > 0.0) & (cosine_out > 0.0)
+        lit &= ~scene.ray_test(hit.spawn_ray_to(mi.Point3f(*self._spot.tolist()) - 1e-4 * to_spot), lit)
+        lit &= ~scene.ray_test(hit.spawn_ray_to(mi.Point3f(*(self._detector + 1e-4 * self.line_of_sight).tolist())), lit)
+        albedo = dr.select(lit, hit.bsdf().eval_diffuse_reflectance(hit, lit)[0], 0.0)
+
+        def grid(values: mi.Float) -> np.ndarray:
+            return np.asarray(values, np.float32).reshape(shape)
+
+        return Samples(grid(albedo), grid(dr.select(lit, cosine_in, 0.0)), grid(dr.select(lit, cosine_out, 0.0)))
+
+    def cell_means(self, pitch_m: float, side: int, subsamples: int = 8) -> np.ndarray:
+        """Albedo averaged over each cell of a square grid, float32 (side, side): the integral of r is kept."""
+        fine = self.sample((pitch_m / subsamples, pitch_m / subsamples), (side * subsamples, side * subsamples)).albedo
+        return fine.reshape(side, subsamples, side, subsamples).mean((1, 3))
+
+    def _measure(self) -> tuple[float, float, float]:
+        """Albedo-weighted area of the surface, and mean cosines in and out weighted by it."""
+        pitch = max(self.extent_m) / MEASURING_GRID
+        shape = tuple(int(np.ceil(extent / pitch)) or 1 for extent in self.extent_m)
+        seen = self.sample((pitch, pitch), (shape[0], shape[1]))
+        lit = seen.cosine_out > 0.0
+        area = np.where(lit, seen.albedo / np.where(lit, seen.cosine_out, 1.0), 0.0).astype(np.float64) * pitch**2
+        total = float(area.sum())
+        if not lit.any():
+            return 0.0, 1.0, 1.0
+        weight = area if total > 0.0 else lit.astype(np.float64)
+        return (total, float(np.clip((weight * seen.cosine_in).sum() / weight.sum(), 0.0, 1.0)),
+                float(np.clip((weight * seen.cosine_out).sum() / weight.sum(), 0.0, 1.0)))
+
+    def albedo_area_m2(self) -> float:
+        """Integral of the albedo over the visible, lit surface."""
+        return self._measured[0]
+
+    def mean_cosines(self) -> tuple[float, float]:
+        """Mean cosines towards the virtual source and the virtual detector."""
+        return self._measured[1], self._measured[2]
+
+
+def _perpendicular(vector: np.ndarray, line: np.ndarray) -> np.ndarray:
+    part = vector - line * (vector @ line)
+    return part / np.linalg.norm(part)

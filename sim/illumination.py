@@ -1,0 +1,54 @@
+"""Field on the hidden object: a laser spot on the rough virtual source, propagated to the object."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.geometry import Geometry
+
+_SMALLEST_SPOT = 32
+"""Source samples across the spot at least, so that its speckle is Gaussian."""
+
+
+def grain_m(geometry: Geometry) -> float:
+    """Size of a speckle grain on the object, lambda d1 / D (van Cittert-Zernike)."""
+    return geometry.wavelength_m * geometry.source_distance_m / geometry.spot.diameter_m
+
+
+def illuminate(geometry: Geometry, grid: tuple[int, int], generator: np.random.Generator) -> np.ndarray:
+    """Complex field on the object, mean intensity 1, at the samples of `Geometry.object_pitch_m`.
+
+    The wall's heights turn the disc of light into a field of random phases 4 pi h / lambda (normal
+    incidence); each source sample is larger than the heights' correlation length, so phases are
+    independent. Fraunhofer from source to object: the quadratic phases that it drops are lost in
+    the random phases of both rough surfaces.
+
+    Args:
+        grid: samples (rows, columns) on the object.
+
+    Returns:
+        complex64 (rows, columns); times the object's own delta-correlated random phase.
+    """
+    pitch = geometry.object_pitch_m
+    own_phase = np.exp(1j * generator.uniform(0.0, 2.0 * np.pi, grid).astype(np.float32))
+    if grain_m(geometry) < 0.5 * min(pitch):
+        # No two samples share a grain: independent circular Gaussians, whatever the spot's shape.
+        gaussian = generator.standard_normal((2, *grid), np.float32) * np.float32(np.sqrt(0.5))
+        return gaussian[0] + 1j * gaussian[1]
+    reach = 1.25 * max(n * step for n, step in zip(grid, pitch, strict=True))
+    wanted = geometry.wavelength_m * geometry.source_distance_m / reach
+    across = max(_SMALLEST_SPOT, int(np.ceil(geometry.spot.diameter_m / wanted)))
+    step = geometry.spot.diameter_m / across
+    position = (np.arange(across) - 0.5 * (across - 1)) * step
+    disc = np.hypot(position[:, None], position[None, :]) <= 0.5 * geometry.spot.diameter_m
+    heights = generator.standard_normal((across, across)) * geometry.spot.height_rms_m
+    source = (disc * np.exp(4j * np.pi / geometry.wavelength_m * heights)).astype(np.complex64)
+    to_rows, to_columns = (_fourier_kernel(n, d, position, geometry) for n, d in zip(grid, pitch, strict=True))
+    return (to_rows @ source @ to_columns.T) * own_phase / np.float32(np.sqrt(disc.sum()))
+
+
+def _fourier_kernel(samples: int, pitch: float, source_position: np.ndarray, geometry: Geometry) -> np.ndarray:
+    """exp(-2 pi i x s / (lambda d1)) along one axis, complex64 (samples, sources)."""
+    position = (np.arange(samples) - 0.5 * (samples - 1)) * pitch
+    turns = np.outer(position, source_position) / (geometry.wavelength_m * geometry.source_distance_m)
+    return np.exp(-2j * np.pi * turns).astype(np.complex64)

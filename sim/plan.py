@@ -1,0 +1,135 @@
+"""What a scene needs to be modelled, what is left out and why, from its geometry alone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from radiometry.errors import InputError
+from radiometry.photons import grain_area, ideal_floor_over_peak
+from radiometry.throughput import closed_form
+from sim.geometry import Geometry
+from sim.illumination import grain_m
+
+FFT_SECONDS_PER_PIXEL = 9e-8
+"""One frame (FFTs, blur, Poisson draw) per pixel on two cores; only a prediction of time, never a result."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One line of the plan. `predicted_error` is what leaving it out (or modelling it this way) costs:
+    the relative error of the expected autocorrelation."""
+
+    name: str
+    modelled: bool
+    why: str
+    predicted_error: float
+
+
+def check_sampling(geometry: Geometry) -> None:
+    """The frame must sample the finest speckle fringes of the object: extent <= lambda z / (2 pitch)."""
+    extent = max(geometry.hidden_object.extent_m)
+    field_of_view = 0.5 * geometry.wavelength_m * geometry.distance_m / geometry.pixel_pitch_m
+    if extent > field_of_view:
+        nearest = 2.0 * extent * geometry.pixel_pitch_m / geometry.wavelength_m
+        raise InputError("hidden_object", f"at most {field_of_view * 1e3:.3g} mm across at {geometry.distance_m:.3g} m with "
+                         f"{geometry.pixel_pitch_m * 1e6:.3g} um pixels on the wall", f"{extent * 1e3:.3g} mm",
+                         f"move the virtual detector to {nearest:.3g} m or more, or use smaller pixels")
+
+
+def check_rough(geometry: Geometry) -> None:
+    """A virtual source smoother than about lambda / 4 keeps a specular part, which is not modelled."""
+    phase_rms = 4.0 * math.pi * geometry.spot.height_rms_m / geometry.wavelength_m
+    if phase_rms < math.pi:
+        raise InputError("height_rms", f"a rough virtual source, {geometry.wavelength_m / 4.0:.3g} m or more",
+                         geometry.spot.height_rms_m, "the specular part of smooth walls is not modelled")
+
+
+def effects(geometry: Geometry) -> list[Effect]:
+    """All effects of the scene, modelled or not."""
+    hidden, z = geometry.hidden_object, geometry.distance_m
+    half_frame = 0.5 * geometry.pixel_pitch_m * max(geometry.frame_shape)
+    lag = max(hidden.extent_m)
+    grain_on_wall = geometry.wavelength_m * z / lag if lag else math.inf
+    pupil_grain = geometry.wavelength_m * geometry.pupil_distance_m / geometry.pupil_diameter_m
+    modes = 1.0 + (geometry.pixel_pitch_m / pupil_grain) ** 2
+    subjective = (geometry.pixel_pitch_m / grain_on_wall) ** 2 / modes
+    source = geometry.spot
+    phase_rms = 4.0 * math.pi * source.height_rms_m / geometry.wavelength_m
+    scattering = phase_rms * geometry.wavelength_m / (2.0 * math.pi * source.correlation_length_m)
+    lobe = 0.5 * (0.5 * lag / geometry.source_distance_m / scattering) ** 2 if scattering else math.inf
+    electronics = geometry.electronics
+    return [
+        Effect("fraunhofer", True, "one FFT; statistically exact for a flat object with its own random phase, "
+               "its depth and the wall's tilt left out", hidden.depth_m / z + 0.5 * (half_frame / z) ** 2),
+        Effect("phase_screen", True, f"rough virtual source (phase rms {phase_rms:.3g} rad), independent samples", lobe),
+        Effect("source_grain", True, f"grain of {grain_m(geometry) * 1e6:.3g} um on the object", 0.0),
+        Effect("pupil_and_pixel", True, "H, incoherent blur by pupil and pixel", 0.0),
+        Effect("shot_noise", True, "Poisson", 0.0),
+        Effect("read_noise", electronics.read_noise > 0.0, _set_or_zero(electronics.read_noise), 0.0),
+        Effect("row_noise", electronics.row_noise > 0.0, _set_or_zero(electronics.row_noise), 0.0),
+        Effect("dark_current", electronics.dark_current > 0.0, _set_or_zero(electronics.dark_current), 0.0),
+        Effect("full_well", electronics.full_well > 0.0, _set_or_zero(electronics.full_well), 0.0),
+        Effect("quantisation", electronics.bits > 0, _set_or_zero(electronics.bits), 0.0),
+        Effect("detector_roughness", False, "subjective speckle of the virtual detector adds this much floor over peak",
+               subjective),
+        Effect("depolarisation", False, "the walls are taken to keep polarisation", 0.0),
+        Effect("linewidth", False, "the laser is taken to be monochromatic", 0.0),
+    ]
+
+
+def _set_or_zero(value: float) -> str:
+    return f"the speckle_camera sets it to {value:g}" if value else "the speckle_camera leaves it at zero"
+
+
+def make_plan(geometry: Geometry, frames: int, tolerance: float) -> dict[str, Any]:
+    """The plan as JSON: effects, warnings, prediction of time and memory, light budget.
+
+    Raises InputError where the scene cannot be modelled at all.
+    """
+    check_sampling(geometry)
+    check_rough(geometry)
+    pixels = math.prod(geometry.frame_shape)
+    listed = effects(geometry)
+    budget = closed_form(geometry.light_path)
+    warnings = [f"{effect.name}: predicted error {effect.predicted_error:.2g} exceeds the tolerance {tolerance:g}"
+                for effect in listed if effect.predicted_error > tolerance]
+    if geometry.direct_light > 0.0:
+        per_frame = (geometry.direct_light * pixels * geometry.pixel_pitch_m**2 * _detector_to_pixel(geometry)
+                     * budget.laser_photons_per_s)
+        warnings.append(f"direct_light: virtual source and virtual detector see each other; {per_frame:.3g} photoelectrons/s "
+                        "a frame would come straight from the source and are not modelled; add a baffle between them")
+    return {
+        "accuracy": "statistical",
+        "tolerance": tolerance,
+        "propagator": "fraunhofer",
+        "effects": [asdict(effect) for effect in listed],
+        "predicted_error": math.fsum(effect.predicted_error for effect in listed),
+        "warnings": warnings,
+        "seconds": frames * pixels * FFT_SECONDS_PER_PIXEL,
+        "bytes": 40 * pixels,
+        "frames": frames,
+        "throughput": budget.as_dict(),
+        "ideal_floor_over_peak": _ideal_floor(geometry),
+    }
+
+
+def _detector_to_pixel(geometry: Geometry) -> float:
+    """Photoelectrons per photon that lands on the virtual detector."""
+    path = geometry.light_path
+    return (path.detector_albedo * path.detector_cosine_out * path.pupil_cosine * path.pupil_area_m2 * path.transmission
+            * path.quantum_efficiency / (math.pi * path.detector_to_pupil_m**2))
+
+
+def _ideal_floor(geometry: Geometry) -> float | None:
+    """Shot-noise floor over peak: one over the photoelectrons per coherence area; None without light."""
+    hidden = geometry.hidden_object
+    pitch = max(hidden.extent_m) / 256.0
+    grid = (math.ceil(hidden.extent_m[0] / pitch) or 1, math.ceil(hidden.extent_m[1] / pitch) or 1)
+    albedo = hidden.sample((pitch, pitch), grid).albedo
+    area = grain_area(albedo, pitch**2, geometry.wavelength_m, geometry.distance_m)
+    per_area = (closed_form(geometry.light_path).photoelectrons_per_pixel_s * geometry.electronics.exposure_s
+                / geometry.pixel_pitch_m**2)
+    floor = ideal_floor_over_peak(per_area, area) if math.isfinite(area) else math.inf
+    return floor if math.isfinite(floor) else None

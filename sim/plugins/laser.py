@@ -1,0 +1,34 @@
+"""Emitter `laser`: a continuous-wave beam that makes one spot on the virtual source."""
+
+from __future__ import annotations
+
+import mitsuba as mi
+import numpy as np
+
+from radiometry.errors import InputError, positive
+
+
+class Laser(mi.Emitter):
+    """Beam along the local +z axis of `to_world`.
+
+    Parameters (SI): `to_world`, `wavelength`, `power`, `spot_diameter` (uniform disc on the wall).
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        mi.Emitter.__init__(self, props)
+        self.m_flags = mi.EmitterFlags.DeltaPosition
+        self.m_needs_sample_2 = False
+        self.wavelength_m = positive("laser.wavelength", props["wavelength"])
+        self.power_w = positive("laser.power", props["power"], zero_allowed=True)
+        self.spot_diameter_m = positive("laser.spot_diameter", props["spot_diameter"])
+        if "to_world" not in props:
+            raise InputError("laser.to_world", "a transform that aims the beam", "none", "add a <lookat> to the laser")
+        matrix = np.asarray(props["to_world"].matrix, np.float64)
+        self.origin = matrix[:3, 3]
+        self.direction = matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
+
+    def bbox(self) -> mi.ScalarBoundingBox3f:
+        return mi.ScalarBoundingBox3f()
+
+    def to_string(self) -> str:
+        return f"Laser[wavelength={self.wavelength_m}, power={self.power_w}, spot_diameter={self.spot_diameter_m}]"

@@ -1,0 +1,44 @@
+"""BSDF `phase_screen`: a rough surface; radiometrically its nested BSDF, coherently a random phase."""
+
+from __future__ import annotations
+
+import mitsuba as mi
+
+from radiometry.errors import InputError, positive
+
+
+class PhaseScreen(mi.BSDF):
+    """Parameters (SI): one nested BSDF, `height_rms`, `correlation_length` of the surface heights."""
+
+    def __init__(self, props: mi.Properties) -> None:
+        mi.BSDF.__init__(self, props)
+        self.height_rms_m = positive("phase_screen.height_rms", props["height_rms"], zero_allowed=True)
+        self.correlation_length_m = positive("phase_screen.correlation_length", props["correlation_length"])
+        nested = [props[name] for name in props.unqueried() if isinstance(props[name], mi.BSDF)]
+        if len(nested) != 1:
+            raise InputError("phase_screen", "exactly one nested BSDF", len(nested),
+                             'nest one, such as <bsdf type="diffuse">')
+        self.nested = nested[0]
+        self.m_components = [self.nested.flags(i) for i in range(self.nested.component_count())]
+        self.m_flags = self.nested.flags()
+
+    def sample(self, ctx, si, sample1, sample2, active=True):
+        return self.nested.sample(ctx, si, sample1, sample2, active)
+
+    def eval(self, ctx, si, wo, active=True):
+        return self.nested.eval(ctx, si, wo, active)
+
+    def pdf(self, ctx, si, wo, active=True):
+        return self.nested.pdf(ctx, si, wo, active)
+
+    def eval_pdf(self, ctx, si, wo, active=True):
+        return self.nested.eval_pdf(ctx, si, wo, active)
+
+    def eval_diffuse_reflectance(self, si, active=True):
+        return self.nested.eval_diffuse_reflectance(si, active)
+
+    def traverse(self, callback):
+        callback.put("nested", self.nested, mi.ParamFlags.Differentiable)
+
+    def to_string(self) -> str:
+        return f"PhaseScreen[height_rms={self.height_rms_m}, correlation_length={self.correlation_length_m}]"

@@ -1,0 +1,76 @@
+"""Sensor `speckle_camera`: a camera focused on the virtual detector, whose shape it is attached to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mitsuba as mi
+import numpy as np
+
+from radiometry.errors import InputError, positive
+
+
+@dataclass(frozen=True)
+class Electronics:
+    """How photoelectrons become numbers. Electrons and seconds; 0 leaves an effect out.
+
+    Attributes:
+        read_noise: standard deviation per pixel.
+        row_noise: standard deviation of the offset that a whole row shares.
+        dark_current: electrons per pixel and second.
+        full_well: electrons at which a pixel clips.
+        bits: of the converter, whose range is the full well.
+    """
+
+    exposure_s: float
+    quantum_efficiency: float = 1.0
+    read_noise: float = 0.0
+    row_noise: float = 0.0
+    dark_current: float = 0.0
+    full_well: float = 0.0
+    bits: int = 0
+
+    def __post_init__(self) -> None:
+        positive("exposure", self.exposure_s)
+        for name in ("read_noise", "row_noise", "dark_current", "full_well", "bits"):
+            positive(name, getattr(self, name), zero_allowed=True)
+        if not 0.0 <= self.quantum_efficiency <= 1.0:
+            raise InputError("quantum_efficiency", "a ratio between 0 and 1", self.quantum_efficiency, "correct it")
+        if self.bits and not self.full_well:
+            raise InputError("bits", "a full_well, which is the converter's range", "bits without full_well",
+                             "add full_well to the speckle_camera")
+
+
+class SpeckleCamera(mi.Sensor):
+    """Looks along the local +z axis of `to_world`, which stands at the centre of the pupil.
+
+    Parameters (SI): `to_world`; `pixel_pitch` on the sensor and `magnification` (their ratio is the
+    pitch on the wall); `pupil_diameter`; `transmission`; `exposure` and the rest of `Electronics`.
+    The film gives the number of pixels.
+    """
+
+    def __init__(self, props: mi.Properties) -> None:
+        mi.Sensor.__init__(self, props)
+        magnification = positive("speckle_camera.magnification", props["magnification"])
+        self.pixel_pitch_m = positive("speckle_camera.pixel_pitch", props["pixel_pitch"]) / magnification
+        self.magnification = magnification
+        self.pupil_diameter_m = positive("speckle_camera.pupil_diameter", props["pupil_diameter"])
+        self.transmission = float(props.get("transmission", 1.0))
+        self.electronics = Electronics(
+            exposure_s=props["exposure"],
+            **{name: props.get(name, getattr(Electronics, name))
+               for name in ("quantum_efficiency", "read_noise", "row_noise", "dark_current", "full_well", "bits")},
+        )
+        if "to_world" not in props:
+            raise InputError("speckle_camera.to_world", "a transform that aims the camera", "none",
+                             "add a <lookat> to the speckle_camera")
+        matrix = np.asarray(props["to_world"].matrix, np.float64)
+        self.pupil_centre = matrix[:3, 3]
+        self.axis = matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
+        self.up = matrix[:3, 1] / np.linalg.norm(matrix[:3, 1])
+
+    def bbox(self) -> mi.ScalarBoundingBox3f:
+        return mi.ScalarBoundingBox3f()
+
+    def to_string(self) -> str:
+        return f"SpeckleCamera[pixel_pitch={self.pixel_pitch_m} on the wall, pupil_diameter={self.pupil_diameter_m}]"

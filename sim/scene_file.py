@@ -1,0 +1,94 @@
+"""Scene files: loading with parameters, checking at the door, and a hash of all they are made of."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from xml.etree import ElementTree
+
+import mitsuba as mi
+
+from radiometry.errors import InputError
+
+
+def parse_definitions(pairs: list[str]) -> dict[str, str]:
+    """`-D key=value` options as a mapping."""
+    definitions = {}
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not key or not equals:
+            raise InputError("-D", "key=value", pair, "write it as -D exposure=0.125")
+        definitions[key] = value
+    return definitions
+
+
+def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -> tuple[mi.Scene, str]:
+    """Load a scene file; returns the scene and the SHA-256 of its XML, assets and definitions.
+
+    A definition that names an existing file is taken relative to the current folder first, then to
+    the scene's. Raises InputError for anything that Mitsuba or a plugin refuses.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError("scene", "a Mitsuba scene file (XML)", path, "check the path")
+    content = path.read_bytes()
+    try:
+        root = ElementTree.fromstring(content)
+    except ElementTree.ParseError as error:
+        raise InputError("scene", "well-formed XML", f"{path} ({error})", "correct the file") from None
+    defaults = {node.get("name", ""): node.get("value", "") for node in root.iter("default")}
+    given = dict(definitions or {})
+    unknown = sorted(set(given) - set(defaults))
+    if unknown:
+        raise InputError(f"-D {unknown[0]}", f"one of the scene's parameters ({', '.join(defaults) or 'none'})",
+                         unknown[0], "correct the name or add a <default> to the scene")
+    given = {key: str(Path(value).resolve()) if _is_file(value) else value for key, value in given.items()}
+    assets = _assets(root, path.parent, {**defaults, **given})
+    try:
+        scene = mi.load_file(str(path), optimize=False, **given)
+    except Exception as error:  # Mitsuba raises bare exceptions, and wraps those of plugins in its own
+        raise _as_input_error(error, path) from None
+    return scene, _digest(content, assets, given)
+
+
+def _is_file(value: str) -> bool:
+    return bool(value) and Path(value).is_file()
+
+
+def _assets(root: ElementTree.Element, folder: Path, parameters: Mapping[str, str]) -> list[Path]:
+    """Files that the scene names, parameters filled in."""
+    files = []
+    for node in root.iter("string"):
+        if node.get("name") == "filename":
+            name = node.get("value", "")
+            for key, value in parameters.items():
+                name = name.replace(f"${key}", value)
+            file = folder / name
+            if not file.is_file():
+                raise InputError("scene", f"the file that {node.get('value')} stands for", f"no {file}", "check the path")
+            files.append(file)
+    return files
+
+
+def _digest(content: bytes, assets: list[Path], definitions: Mapping[str, str]) -> str:
+    """Hash that does not depend on where the files lie."""
+    digest = hashlib.sha256(content)
+    for file in assets:
+        digest.update(file.read_bytes())
+    for key, value in sorted(definitions.items()):
+        digest.update(f"\0{key}={'' if _is_file(value) else value}".encode())
+    return digest.hexdigest()
+
+
+def _as_input_error(error: Exception, path: Path) -> InputError:
+    """A plugin's own InputError where there is one inside, else the telling line of Mitsuba's message."""
+    lines = [line.strip(" -") for line in str(error).splitlines() if line.strip()]
+    for line in lines:
+        match = re.search(r"(?:InputError: |^)(\S[^:]*): expected (.+), found (.+?); (.+)$", line)
+        if match:
+            return InputError(*match.groups())
+    telling = [line for line in lines if "rror" in line or "expected" in line]
+    reason = (telling or lines or [type(error).__name__])[-1]
+    return InputError("scene", "a scene that Mitsuba can load", f"{path} ({reason})", "correct the file or the -D values")
