@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -55,18 +56,16 @@ def write_frame(path: Path, photoelectrons: np.ndarray, header: FrameHeader) -> 
 @contextmanager
 def _silenced() -> Iterator[None]:
     """Keep the library's own words about a damaged file off the terminal: they come as an exception too."""
-    sys.stdout.flush()
     sys.stderr.flush()
-    kept = [(stream, os.dup(stream)) for stream in (1, 2)]
+    kept = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
-        for stream, _ in kept:
-            os.dup2(nowhere, stream)
-        yield
+        os.dup2(nowhere, 2)
+        with redirect_stdout(io.StringIO()):
+            yield
     finally:
-        for stream, copy in kept:
-            os.dup2(copy, stream)
-            os.close(copy)
+        os.dup2(kept, 2)
+        os.close(kept)
         os.close(nowhere)
 
 

@@ -70,6 +70,9 @@ class Geometry:
 def read_geometry(scene: mi.Scene) -> Geometry:
     """Read a scene in the project's vocabulary; raises InputError naming what is missing or impossible."""
     shapes = {shape.id(): shape for shape in scene.shapes()}
+    if "" in shapes:
+        raise InputError("scene", "every shape apart, with its id", "shapes merged by Mitsuba",
+                         "pass optimize=False to mi.load_file")
     source = _shape(shapes, "virtual_source")
     detector = _shape(shapes, "virtual_detector")
     laser = _only(scene.emitters(), Laser, "laser")

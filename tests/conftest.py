@@ -1,0 +1,60 @@
+"""Shared fixtures: lab data (skipped where absent), rendered scenes, synthetic measurements."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session")
+def measured() -> Path:
+    """Folder of published lab autocorrelations."""
+    folder = ROOT.parent / "shared" / "data" / "measured_autocorrelations"
+    if not folder.is_dir():
+        pytest.skip(f"lab data not at {folder}")
+    return folder
+
+
+@pytest.fixture
+def random() -> np.random.Generator:
+    return np.random.default_rng(20201)
+
+
+@pytest.fixture(scope="session")
+def letter_simulation():
+    """simulation(letter="F", exposure=...) of the reference scene, each made once."""
+    pytest.importorskip("mitsuba")
+    from functools import lru_cache
+
+    from scenes import scene_path
+    from sim.frame import Simulation
+    from sim.geometry import read_geometry
+    from sim.scene_file import load_scene
+
+    @lru_cache(maxsize=16)
+    def make(letter: str = "F", **definitions: str) -> Simulation:
+        scene, _ = load_scene(scene_path("corner_letter"), {"albedo": f"{letter}.png", **definitions})
+        return Simulation(read_geometry(scene))
+
+    return make
+
+
+@pytest.fixture
+def command(capsys):
+    """Run a command's main as a shell would; returns (exit code, stdout, stderr)."""
+    from radiometry.errors import run_command
+
+    def run(main, *arguments) -> tuple[int, str, str]:
+        capsys.readouterr()
+        try:
+            run_command(main, [str(argument) for argument in arguments])
+        except SystemExit as stop:
+            captured = capsys.readouterr()
+            return int(stop.code or 0), captured.out, captured.err
+        raise AssertionError("a command always exits")
+
+    return run
