@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from PIL import Image, ImageDraw, ImageFont
 
-from invert.registration import registered
+from invert.registration import correlation_maps, registered
 
 CHARACTERS = string.ascii_uppercase + string.digits + "abdefghnqrty"
 """Capitals, digits and the small letters that are not a smaller copy of their capital."""
@@ -31,13 +31,15 @@ def on_grid(image: np.ndarray, side: int = 2 * _SIDE) -> torch.Tensor:
 def aligned_pearson(image: np.ndarray, truth: np.ndarray) -> tuple[float, np.ndarray]:
     """Pearson correlation after the best whole-pixel shift and 180-degree turn (no mirroring).
 
-    Both are zero-padded to twice their size, so nothing wraps.
+    Both are zero-padded to twice their size for the search, so nothing wraps.
 
     Returns:
-        the correlation and the image moved onto the truth, cut to its size.
+        the correlation over the truth's own window, and the image moved onto it.
     """
-    moved, correlation = registered(on_grid(image)[None], on_grid(truth))
-    return float(correlation[0]), moved[0, : truth.shape[0], : truth.shape[1]].numpy()
+    moved = registered(on_grid(image)[None], on_grid(truth))[0][0, : truth.shape[0], : truth.shape[1]].numpy()
+    if np.ptp(moved) == 0.0 or np.ptp(truth) == 0.0:
+        return 0.0, moved
+    return float(np.corrcoef(moved.ravel(), truth.ravel())[0, 1]), moved
 
 
 @lru_cache(maxsize=4)
@@ -78,8 +80,8 @@ def identify(image: np.ndarray, *, mirrored: bool = False, characters: str = CHA
         for degrees in _TURNS_DEG:
             for stretch in _STRETCHES:
                 warped = _warp(templates, flip, np.deg2rad(degrees), stretch, size)
-                _, correlation = registered(torch.nn.functional.pad(warped, (0, _SIDE, 0, _SIDE)), reference)
-                best = torch.maximum(best, correlation)
+                maps = correlation_maps(torch.nn.functional.pad(warped, (0, _SIDE, 0, _SIDE)), reference)
+                best = torch.maximum(best, maps.amax((1, 2, 3)))
     order = best.argsort(descending=True)
     return [(characters[int(i)], float(best[i])) for i in order]
 

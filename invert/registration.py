@@ -13,6 +13,20 @@ def turned(image: torch.Tensor) -> torch.Tensor:
     return torch.roll(torch.flip(image, (-2, -1)), (1, 1), (-2, -1))
 
 
+def correlation_maps(image: torch.Tensor, reference: torch.Tensor) -> torch.Tensor:
+    """Pearson correlation of each image (n, H, W) with `reference` (H, W) over all circular shifts.
+
+    Returns:
+        (n, 2, H, W): as it is, and turned.
+    """
+    both = torch.stack((image, turned(image)), 1)
+    both = both - both.mean((-2, -1), keepdim=True)
+    reference = reference - reference.mean()
+    spectrum = torch.fft.rfft2(reference) * torch.fft.rfft2(both).conj()
+    norm = reference.norm() * torch.linalg.vector_norm(both, dim=(-2, -1), keepdim=True)
+    return torch.fft.irfft2(spectrum, s=reference.shape) / norm.clamp_min(1e-30)
+
+
 def registered(image: torch.Tensor, reference: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Shift and turn each image of a batch (n, H, W) to fit `reference` (H, W).
 
@@ -20,17 +34,12 @@ def registered(image: torch.Tensor, reference: torch.Tensor) -> tuple[torch.Tens
         the images, whole-pixel circular shifts, and their Pearson correlation with the reference, (n,).
     """
     height, width = reference.shape
-    both = torch.stack((image, turned(image)), 1)
-    both_zero_mean = both - both.mean((-2, -1), keepdim=True)
-    reference_zero_mean = reference - reference.mean()
-    spectrum = torch.fft.rfft2(reference_zero_mean) * torch.fft.rfft2(both_zero_mean).conj()
-    correlation = torch.fft.irfft2(spectrum, s=(height, width)).flatten(1)
-    norm = reference_zero_mean.norm() * both_zero_mean[:, 0].flatten(1).norm(dim=1)
-    value, place = correlation.max(1)
-    turn, shift = place // (height * width), place % (height * width)
-    chosen = both[torch.arange(len(image), device=image.device), turn]
-    moved = [torch.roll(one, (int(s) // width, int(s) % width), (0, 1)) for one, s in zip(chosen, shift, strict=True)]
-    return torch.stack(moved), value / norm.clamp_min(1e-30)
+    value, place = correlation_maps(image, reference).flatten(1).max(1)
+    moved = []
+    for one, best in zip(image, place.tolist(), strict=True):
+        turn, shift = divmod(best, height * width)
+        moved.append(torch.roll(turned(one) if turn else one, divmod(shift, width), (0, 1)))
+    return torch.stack(moved), value
 
 
 def centred(image: torch.Tensor, side: int = OBJECT) -> torch.Tensor:

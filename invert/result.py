@@ -40,9 +40,7 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
     """
     albedo, floor_over_peak, comparison = result.albedo, measurement.floor_over_peak, {}
     if truth is not None:
-        pearson = 0.0
-        if albedo.any() and np.ptp(truth) > 0.0:
-            pearson, albedo = aligned_pearson(albedo, truth)
+        pearson, albedo = aligned_pearson(albedo, truth)
         comparison = {"pearson": pearson}
         floor_over_peak = floor_over_known_peak(estimate, truth)
     summary = {

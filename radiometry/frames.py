@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import os
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stdout
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -16,7 +11,7 @@ import OpenEXR
 
 from radiometry.errors import InputError
 from radiometry.exr_version import add_version, read_version
-from radiometry.output import atomic
+from radiometry.output import atomic, silenced
 
 CHANNEL = "photoelectrons"
 
@@ -53,29 +48,13 @@ def write_frame(path: Path, photoelectrons: np.ndarray, header: FrameHeader) -> 
             raise OSError(str(error)) from None
 
 
-@contextmanager
-def _silenced() -> Iterator[None]:
-    """Keep the library's own words about a damaged file off the terminal: they come as an exception too."""
-    sys.stderr.flush()
-    kept = os.dup(2)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)
-        with redirect_stdout(io.StringIO()):
-            yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
-
-
 def read_frame(path: Path) -> tuple[np.ndarray, FrameHeader | None]:
     """Read a frame: float32 (H, W), and its header, None where the file carries no capture facts.
 
     Raises InputError for a damaged file or one with colour channels.
     """
     try:
-        with _silenced(), OpenEXR.File(str(path), separate_channels=True) as file:
+        with silenced(), OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
             attributes = {**file.header(), "version": read_version(path)}
     except Exception as error:  # the library raises bare exceptions of several kinds

@@ -94,7 +94,9 @@ def extrapolated_peak(estimate: np.ndarray, noise: NoiseLevel, radius: int = 4) 
     basis = np.stack([np.ones_like(row), cone, (row**2 - column**2) / cone, row * column / cone,
                       row**2, column**2, row * column], axis=1)
     values = estimate[near].astype(np.float64)
-    weight = 1.0 / np.maximum(values, max(noise.floor, 1e-3 * values.max(), np.finfo(float).tiny))
+    if values.max() <= 0.0:
+        return 0.0
+    weight = 1.0 / np.maximum(values, max(noise.floor, 1e-3 * values.max()))
     solution = np.linalg.lstsq(basis * weight[:, None], (values - noise.floor) * weight, rcond=None)[0]
     return max(float(solution[0]), 0.0)
 

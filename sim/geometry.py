@@ -70,7 +70,8 @@ class Geometry:
 def read_geometry(scene: mi.Scene) -> Geometry:
     """Read a scene in the project's vocabulary; raises InputError naming what is missing or impossible."""
     shapes = {shape.id(): shape for shape in scene.shapes()}
-    if "" in shapes:
+    # A shape of a scene file is never a plain, nameless Mesh; what Mitsuba merges is.
+    if any(shape.class_name() == "Mesh" and not shape.id() for shape in scene.shapes()):
         raise InputError("scene", "every shape apart, with its id", "shapes merged by Mitsuba",
                          "pass optimize=False to mi.load_file")
     source = _shape(shapes, "virtual_source")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import drjit as dr
-import mitsuba as mi
-
 from radiometry.errors import InputError
+from radiometry.output import silenced
+
+with silenced():  # a missing libLLVM is told by `activate_variant`, on one line
+    import drjit as dr
+    import mitsuba as mi
 
 
 def activate_variant() -> str:

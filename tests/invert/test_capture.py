@@ -1,0 +1,105 @@
+"""Frames from files of several kinds, and refusals of what cannot be speckle."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from invert.capture import CameraFacts, find_frames, read_autocorrelation, read_capture
+from radiometry.errors import InputError
+from radiometry.frames import FrameHeader, write_frame
+
+UNKNOWN = CameraFacts()
+
+
+def header(**changes) -> FrameHeader:
+    return FrameHeader(**{**dict(wavelength_m=532e-9, pixel_pitch_m=6.9e-6, distance_m=1.0, exposure_s=1.0, seed=0, frame=0,
+                                 scene_sha256="", version="0"), **changes})
+
+
+@pytest.mark.parametrize("kind", ["npy", "png", "tif", "exr"])
+def test_kinds_of_files(tmp_path, random, kind):
+    frames = [random.integers(0, 60000, (130, 140)).astype(np.uint16) for _ in range(2)]
+    for number, frame in enumerate(frames):
+        path = tmp_path / f"{number}.{kind}"
+        if kind == "npy":
+            np.save(path, frame)
+        elif kind == "exr":
+            write_frame(path, frame, header(frame=number))
+        else:
+            Image.fromarray(frame).save(path)
+    (tmp_path / "notes.txt").write_text("not a frame")
+    capture = read_capture([tmp_path], UNKNOWN)
+    assert all(np.array_equal(a, b) for a, b in zip(capture.frames, frames, strict=True))
+    assert (capture.facts.lag_geometry is not None) == (kind == "exr")
+
+
+def test_options_win_over_headers_and_dark_frames_are_subtracted(tmp_path, random):
+    frame = random.random((130, 130)).astype(np.float32)
+    write_frame(tmp_path / "a.exr", frame, header())
+    np.save(tmp_path / "dark.npy", np.full((130, 130), 0.25))
+    capture = read_capture([tmp_path / "a.exr"], CameraFacts(distance_m=2.5), tmp_path / "dark.npy")
+    assert capture.facts.lag_geometry == pytest.approx((532e-9, 2.5, 6.9e-6))
+    np.testing.assert_allclose(capture.frames[0], frame - 0.25, atol=1e-6)
+
+
+def test_a_folder_stands_for_one_kind_of_file(tmp_path, random):
+    write_frame(tmp_path / "frame_0000.exr", random.random((8, 8)), header())
+    np.save(tmp_path / "truth.npy", np.zeros((64, 64)))
+    assert [path.name for path in find_frames([tmp_path])] == ["frame_0000.exr"]
+
+
+def test_refusals(tmp_path, random):
+    good = random.random((130, 130))
+
+    def refused(match: str, **arrays) -> None:
+        paths = []
+        for name, array in arrays.items():
+            paths.append(tmp_path / f"{name}.npy")
+            np.save(paths[-1], array)
+        with pytest.raises(InputError, match=match):
+            read_capture(paths, UNKNOWN)
+
+    refused("one size", a=good, b=good[:, :129])
+    refused("finite", a=np.where(good > 0.999, np.nan, good))
+    refused("the same value", a=np.full((130, 130), 7.0))
+    refused("monochrome", a=np.dstack([good] * 3))
+    refused("repeats", a=good, b=good)
+    refused("at least 127", a=good[:100])
+    refused("numbers", a=good > 0.5)
+    (tmp_path / "bad.png").write_bytes(b"\x89PNG\r\n\x1a\nnothing")
+    with pytest.raises(InputError, match="can be read"):
+        read_capture([tmp_path / "bad.png"], UNKNOWN)
+    np.save(tmp_path / "pickled.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(InputError, match="can be read"):
+        read_capture([tmp_path / "pickled.npy"], UNKNOWN)
+
+
+def test_frames_of_two_captures_are_refused(tmp_path, random):
+    write_frame(tmp_path / "a.exr", random.random((130, 130)), header())
+    write_frame(tmp_path / "b.exr", random.random((130, 130)), header(distance_m=2.0))
+    with pytest.raises(InputError, match="one capture"):
+        read_capture([tmp_path], UNKNOWN)
+
+
+def test_published_autocorrelations_are_read_as_their_left_half(tmp_path, random):
+    half = random.integers(0, 255, (127, 127))
+    half = (half + half[::-1, ::-1]) // 2
+    Image.fromarray(np.hstack([half, half * 0 + 9]).astype(np.uint8)).save(tmp_path / "a.png")
+    lags, step = read_autocorrelation(tmp_path / "a.png")
+    assert np.array_equal(lags, half)
+    assert step == 1.0
+    Image.fromarray(np.roll(half, 3, 0).astype(np.uint8)).save(tmp_path / "off.png")
+    with pytest.raises(InputError, match="centro-symmetric"):
+        read_autocorrelation(tmp_path / "off.png")
+    Image.fromarray(half[:, :126].astype(np.uint8)).save(tmp_path / "small.png")
+    with pytest.raises(InputError, match="127 x 127"):
+        read_autocorrelation(tmp_path / "small.png")
+
+
+def test_inverting_never_imports_mitsuba():
+    code = ("import sys, invert.__main__, invert.result, invert.methods, invert.estimate, invert.metrics; "
+            "sys.exit(int('mitsuba' in sys.modules or 'drjit' in sys.modules))")
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
