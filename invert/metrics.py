@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import string
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 
 import matplotlib
@@ -17,8 +18,11 @@ CHARACTERS = string.ascii_uppercase + string.digits + "abdefghnqrty"
 """Capitals, digits and the small letters that are not a smaller copy of their capital."""
 
 _SIDE = 64
-_STRETCHES = (0.4, 0.55, 0.75, 1.0, 1.35, 1.8, 2.5)
-_TURNS_DEG = tuple(range(0, 180, 10))
+_MARGIN = 32
+_TURNS_DEG = (-30, -20, -10, 0, 10, 20, 30)
+_SHEARS = (-0.4, -0.2, 0.0, 0.2, 0.4)
+_STRETCHES = (0.6, 1.0, 1.7, 2.5)
+_SIZES = (0.85, 1.0)
 
 
 def on_grid(image: np.ndarray, side: int = 2 * _SIDE) -> torch.Tensor:
@@ -57,9 +61,9 @@ def glyphs(characters: str = CHARACTERS) -> np.ndarray:
 def identify(image: np.ndarray, *, mirrored: bool = False, characters: str = CHARACTERS) -> list[tuple[str, float]]:
     """Rank characters by their best registered correlation with a reconstruction.
 
-    Each template is turned, stretched along the picture's axes (a tilted object is seen
-    foreshortened) and scaled to the reconstruction's spread, then registered over all shifts and
-    the 180-degree turn.
+    Each template takes every pose of a tilted, roughly upright object: turned by up to 30 degrees,
+    sheared, stretched along the picture's rows, and scaled to the reconstruction's spread; then it
+    is registered over all shifts and the 180-degree turn.
 
     Args:
         image: reconstruction (64, 64).
@@ -71,19 +75,25 @@ def identify(image: np.ndarray, *, mirrored: bool = False, characters: str = CHA
     target = np.clip(image.astype(np.float64), 0.0, None)
     if target.sum() == 0.0:
         return [(character, 0.0) for character in characters]
-    spread = _covariance(torch.as_tensor(target))[None]
-    size = float(torch.sqrt(torch.diagonal(spread[0]).sum()))
+    spread = float(torch.sqrt(torch.trace(_covariance(torch.as_tensor(target)))))
     templates = torch.from_numpy(glyphs(characters))[:, None]
-    reference = on_grid(image)
+    covariance = _covariance(templates[:, 0].double())
+    reference = on_grid(image, _SIDE + _MARGIN)
     best = torch.zeros(len(characters))
-    for flip in ((1.0, -1.0) if mirrored else (1.0,)):
-        for degrees in _TURNS_DEG:
-            for stretch in _STRETCHES:
-                warped = _warp(templates, flip, np.deg2rad(degrees), stretch, size)
-                maps = correlation_maps(torch.nn.functional.pad(warped, (0, _SIDE, 0, _SIDE)), reference)
-                best = torch.maximum(best, maps.amax((1, 2, 3)))
+    flips = (1.0, -1.0) if mirrored else (1.0,)
+    for flip, turn, shear, stretch, size in product(flips, _TURNS_DEG, _SHEARS, _STRETCHES, _SIZES):
+        warped = _warp(templates, covariance, _pose(flip, turn, shear, stretch), size * spread)
+        maps = correlation_maps(torch.nn.functional.pad(warped, (0, _MARGIN, 0, _MARGIN)), reference)
+        best = torch.maximum(best, maps.amax((1, 2, 3)))
     order = best.argsort(descending=True)
     return [(characters[int(i)], float(best[i])) for i in order]
+
+
+def _pose(flip: float, turn_deg: float, shear: float, stretch: float) -> torch.Tensor:
+    """Linear map of a pose, (2, 2) in (column, row) order: flip, then turn, shear, stretch."""
+    angle = np.deg2rad(turn_deg)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    return torch.as_tensor(np.diag([stretch**0.5, stretch**-0.5]) @ [[1.0, shear], [0.0, 1.0]] @ turn @ np.diag([flip, 1.0]))
 
 
 def _covariance(image: torch.Tensor) -> torch.Tensor:
@@ -98,19 +108,11 @@ def _covariance(image: torch.Tensor) -> torch.Tensor:
     return torch.einsum("...n,...in,...jn->...ij", mass, offset, offset)
 
 
-def _warp(templates: torch.Tensor, flip: float, turn: float, stretch: float, size: float) -> torch.Tensor:
-    """Templates (n, 1, 256, 256) flipped, turned and stretched to `size` on a 64 x 64 grid, (n, 64, 64)."""
-    matrix = (np.diag([np.sqrt(stretch), 1.0 / np.sqrt(stretch)])
-              @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ np.diag([flip, 1.0]))
-    matrix_t = torch.as_tensor(matrix, dtype=torch.float64)
-    spread = matrix_t @ _template_covariance(templates) @ matrix_t.T
-    scale = size / torch.sqrt(torch.diagonal(spread, dim1=-2, dim2=-1).sum(-1))
-    inverse = torch.linalg.inv(scale[:, None, None] * matrix_t)
+def _warp(templates: torch.Tensor, covariance: torch.Tensor, pose: torch.Tensor, size: float) -> torch.Tensor:
+    """Templates (n, 1, 256, 256) in a pose and scaled to a spread of `size` pixels, on (n, 64, 64)."""
+    scale = size / torch.sqrt(torch.diagonal(pose @ covariance @ pose.T, dim1=-2, dim2=-1).sum(-1))
+    inverse = torch.linalg.inv(scale[:, None, None] * pose)
     # affine_grid maps output coordinates in [-1, 1] (32 pixels) to input ones (128 pixels)
     theta = torch.cat((inverse * (_SIDE / templates.shape[-1]), torch.zeros(len(templates), 2, 1)), dim=2).float()
     grid = torch.nn.functional.affine_grid(theta, [len(templates), 1, _SIDE, _SIDE], align_corners=False)
     return torch.nn.functional.grid_sample(templates, grid, align_corners=False)[:, 0]
-
-
-def _template_covariance(templates: torch.Tensor) -> torch.Tensor:
-    return _covariance(templates[:, 0].double())

@@ -59,7 +59,7 @@ def test_a_glyph_is_identified_turned_and_stretched():
     font = ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSans-Bold.ttf", 40)
     canvas = Image.new("L", (64, 64))
     ImageDraw.Draw(canvas).text((32, 32), "R", fill=255, font=font, anchor="mm")
-    drawn = np.asarray(canvas.rotate(20).resize((64, 44)).resize((64, 44)), np.float32)
+    drawn = np.asarray(canvas.rotate(15).resize((64, 44)), np.float32)
     image = np.zeros((64, 64), np.float32)
     image[10:54] = drawn
     names = "RPBFAK4"
