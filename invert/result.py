@@ -16,7 +16,7 @@ from invert.report import save_picture, save_report
 from invert.spectrum import Measurement
 from radiometry.autocorrelation import autocorrelate, peak_of_cell_means, window_smooth
 from radiometry.errors import InputError
-from radiometry.noise_model import fit_known_signal
+from radiometry.noise_level import fit_known_signal
 from radiometry.output import save_array, save_json
 
 

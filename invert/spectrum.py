@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from radiometry.autocorrelation import LAGS, SIDE
-from radiometry.noise_model import INDEPENDENT, RING, NoiseLevel, centre_filled, extrapolated_peak, read_noise_level
+from radiometry.noise_level import INDEPENDENT, RING, NoiseLevel, centre_filled, extrapolated_peak, read_noise_level
 
 GRID = 128
 """Retrieval grid: the 127 x 127 lags of a 64 x 64 object fit without wrapping."""

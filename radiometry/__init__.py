@@ -4,7 +4,7 @@
     throughput.py       closed-form light budget, one row a factor
     transfer.py         H: pupil and pixel
     autocorrelation.py  frames -> patches -> estimate (Eqs. 8 and 9), and what a patch window does to r*r
-    noise_model.py      floor and degrees of freedom of an estimate
+    noise_level.py      floor and degrees of freedom of an estimate
     frames.py           EXR frames with their header (exr_version.py: one attribute of it)
     errors.py           InputError: name, expected, found, remedy
     output.py           folders and files, never half-written

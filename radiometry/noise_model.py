@@ -1,131 +1,75 @@
-"""Noise of an autocorrelation estimate: S = H (r*r) + b, Gamma-distributed with K degrees of freedom.
+"""The noise model: S = H (r*r) + b, and how an estimate with K degrees of freedom scatters around S.
 
-Reads the floor b and K from lags without signal, and the height of the signal over the floor.
+The paper's Eqs. (10) and (11), put right: its S = H(r*r + b) filters shot noise, which is white
+behind the pupil, and the last line of Eq. (11) drops the cross term of S^2. Mean periodograms of
+circular-Gaussian spectra are exactly Gamma-distributed with mean S and shape K (Bartlett; Welch,
+doi:10.1109/TAU.1967.1161901); the Gaussian of Eq. (10) is their limit for large K.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Literal
 
-import numpy as np
+import torch
 
-from radiometry.autocorrelation import LAGS
+from radiometry.errors import InputError
 
-_STEP = np.arange(-LAGS, LAGS + 1)
-ROW_LAG, COLUMN_LAG = np.meshgrid(_STEP, _STEP, indexing="ij")
-RING = np.maximum(np.abs(ROW_LAG), np.abs(COLUMN_LAG))
-"""Square ring of every lag: the autocorrelation of an object in a box lies inside one ring."""
-
-INDEPENDENT = (ROW_LAG > 0) | ((ROW_LAG == 0) & (COLUMN_LAG > 0))
-"""One of every pair of equal lags (+lag and -lag), zero lag left out."""
-
-OUTERMOST = LAGS - 8
-"""Rings beyond this are the first guess of where no signal is."""
-
-INNERMOST = LAGS // 2
-"""Rings inside this are never taken for signal-free: half the picture holds lags enough."""
+Form = Literal["gamma", "gaussian"]
 
 
-@dataclass(frozen=True)
-class NoiseLevel:
-    """Floor b (in the estimate's units), degrees of freedom K, and the ring where the signal ends.
-
-    `dof` is None where the outer lags do not vary (no noise at all).
-    """
-
-    floor: float
-    dof: float | None
-    signal_ring: int
-
-    @property
-    def deviation(self) -> float:
-        """Standard deviation of a lag without signal."""
-        return self.floor / self.dof**0.5 if self.dof else 0.0
-
-
-def _on_axis() -> np.ndarray:
-    """Lags on the row or column through zero, where read noise of lines collects."""
-    return (ROW_LAG == 0) | (COLUMN_LAG == 0)
-
-
-def _moments(values: np.ndarray, quantisation: float) -> tuple[float, float | None]:
-    """Mean and K = mean^2 / variance; the variance of rounding to `quantisation` is taken out."""
-    mean = float(values.mean(dtype=np.float64))
-    variance = float(values.var(dtype=np.float64, ddof=1)) - quantisation**2 / 12.0
-    return mean, (mean**2 / variance if variance > 1e-12 * mean**2 else None)
-
-
-def read_noise_level(estimate: np.ndarray, quantisation: float = 0.0) -> NoiseLevel:
-    """Read floor and K from the outer lags of an estimate.
-
-    Starts from the outermost rings and moves inwards while a ring's mean agrees with those outside
-    it; the row and column through zero lag are left out.
+def expected_spectrum(signal: torch.Tensor, floor: torch.Tensor | float, transfer: torch.Tensor | None = None) -> torch.Tensor:
+    """S = H (r*r) + b.
 
     Args:
-        estimate: (127, 127), zero lag in the middle.
-        quantisation: step of an estimate stored as integers (1 for 8-bit pictures), 0 for none.
+        signal: r*r, (..., 127, 127), window-smoothed or not, in any unit.
+        floor: b in the same unit, a number or (...,).
+        transfer: H per lag (127, 127); 1 where None.
     """
-    usable = INDEPENDENT & ~_on_axis()
-    mean, dof = _moments(estimate[usable & (RING > OUTERMOST)], quantisation)
-    boundary, misses = OUTERMOST, 0
-    for ring in range(OUTERMOST, INNERMOST, -1):
-        values = estimate[usable & (ring == RING)]
-        spread = (mean**2 / dof if dof else 0.0) + quantisation**2 / 12.0
-        if abs(float(values.mean()) - mean) > 3.0 * (spread / values.size) ** 0.5 + 1e-9 * abs(mean):
-            misses += 1
-            if misses == 2:
-                break
-        else:
-            boundary, misses = ring - 1, 0
-            mean, dof = _moments(estimate[usable & (boundary < RING)], quantisation)
-    return NoiseLevel(mean, dof, boundary)
+    if not torch.is_tensor(floor):
+        floor = torch.as_tensor(floor, dtype=signal.dtype, device=signal.device)
+    filtered = signal if transfer is None else signal * transfer
+    return filtered + floor[..., None, None]
 
 
-def extrapolated_peak(estimate: np.ndarray, noise: NoiseLevel, radius: int = 4) -> float:
-    """Height of r*r at zero lag above the floor, from the lags around it.
-
-    A weighted least-squares surface of constant, cone and paraboloid through lags 1..`radius`; the
-    cone is there because r*r of an object with edges has a cusp. Zero lag itself is never used: it
-    holds laser power drift, and published estimates set it to zero.
-    """
-    distance = np.hypot(ROW_LAG, COLUMN_LAG)
-    near = INDEPENDENT & (distance <= radius)
-    row, column, cone = ROW_LAG[near].astype(float), COLUMN_LAG[near].astype(float), distance[near]
-    basis = np.stack([np.ones_like(row), cone, (row**2 - column**2) / cone, row * column / cone,
-                      row**2, column**2, row * column], axis=1)
-    values = estimate[near].astype(np.float64)
-    if values.max() <= 0.0:
-        return 0.0
-    weight = 1.0 / np.maximum(values, max(noise.floor, 1e-3 * values.max()))
-    solution = np.linalg.lstsq(basis * weight[:, None], (values - noise.floor) * weight, rcond=None)[0]
-    return max(float(solution[0]), 0.0)
-
-
-def fit_known_signal(estimate: np.ndarray, signal: np.ndarray, iterations: int = 20) -> tuple[float, float]:
-    """Fit estimate = gain x signal + floor over all lags off the axes; returns (gain, floor).
-
-    Iteratively reweighted least squares with weights 1/S^2, which is the maximum-likelihood fit of
-    Gamma noise with constant K.
+def draw_estimate(spectrum: torch.Tensor, dof: torch.Tensor | float, generator: torch.Generator,
+                  form: Form = "gamma") -> torch.Tensor:
+    """Draw a centro-symmetric noisy estimate with mean S: both signs of a lag carry the same noise.
 
     Args:
-        estimate: (127, 127).
-        signal: (127, 127), H (r*r) as the patch window smooths it.
+        spectrum: S (..., n, n), n odd, zero lag in the middle.
+        dof: K, a number or (...,), above zero.
+        form: `gamma`, exact; or `gaussian`, Eq. (10): N(S, S^2 / K), which can fall below zero.
+
+    Zero lag is real-valued in the spectrum and has K / 2 degrees of freedom in `gamma` form.
     """
-    use = INDEPENDENT & ~_on_axis()
-    basis = np.stack([signal[use].astype(np.float64), np.ones(int(use.sum()))], axis=1)
-    values = estimate[use].astype(np.float64)
-    model = np.full_like(values, values.mean())
-    gain, floor = 0.0, float(values.mean())
-    for _ in range(iterations):
-        weight = 1.0 / model
-        gain, floor = np.linalg.lstsq(basis * weight[:, None], values * weight, rcond=None)[0]
-        model = np.maximum(basis @ np.array([gain, floor]), 1e-6 * values.mean())
-    return float(gain), float(floor)
+    shape = torch.as_tensor(dof, dtype=torch.float64, device=spectrum.device)
+    if not bool((shape > 0.0).all()):
+        raise InputError("dof", "degrees of freedom above zero", dof, "take at least two frames or patches")
+    shape = shape[..., None, None].expand(spectrum.shape).contiguous()
+    if form == "gaussian":
+        noise = torch.randn(spectrum.shape, generator=generator, dtype=torch.float64, device=spectrum.device)
+        factor = 1.0 + noise / shape.sqrt()
+    else:
+        middle = spectrum.shape[-1] // 2
+        shape[..., middle, middle] *= 0.5
+        factor = torch._standard_gamma(shape, generator=generator) / shape
+    flat = factor.flatten(-2)
+    count = flat.shape[-1]
+    # The second half of the lags is the first half read backwards.
+    flat[..., count // 2 + 1 :] = flat[..., : count // 2].flip(-1)
+    return (spectrum * factor).to(spectrum.dtype)
 
 
-def centre_filled(estimate: np.ndarray, value: float) -> np.ndarray:
-    """Copy of an estimate with zero lag replaced by `value`."""
-    filled = np.array(estimate, dtype=np.float32)
-    filled[LAGS, LAGS] = value
-    return filled
-
+def log_likelihood(estimate: torch.Tensor, spectrum: torch.Tensor, dof: float, form: Form = "gamma") -> torch.Tensor:
+    """Log-likelihood of an estimate, summed over the independent half of its lags, zero lag left out; (...,)."""
+    half = estimate.shape[-1] ** 2 // 2
+    measured, expected = estimate.flatten(-2)[..., :half].double(), spectrum.flatten(-2)[..., :half].double()
+    shape = torch.tensor(dof, dtype=torch.float64)
+    if form == "gaussian":
+        variance = expected.square() / shape
+        terms = -0.5 * ((measured - expected).square() / variance + torch.log(2.0 * torch.pi * variance))
+    else:
+        ratio = measured / expected
+        terms = (shape * torch.log(shape) - torch.lgamma(shape) + (shape - 1.0) * torch.log(ratio) - shape * ratio
+                 - torch.log(expected))
+    return terms.sum(-1)

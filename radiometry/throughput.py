@@ -2,7 +2,7 @@
 
 Every wall is Lambertian and every patch small against its distance, so each bounce multiplies by
 albedo cos cos A / (pi d^2); together P A_obj A_det A_pupil / (pi^3 d1^2 d2^2 d3^2) times the
-cosines and losses (the paper's section 6.B).
+cosines and losses (the paper's section 6.B). Only the pupil is not that small: it takes sin^2.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class LightPath:
     detector_albedo: float
     detector_cosine_out: float
     detector_to_pupil_m: float
-    pupil_area_m2: float
+    pupil_diameter_m: float
     pupil_cosine: float
     transmission: float
     quantum_efficiency: float
@@ -43,7 +43,7 @@ class LightPath:
 
     def __post_init__(self) -> None:
         for name in ("wavelength_m", "source_to_object_m", "object_to_detector_m", "detector_to_pupil_m",
-                     "pupil_area_m2", "pixel_area_m2", "pixels"):
+                     "pupil_diameter_m", "pixel_area_m2", "pixels"):
             positive(name, getattr(self, name))
         for name in ("power_w", "object_albedo_area_m2"):
             positive(name, getattr(self, name), zero_allowed=True)
@@ -95,6 +95,15 @@ class Budget:
         }
 
 
+def pupil_fraction(diameter_m: float, distance_m: float) -> float:
+    """Fraction of a Lambertian wall's light that a disc facing it catches: sin^2 of the half angle.
+
+    A / (pi d^2) for a small pupil, 1 for one that catches everything.
+    """
+    radius = 0.5 * diameter_m
+    return radius**2 / (radius**2 + distance_m**2)
+
+
 def closed_form(path: LightPath) -> Budget:
     """The budget of one pixel, one row per physical factor."""
     rows = (
@@ -107,7 +116,7 @@ def closed_form(path: LightPath) -> Budget:
         ("virtual detector cosine, incoming", path.detector_cosine_in),
         ("virtual detector albedo", path.detector_albedo),
         ("virtual detector cosine, outgoing", path.detector_cosine_out),
-        ("virtual detector to pupil", path.pupil_area_m2 / (math.pi * path.detector_to_pupil_m**2)),
+        ("virtual detector to pupil", pupil_fraction(path.pupil_diameter_m, path.detector_to_pupil_m)),
         ("pupil cosine", path.pupil_cosine),
         ("camera transmission", path.transmission),
         ("quantum efficiency", path.quantum_efficiency),

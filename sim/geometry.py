@@ -13,6 +13,7 @@ from sim.hidden_object import HiddenObject, is_hidden_object
 from sim.plugins.laser import Laser
 from sim.plugins.phase_screen import PhaseScreen
 from sim.plugins.speckle_camera import Electronics, SpeckleCamera
+from sim.variant import check_compilable
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,7 @@ class Geometry:
 
 def read_geometry(scene: mi.Scene) -> Geometry:
     """Read a scene in the project's vocabulary; raises InputError naming what is missing or impossible."""
+    check_compilable(scene)
     shapes = {shape.id(): shape for shape in scene.shapes()}
     # A shape of a scene file is never a plain, nameless Mesh; what Mitsuba merges is.
     if any(shape.class_name() == "Mesh" and not shape.id() for shape in scene.shapes()):
@@ -111,7 +113,7 @@ def read_geometry(scene: mi.Scene) -> Geometry:
         detector_albedo=detector_albedo,
         detector_cosine_out=_cosine(detector_normal, to_pupil),
         detector_to_pupil_m=float(np.linalg.norm(to_pupil)),
-        pupil_area_m2=np.pi * camera.pupil_diameter_m**2 / 4.0,
+        pupil_diameter_m=camera.pupil_diameter_m,
         pupil_cosine=_cosine(camera.axis, -to_pupil),
         transmission=camera.transmission,
         quantum_efficiency=camera.electronics.quantum_efficiency,

@@ -7,8 +7,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from radiometry.errors import InputError
-from radiometry.photons import grain_area, ideal_floor_over_peak
-from radiometry.throughput import closed_form
+from radiometry.noise_budget import NoiseTerms
+from radiometry.prediction import predict
+from radiometry.throughput import closed_form, pupil_fraction
 from sim.geometry import Geometry
 from sim.illumination import grain_m
 
@@ -46,15 +47,11 @@ def check_rough(geometry: Geometry) -> None:
                          geometry.spot.height_rms_m, "the specular part of smooth walls is not modelled")
 
 
-def effects(geometry: Geometry) -> list[Effect]:
+def effects(geometry: Geometry, terms: NoiseTerms) -> list[Effect]:
     """All effects of the scene, modelled or not."""
     hidden, z = geometry.hidden_object, geometry.distance_m
     half_frame = 0.5 * geometry.pixel_pitch_m * max(geometry.frame_shape)
     lag = max(hidden.extent_m)
-    grain_on_wall = geometry.wavelength_m * z / lag if lag else math.inf
-    pupil_grain = geometry.wavelength_m * geometry.pupil_distance_m / geometry.pupil_diameter_m
-    modes = 1.0 + (geometry.pixel_pitch_m / pupil_grain) ** 2
-    subjective = (geometry.pixel_pitch_m / grain_on_wall) ** 2 / modes
     source = geometry.spot
     phase_rms = 4.0 * math.pi * source.height_rms_m / geometry.wavelength_m
     scattering = phase_rms * geometry.wavelength_m / (2.0 * math.pi * source.correlation_length_m)
@@ -73,7 +70,7 @@ def effects(geometry: Geometry) -> list[Effect]:
         Effect("full_well", electronics.full_well > 0.0, _set_or_zero(electronics.full_well), 0.0),
         Effect("quantisation", electronics.bits > 0, _set_or_zero(electronics.bits), 0.0),
         Effect("detector_roughness", False, "subjective speckle of the virtual detector adds this much floor over peak",
-               subjective),
+               terms.over_peak()["detector_speckle"] or 0.0),
         Effect("depolarisation", False, "the walls are taken to keep polarisation", 0.0),
         Effect("linewidth", False, "the laser is taken to be monochromatic", 0.0),
     ]
@@ -91,7 +88,8 @@ def make_plan(geometry: Geometry, frames: int, tolerance: float) -> dict[str, An
     check_sampling(geometry)
     check_rough(geometry)
     pixels = math.prod(geometry.frame_shape)
-    listed = effects(geometry)
+    prediction = predict(geometry)
+    listed = effects(geometry, prediction.terms)
     budget = closed_form(geometry.light_path)
     warnings = [f"{effect.name}: predicted error {effect.predicted_error:.2g} exceeds the tolerance {tolerance:g}"
                 for effect in listed if effect.predicted_error > tolerance]
@@ -111,25 +109,12 @@ def make_plan(geometry: Geometry, frames: int, tolerance: float) -> dict[str, An
         "bytes": 40 * pixels,
         "frames": frames,
         "throughput": budget.as_dict(),
-        "ideal_floor_over_peak": _ideal_floor(geometry),
+        "ideal_floor_over_peak": prediction.shot_floor_over_peak,
     }
 
 
 def _detector_to_pixel(geometry: Geometry) -> float:
     """Photoelectrons per photon that lands on the virtual detector."""
     path = geometry.light_path
-    return (path.detector_albedo * path.detector_cosine_out * path.pupil_cosine * path.pupil_area_m2 * path.transmission
-            * path.quantum_efficiency / (math.pi * path.detector_to_pupil_m**2))
-
-
-def _ideal_floor(geometry: Geometry) -> float | None:
-    """Shot-noise floor over peak: one over the photoelectrons per coherence area; None without light."""
-    hidden = geometry.hidden_object
-    pitch = max(hidden.extent_m) / 256.0
-    grid = (math.ceil(hidden.extent_m[0] / pitch) or 1, math.ceil(hidden.extent_m[1] / pitch) or 1)
-    albedo = hidden.sample((pitch, pitch), grid).albedo
-    area = grain_area(albedo, pitch**2, geometry.wavelength_m, geometry.distance_m)
-    per_area = (closed_form(geometry.light_path).photoelectrons_per_pixel_s * geometry.electronics.exposure_s
-                / geometry.pixel_pitch_m**2)
-    floor = ideal_floor_over_peak(per_area, area) if math.isfinite(area) else math.inf
-    return floor if math.isfinite(floor) else None
+    return (path.detector_albedo * path.detector_cosine_out * path.pupil_cosine * path.transmission * path.quantum_efficiency
+            * pupil_fraction(path.pupil_diameter_m, path.detector_to_pupil_m))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 from radiometry.errors import InputError
 from radiometry.output import silenced
 
@@ -23,9 +26,38 @@ def activate_variant() -> str:
             mi.set_variant("llvm_ad_mono")
         else:
             raise InputError("libLLVM", "a system libLLVM (or a CUDA GPU) for Mitsuba to compile with", "neither",
-                             "install it: 'apt-get install libllvm15' on Debian and Ubuntu, 'brew install llvm' on "
+                             "install it: 'apt-get install libllvm19' on Debian and Ubuntu, 'brew install llvm' on "
                              "macOS, or set DRJIT_LIBLLVM_PATH")
     elif not current.startswith(("llvm", "cuda")):
         raise InputError("Mitsuba variant", "an llvm_* or cuda_* variant", current,
                          "call mi.set_variant('llvm_ad_mono') before 'import sim'")
     return mi.variant()
+
+
+_LLVM_WITH_MAXIMUM = 17
+_NEEDS_MAXIMUM = ("RoughConductor", "RoughDielectric", "BlendBSDF")
+
+
+def llvm_major() -> int | None:
+    """Major version of the libLLVM in use, None where it cannot be told."""
+    maps = Path("/proc/self/maps")
+    found = re.search(r"libLLVM[-.]?(?:so\.)?(\d+)", maps.read_text()) if maps.is_file() else None
+    return int(found.group(1)) if found else None
+
+
+def check_compilable(scene: mi.Scene) -> None:
+    """Refuse what an older libLLVM cannot compile, because it would end the process without a word.
+
+    Dr.Jit's minimum and maximum need LLVM 17 on x86; spheres, disks, cylinders and microfacet BSDFs use them.
+    """
+    major = llvm_major()
+    if major is None or major >= _LLVM_WITH_MAXIMUM or not mi.variant().startswith("llvm"):
+        return
+    for shape in scene.shapes():
+        described = str(shape.bsdf())
+        culprits = [name for name in _NEEDS_MAXIMUM if name in described]
+        if not shape.is_mesh():
+            culprits.append(shape.class_name())
+        for culprit in culprits:
+            raise InputError(shape.id() or "shape", f"libLLVM {_LLVM_WITH_MAXIMUM} or newer to compile a {culprit}",
+                             f"libLLVM {major}", "'apt-get install libllvm19', or use meshes and diffuse surfaces")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -26,6 +27,21 @@ class Laser(mi.Emitter):
         matrix = np.asarray(props["to_world"].matrix, np.float64)
         self.origin = matrix[:3, 3]
         self.direction = matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
+
+    # To Mitsuba's own integrators the beam is dark: coherent light is the `speckle` integrator's, and
+    # ambient light is whatever the other emitters give.
+
+    def eval(self, si, active=True):
+        return mi.Spectrum(0.0)
+
+    def sample_direction(self, it, sample, active=True):
+        return dr.zeros(mi.DirectionSample3f), mi.Spectrum(0.0)
+
+    def pdf_direction(self, it, ds, active=True):
+        return mi.Float(0.0)
+
+    def eval_direction(self, it, ds, active=True):
+        return mi.Spectrum(0.0)
 
     def bbox(self) -> mi.ScalarBoundingBox3f:
         return mi.ScalarBoundingBox3f()

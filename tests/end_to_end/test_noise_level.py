@@ -1,37 +1,72 @@
-"""Shot noise alone: the floor and the degrees of freedom that rendered frames show are the predicted ones."""
+"""Rendered frames show the floor, the degrees of freedom and the distribution that the noise model predicts."""
 
-import numpy as np
 import pytest
+from scipy import stats
 
 pytest.importorskip("mitsuba")
 
-from radiometry.autocorrelation import LAGS, autocorrelate, estimate_autocorrelation, patch_grid, window_smooth
-from radiometry.noise_model import fit_known_signal, read_noise_level
+from radiometry.autocorrelation import PatchGrid, autocorrelate, estimate_autocorrelation
+from radiometry.noise_level import INDEPENDENT, RING, fit_known_signal, read_noise_level
 from radiometry.photons import grain_area, ideal_floor_over_peak
-from radiometry.transfer import lag_transfer
+from radiometry.prediction import predict
 
-CELLS_PER_LAG = 4
+SIGNAL_FREE = INDEPENDENT & (RING > 40)
+"""Lags beyond 12 mm: the letters end at 10 mm."""
 
 
 @pytest.mark.parametrize("exposure", ["0.001953125", "0.015625", "0.125", "1"])
-@pytest.mark.parametrize("letter", ["F", "7", "R"])
-def test_floor_and_dof_of_rendered_frames(letter_simulation, letter, exposure):
+@pytest.mark.parametrize("letter", ["F", "7", "R", "t"])
+def test_floor_dof_and_distribution_of_rendered_frames(letter_simulation, letter, exposure):
     simulation = letter_simulation(letter, exposure=exposure)
-    geometry = simulation.geometry
-    facts = (geometry.wavelength_m, geometry.distance_m, geometry.pixel_pitch_m)
-    grid = patch_grid(geometry.frame_shape, 257)
-    pitch = grid.lag_pitch_m(*facts)
-    cell = pitch / CELLS_PER_LAG
-    albedo = geometry.hidden_object.sample((cell, cell), (64 * CELLS_PER_LAG, 64 * CELLS_PER_LAG)).albedo
-
-    estimate, dof = estimate_autocorrelation([simulation.frame(11, number).numpy() for number in range(2)], grid)
-    lags = autocorrelate(albedo)
-    transfer = lag_transfer(np.arange(-LAGS, LAGS + 1), pitch, geometry.distance_m, geometry.pixel_pitch_m,
-                            geometry.pupil_diameter_m, geometry.wavelength_m, geometry.pupil_distance_m)
-    gain, floor = fit_known_signal(estimate, window_smooth(lags, CELLS_PER_LAG) * transfer)
-
-    grain = grain_area(albedo, cell**2, geometry.wavelength_m, geometry.distance_m)
-    expected = ideal_floor_over_peak(simulation.mean_photoelectrons / geometry.pixel_pitch_m**2, grain)
-    assert dof == 64
-    assert floor / (gain * lags.max()) == pytest.approx(expected, rel=0.15)
+    prediction = predict(simulation.geometry)
+    frames = [simulation.frame(11, number).numpy() for number in range(2)]
+    estimate, dof = estimate_autocorrelation(frames, prediction.grid)
+    gain, floor = fit_known_signal(estimate, prediction.signal)
+    assert dof == prediction.dof(2) == 64
+    assert floor / gain == pytest.approx(prediction.shot_floor_over_peak, rel=0.10)
     assert read_noise_level(estimate).dof == pytest.approx(dof, rel=0.10)
+    free = estimate[SIGNAL_FREE]
+    assert stats.kstest(free / free.mean(), stats.gamma(dof, scale=1.0 / dof).cdf).pvalue > 0.01
+
+
+def test_the_prediction_is_one_over_photons_per_coherence_area(letter_simulation):
+    simulation = letter_simulation("7")
+    geometry = simulation.geometry
+    cell = 1e-2 / 256
+    albedo = geometry.hidden_object.sample((cell, cell), (256, 256)).albedo
+    grain = grain_area(albedo, cell**2, geometry.wavelength_m, geometry.distance_m)
+    assert grain == pytest.approx(1.4e-8, rel=0.05)
+    per_area = simulation.mean_photoelectrons / geometry.pixel_pitch_m**2
+    prediction = predict(geometry)
+    assert prediction.shot_floor_over_peak == pytest.approx(ideal_floor_over_peak(per_area, grain), rel=0.02)
+    assert autocorrelate(albedo).max() == pytest.approx(albedo.sum())
+
+
+@pytest.mark.parametrize("patches", [1, 2, 3])
+def test_few_degrees_of_freedom_are_gamma_and_not_gaussian(letter_simulation, patches):
+    simulation = letter_simulation("F", exposure="0.015625")
+    grid = PatchGrid(257, 1, patches, (257, 257 * patches))
+    frames = [simulation.frame(2, number).numpy()[:257, : 257 * patches] for number in range(2)]
+    estimate, dof = estimate_autocorrelation(frames, grid)
+    free = estimate[SIGNAL_FREE] / simulation.mean_photoelectrons
+    assert dof == patches
+    assert stats.kstest(free / free.mean(), stats.gamma(dof, scale=1.0 / dof).cdf).pvalue > 0.01
+    assert stats.kstest(free / free.mean(), stats.norm(1.0, dof**-0.5).cdf).pvalue < 1e-6
+
+
+def test_read_noise_dark_current_and_quantisation_raise_the_floor_as_predicted(letter_simulation):
+    from dataclasses import replace
+
+    from sim.frame import Simulation
+
+    base = letter_simulation("L", exposure="0.125").geometry
+    electronics = replace(base.electronics, read_noise=0.4, dark_current=0.5, full_well=60.0, bits=6)
+    geometry = replace(base, electronics=electronics)
+    prediction = predict(geometry)
+    simulation = Simulation(geometry)
+    estimate, _ = estimate_autocorrelation([simulation.frame(1, number).numpy() for number in range(2)], prediction.grid)
+    gain, floor = fit_known_signal(estimate, prediction.signal)
+    terms = prediction.terms
+    expected = terms.floor_over_peak() - terms.over_peak()["detector_speckle"]  # not modelled by the renderer
+    assert expected > 3.0 * prediction.shot_floor_over_peak
+    assert floor / gain == pytest.approx(expected, rel=0.10)

@@ -9,7 +9,7 @@ from invert.methods import retrieve
 from invert.metrics import aligned_pearson
 from invert.spectrum import GRID, fourier_modulus, read_measurement
 from radiometry.autocorrelation import LAGS, autocorrelate, window_smooth
-from radiometry.noise_model import INDEPENDENT
+from radiometry.noise_level import INDEPENDENT
 
 
 def stroke_object(random: np.random.Generator) -> np.ndarray:

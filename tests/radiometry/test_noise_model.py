@@ -1,61 +1,114 @@
-"""Floor and degrees of freedom read back from synthetic estimates."""
+"""The noise model's own statistics, and predictions at the extremes."""
+
+import json
 
 import numpy as np
 import pytest
+import torch
+from scipy import stats
 
-from radiometry.autocorrelation import LAGS, autocorrelate, window_smooth
-from radiometry.noise_model import INDEPENDENT, extrapolated_peak, fit_known_signal, read_noise_level
-
-
-def albedo() -> np.ndarray:
-    image = np.zeros((64, 64))
-    image[14:47, 20:25] = 1.0
-    image[14:19, 20:42] = 1.0
-    image[28:33, 20:36] = 0.6
-    return image
+from radiometry.errors import InputError
+from radiometry.noise_budget import NoiseTerms, degrees_of_freedom, estimate_error
+from radiometry.noise_model import draw_estimate, expected_spectrum, log_likelihood
+from radiometry.safety import maximum_permissible_exposure, spot_safety
 
 
-def gamma_estimate(random, floor: float, dof: float) -> np.ndarray:
-    """Centro-symmetric Gamma noise around the window-smoothed r*r of `albedo`, peak scaled to 1."""
-    lags = autocorrelate(albedo())
-    mean = window_smooth(lags) / lags.max() + floor
-    noise = random.gamma(dof, 1.0 / dof, mean.shape)
-    return (mean * np.where(INDEPENDENT, noise, noise[::-1, ::-1])).astype(np.float32)
+def generator(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
 
 
-@pytest.mark.parametrize(("floor", "dof"), [(0.005, 64.0), (0.05, 64.0), (0.5, 16.0), (3.0, 64.0), (0.2, 1.0), (0.1, 1000.0)])
-def test_floor_and_dof_are_read_back(random, floor, dof):
-    noise = read_noise_level(gamma_estimate(random, floor, dof))
-    assert noise.floor == pytest.approx(floor, rel=0.02 + 0.1 / np.sqrt(dof))
-    assert noise.dof == pytest.approx(dof, rel=0.1)
+@pytest.mark.parametrize("dof", [1.0, 2.5, 64.0])
+@pytest.mark.parametrize("form", ["gamma", "gaussian"])
+def test_draws_have_mean_s_and_variance_s_squared_over_k(dof, form):
+    spectrum = torch.linspace(0.1, 3.0, 9 * 9).reshape(9, 9)
+    draws = draw_estimate(spectrum.expand(40000, 9, 9), dof, generator(), form)
+    mean, variance = draws.mean(0), draws.var(0)
+    off_zero = torch.ones(9, 9, dtype=torch.bool)
+    off_zero[4, 4] = False
+    np.testing.assert_allclose(mean, spectrum, rtol=6 / np.sqrt(40000 * min(dof, 1.0)))
+    np.testing.assert_allclose((variance / spectrum**2)[off_zero], 1 / dof, rtol=0.12)
+    assert torch.equal(draws / spectrum, (draws / spectrum).flip(-1, -2)) or torch.allclose(
+        draws / spectrum, (draws / spectrum).flip(-1, -2), rtol=1e-5)
 
 
-@pytest.mark.parametrize("floor", [0.005, 0.05, 0.3, 2.5])
-def test_a_known_signal_gives_the_gain_whatever_the_floor(random, floor):
-    estimate = gamma_estimate(random, floor, 64.0)
-    lags = autocorrelate(albedo())
-    gain, fitted = fit_known_signal(estimate, window_smooth(lags))
-    assert fitted == pytest.approx(floor, rel=0.02)
-    assert gain * lags.max() == pytest.approx(1.0, rel=0.1)
+def test_the_two_forms_differ_where_they_must():
+    flat = torch.ones(127, 127)
+    for dof, p_gaussian in ((1.0, 0.0), (3.0, 1e-4)):
+        free = draw_estimate(flat, dof, generator(3)).flatten()[: 127**2 // 2].numpy()
+        assert stats.kstest(free, stats.gamma(dof, scale=1 / dof).cdf).pvalue > 0.01
+        assert stats.kstest(free, stats.norm(1, dof**-0.5).cdf).pvalue <= p_gaussian + 1e-12
 
 
-def test_quantisation_is_taken_out(random):
-    picture = np.round(20.0 * random.gamma(700.0, 1 / 700.0, (127, 127)))
-    assert read_noise_level(picture, 1.0).dof == pytest.approx(700.0, rel=0.15)
-    assert read_noise_level(picture, 0.0).dof < 650.0
+def test_dof_per_sample_and_refusals():
+    draws = draw_estimate(torch.ones(2, 127, 127), torch.tensor([4.0, 400.0]), generator())
+    assert float(draws[0].var()) == pytest.approx(0.25, rel=0.1)
+    assert float(draws[1].var()) == pytest.approx(0.0025, rel=0.1)
+    with pytest.raises(InputError, match="dof"):
+        draw_estimate(torch.ones(3, 3), 0.0, generator())
 
 
-def test_no_noise_reads_no_dof():
-    flat = np.full((127, 127), 0.25, np.float32)
-    noise = read_noise_level(flat)
-    assert noise.floor == pytest.approx(0.25)
-    assert noise.dof is None
-    assert read_noise_level(np.zeros((127, 127), np.float32)).floor == 0.0
+@pytest.mark.parametrize("form", ["gamma", "gaussian"])
+def test_likelihood_peaks_at_the_truth_and_matches_scipy(form):
+    signal = torch.rand(127, 127, generator=generator(1))
+    signal = 0.5 * (signal + signal.flip(-1, -2))
+    truth = expected_spectrum(signal, 0.3)
+    estimate = draw_estimate(truth, 16.0, generator(2), form)
+    values = [float(log_likelihood(estimate, truth * factor, 16.0, form)) for factor in (0.9, 1.0, 1.1)]
+    assert values[1] > max(values[0], values[2])
+    half = 127**2 // 2
+    x, s = estimate.flatten()[:half].double().numpy(), truth.flatten()[:half].double().numpy()
+    law = stats.gamma(16.0, scale=s / 16.0) if form == "gamma" else stats.norm(s, s / 4.0)
+    assert values[1] == pytest.approx(law.logpdf(x).sum(), rel=1e-5)
 
 
-def test_the_peak_is_extrapolated_without_zero_lag(random):
-    lags = autocorrelate(albedo())
-    estimate = (lags / lags.max() + 0.1).astype(np.float32)
-    noise = read_noise_level(estimate)
-    estimate[LAGS, LAGS] = 77.0
-    assert extrapolated_peak(estimate, noise) == pytest.approx(1.0, rel=0.1)
+def test_expected_spectrum_filters_the_signal_and_not_the_floor():
+    transfer = torch.full((3, 3), 0.25)
+    assert torch.equal(expected_spectrum(torch.ones(2, 3, 3), torch.tensor([1.0, 2.0]), transfer)[1], torch.full((3, 3), 2.25))
+
+
+def test_terms_add_and_scale_with_exposure():
+    short, long = (NoiseTerms(signal=0.08 * t, grain_pixels=300.0, ambient=0.2 * t, dark=0.01 * t, read=4.0, detector_modes=2.2)
+                   for t in (1.0, 10.0))
+    for name, power in (("signal", 1), ("ambient", 1), ("dark", 1), ("read", 2), ("detector_speckle", 0)):
+        assert short.over_peak()[name] / long.over_peak()[name] == pytest.approx(10.0**power)
+    assert short.floor_over_peak() == pytest.approx(sum(short.over_peak().values()))
+    assert short.over_peak()["signal"] == pytest.approx(1 / (0.08 * 300))
+
+
+def test_extremes_stay_finite_or_say_so():
+    assert NoiseTerms(signal=0.0, grain_pixels=300.0).floor_over_peak() is None
+    assert NoiseTerms(signal=1.0, grain_pixels=np.inf).floor_over_peak() is None
+    faint = NoiseTerms(signal=1e-200, grain_pixels=300.0)
+    assert faint.floor_over_peak() == pytest.approx(1e200 / 300)
+    bright = NoiseTerms(signal=0.1, grain_pixels=300.0, ambient=1e5)
+    assert bright.floor_over_peak() == pytest.approx(1e5 / (0.01 * 300), rel=1e-5)
+    for wrong in ({"signal": -1.0}, {"signal": float("nan")}, {"signal": 1.0, "read": -2.0}):
+        with pytest.raises(InputError):
+            NoiseTerms(**{"grain_pixels": 300.0, **wrong})
+
+
+def test_degrees_of_freedom():
+    assert [degrees_of_freedom(*pair) for pair in ((2, 64), (50, 25), (1, 64), (1, 1))] == [64, 1225, 63, 0]
+
+
+def test_error_of_an_estimate_is_the_scatter_of_draws():
+    signal = torch.zeros(127, 127)
+    signal[50:77, 60:67] = torch.linspace(0.1, 1.0, 27 * 7).reshape(27, 7)
+    signal = 0.5 * (signal + signal.flip(-1, -2))
+    draws = draw_estimate(expected_spectrum(signal, 0.05).expand(50, 127, 127), 64.0, generator(5)) - 0.05
+    measured = ((draws - signal).square().sum((-1, -2)) / signal.square().sum()).mean().sqrt()
+    predicted = estimate_error(float(signal.sum()), float((signal**2).sum()), signal.numel(), 0.05, 64.0)
+    assert float(measured) == pytest.approx(predicted, rel=0.03)
+
+
+def test_laser_safety_matches_the_standard():
+    assert maximum_permissible_exposure(532e-9) == pytest.approx(25.46, abs=0.01)
+    # one milliwatt through a 7 mm pupil: the limit of laser class 2
+    assert maximum_permissible_exposure(532e-9) * np.pi / 4 * 7e-3**2 == pytest.approx(1e-3, rel=0.03)
+    line = spot_safety(0.3, 532e-9, 5e-3)
+    assert line["spot_over_limit"] == pytest.approx(0.3 / (np.pi / 4 * 25e-6) / 25.46, rel=1e-3)
+    assert 0.3 / (np.pi * line["hazard_distance_m"] ** 2) == pytest.approx(line["limit_w_per_m2"])
+    for wavelength in (355e-9, 1064e-9):
+        with pytest.raises(InputError, match="visible"):
+            maximum_permissible_exposure(wavelength)
+    json.dumps(line, allow_nan=False)

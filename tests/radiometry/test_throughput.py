@@ -12,7 +12,7 @@ from radiometry.throughput import LightPath, closed_form
 LAB = LightPath(
     wavelength_m=532e-9, power_w=0.3, source_albedo=1.0, source_cosine=1.0, source_to_object_m=0.5, object_cosine_in=1.0,
     object_albedo_area_m2=0.2e-4, object_cosine_out=1.0, object_to_detector_m=1.0, detector_cosine_in=1.0, detector_albedo=1.0,
-    detector_cosine_out=1.0, detector_to_pupil_m=0.54, pupil_area_m2=np.pi / 4 * (0.18 / 3.5) ** 2, pupil_cosine=1.0,
+    detector_cosine_out=1.0, detector_to_pupil_m=0.54, pupil_diameter_m=0.18 / 3.5, pupil_cosine=1.0,
     transmission=1.0, quantum_efficiency=1.0, pixel_area_m2=6.9e-6**2, pixels=2056 * 2464,
 )
 
@@ -36,11 +36,16 @@ def test_laser_photons():
 @pytest.mark.parametrize(("name", "factor", "gain"), [
     ("source_to_object_m", 0.5, 4.0), ("object_to_detector_m", 0.5, 4.0), ("detector_to_pupil_m", 0.5, 4.0),
     ("object_albedo_area_m2", 0.5, 0.5), ("source_albedo", 0.5, 0.5), ("detector_albedo", 0.25, 0.25),
-    ("pupil_area_m2", 0.5, 0.5), ("quantum_efficiency", 0.6, 0.6), ("object_cosine_in", 0.97, 0.97), ("power_w", 2.0, 1.0),
+    ("pupil_diameter_m", 0.5, 0.25), ("quantum_efficiency", 0.6, 0.6), ("object_cosine_in", 0.97, 0.97), ("power_w", 2.0, 1.0),
 ])
 def test_scaling(name, factor, gain):
     changed = closed_form(replace(LAB, **{name: getattr(LAB, name) * factor}))
-    assert changed.per_pixel / closed_form(LAB).per_pixel == pytest.approx(gain)
+    assert changed.per_pixel / closed_form(LAB).per_pixel == pytest.approx(gain, rel=0.01)
+
+
+def test_a_pupil_that_catches_everything_reads_0_db():
+    all_caught = dict(closed_form(replace(LAB, pupil_diameter_m=1e9)).rows)["virtual detector to pupil"]
+    assert 10 * np.log10(all_caught) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_rows_multiply_to_the_total_without_underflow():

@@ -1,0 +1,89 @@
+"""How to spend a photon budget: into how many frames and patches, for the least error of the estimate.
+
+The paper's section 4.B ("Goldilocks zone"): few long exposures leave too few samples (K small), many short
+ones bury each in shot noise (floor over peak large). Patches trade resolution against samples.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from radiometry.errors import InputError, positive
+from radiometry.noise_budget import degrees_of_freedom, estimate_error
+from radiometry.prediction import Prediction, predict
+
+FRAME_COUNTS = (2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 56, 80, 113, 160, 226, 320, 452, 640, 905, 1280)
+RELATIVE_TOLERANCE = 0.02
+"""Among plans within this much of the least error, the one with the fewest frames is chosen."""
+
+
+@dataclass(frozen=True)
+class Division:
+    """One way to spend the budget, with the predicted relative L2 error of the floor-subtracted estimate."""
+
+    frames: int
+    exposure_s: float
+    patch: int
+    patches: int
+    pitch_m: float
+    floor_over_peak: float
+    dof: int
+    error: float
+
+
+def error_of(prediction: Prediction, frames: int, floor: float) -> float:
+    """Predicted relative error over all 127 x 127 lags."""
+    signal = prediction.signal
+    return estimate_error(float(signal.sum()), float((signal**2).sum()), signal.size, floor,
+                          degrees_of_freedom(frames, prediction.grid.count))
+
+
+def divide(geometry: Any, budget_s: float, resolution_m: float = 300e-6,
+           counts: tuple[int, ...] = FRAME_COUNTS) -> list[Division]:
+    """Every way to divide `budget_s` seconds of exposure, fewest frames first.
+
+    Args:
+        geometry: of the scene; its own exposure plays no part.
+        resolution_m: coarsest lag pitch that will do; patches are the smallest that reach it.
+
+    Raises InputError for a budget that is not positive, or a scene without light.
+    """
+    positive("--budget-s", budget_s)
+    positive("--resolution-m", resolution_m)
+    facts = (geometry.wavelength_m, geometry.distance_m, geometry.pixel_pitch_m)
+    smallest = int(np.ceil(facts[0] * facts[1] / (resolution_m * facts[2]) - 0.5))
+    shorter = min(geometry.frame_shape)
+    if smallest > shorter // 2:
+        raise InputError("--resolution-m", f"{2 * facts[0] * facts[1] / (shorter * facts[2]):.3g} m or coarser in this scene",
+                         resolution_m, "choose a coarser one or a nearer wall")
+    prediction = predict(geometry, max(smallest, 127))
+    exposure = geometry.electronics.exposure_s
+    divisions = []
+    for frames in counts:
+        shrink = budget_s / frames / exposure
+        terms = replace(prediction.terms, signal=prediction.terms.signal * shrink, dark=prediction.terms.dark * shrink,
+                        detector_modes=float("inf"))
+        floor = terms.floor_over_peak()
+        if floor is None:
+            raise InputError("scene", "light from the hidden object", "none", "raise power or albedo")
+        divisions.append(Division(frames, budget_s / frames, prediction.grid.size, prediction.grid.count, prediction.pitch_m,
+                                  floor, prediction.dof(frames), error_of(prediction, frames, floor)))
+    return divisions
+
+
+def best(divisions: list[Division]) -> Division:
+    """The fewest frames whose error is within 2 % of the least."""
+    least = min(division.error for division in divisions)
+    return next(division for division in divisions if division.error <= (1.0 + RELATIVE_TOLERANCE) * least)
+
+
+def measured_error(estimate: np.ndarray, prediction: Prediction) -> float:
+    """Relative error of an estimate against the known r*r, gain and floor fitted, scaled to the same lags."""
+    from radiometry.noise_level import INDEPENDENT, fit_known_signal
+
+    gain, floor = fit_known_signal(estimate, prediction.signal)
+    residual = estimate - floor - gain * prediction.signal
+    return float(np.sqrt((residual[INDEPENDENT] ** 2).sum() / ((gain * prediction.signal[INDEPENDENT]) ** 2).sum()))

@@ -1,0 +1,83 @@
+"""Noise statistics of estimates, and the published lab series they are read from."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from radiometry.errors import InputError
+from radiometry.noise_level import RING, centre_filled, extrapolated_peak, fit_known_signal, read_noise_level
+
+CORNER = 20
+"""Side of the signal-free corner whose mean and variance the paper plots."""
+
+BROKEN_EXPOSURE_S = 1.5
+"""The lab's longest exposure, whose floor rises again: left out of the fit."""
+
+
+def corner(estimate: np.ndarray, dof: int, **facts: float) -> dict[str, float]:
+    """Mean and variance of the signal-free corner; fixed lines through zero lag never reach it."""
+    values = estimate[:CORNER, :CORNER].astype(np.float64)
+    return {**facts, "dof": dof, "mean": float(values.mean()), "variance": float(values.var(ddof=1))}
+
+
+def slope(x: Sequence[float], y: Sequence[float]) -> float:
+    """Slope through the origin, each point weighted by its relative error (the noise is multiplicative)."""
+    ratio = np.asarray(y) / np.asarray(x)
+    return float(np.exp(np.log(ratio).mean()))
+
+
+def _lab_pictures(folder: Path, pattern: str) -> list[tuple[float, np.ndarray]]:
+    """(number in the name, lags) of every picture that fits `pattern`, in order."""
+    from invert.capture import read_autocorrelation  # reading pictures is the inverter's; library code never needs it
+
+    found = []
+    for path in sorted(folder.glob("*.png")):
+        match = re.fullmatch(pattern, path.name)
+        if match:
+            found.append((float(match.group(1)), read_autocorrelation(path)[0]))
+    if not found:
+        raise InputError("--measured", "published autocorrelations of the 2020 paper", f"none named like {pattern} in {folder}",
+                         "check the folder")
+    return sorted(found, key=lambda pair: pair[0])
+
+
+def _lab_series(folder: Path) -> list[tuple[float, np.ndarray]]:
+    return [(usec * 1e-6, lags) for usec, lags in _lab_pictures(folder, r"lowExp_7_2_(\d+)usec_.*\.png")]
+
+
+def lab_over_exposure(folder: Path) -> list[dict[str, float]]:
+    return [corner(lags, 64, exposure_s=exposure_s) for exposure_s, lags in _lab_series(folder)]
+
+
+def lab_over_patches(folder: Path) -> list[dict[str, float]]:
+    return [corner(lags, int(patches), patches=patches) for patches, lags in
+            _lab_pictures(folder, r"._n2_corr_x100_nzero1_npatch(\d+)\.png")]
+
+
+def lab_floor(folder: Path) -> dict[str, Any]:
+    """Fit b / peak = a / t + c to the lab's exposure series, by least relative error.
+
+    The object's r*r is taken from the exposures of half a second and more, floor removed, and fitted to each
+    picture, so that short exposures, whose own peak drowns, still have a scale.
+    """
+    series = _lab_series(folder)
+    long = [centre_filled(lags - read_noise_level(lags, 1.0).floor, 0.0) for t, lags in series if 0.5 <= t < BROKEN_EXPOSURE_S]
+    template = np.clip(np.mean([lags / lags.max() for lags in long], axis=0), 0.0, None)
+    template[read_noise_level(template).signal_ring < RING] = 0.0
+    peak = extrapolated_peak(template, read_noise_level(template))
+    points = []
+    for exposure_s, lags in series:
+        gain, floor = fit_known_signal(lags, template)
+        points.append({"exposure_s": exposure_s, "floor_over_peak": floor / (gain * peak)})
+    used = [p for p in points if p["exposure_s"] < 0.99 * BROKEN_EXPOSURE_S]
+    t, b = (np.array([p[name] for p in used]) for name in ("exposure_s", "floor_over_peak"))
+    basis = np.stack([1.0 / t, np.ones_like(t)], axis=1) / b[:, None]
+    (a, c), _, _, _ = np.linalg.lstsq(basis, np.ones_like(t), rcond=None)
+    covariance = np.linalg.inv(basis.T @ basis) * np.mean((basis @ [a, c] - 1.0) ** 2)
+    error = np.sqrt(np.diag(covariance))
+    return {"a_s": float(a), "a_error_s": float(error[0]), "c": float(c), "c_error": float(error[1]), "points": points}

@@ -1,0 +1,131 @@
+"""Noise level of an autocorrelation estimate, read back from it: floor b, degrees of freedom K, signal height.
+
+Reads the floor b and K from lags without signal, and the height of the signal over the floor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from radiometry.autocorrelation import LAGS
+
+_STEP = np.arange(-LAGS, LAGS + 1)
+ROW_LAG, COLUMN_LAG = np.meshgrid(_STEP, _STEP, indexing="ij")
+RING = np.maximum(np.abs(ROW_LAG), np.abs(COLUMN_LAG))
+"""Square ring of every lag: the autocorrelation of an object in a box lies inside one ring."""
+
+INDEPENDENT = (ROW_LAG > 0) | ((ROW_LAG == 0) & (COLUMN_LAG > 0))
+"""One of every pair of equal lags (+lag and -lag), zero lag left out."""
+
+OUTERMOST = LAGS - 8
+"""Rings beyond this are the first guess of where no signal is."""
+
+INNERMOST = LAGS // 2
+"""Rings inside this are never taken for signal-free: half the picture holds lags enough."""
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """Floor b (in the estimate's units), degrees of freedom K, and the ring where the signal ends.
+
+    `dof` is None where the outer lags do not vary (no noise at all).
+    """
+
+    floor: float
+    dof: float | None
+    signal_ring: int
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of a lag without signal."""
+        return self.floor / self.dof**0.5 if self.dof else 0.0
+
+
+def _on_axis() -> np.ndarray:
+    """Lags on the row or column through zero, where read noise of lines collects."""
+    return (ROW_LAG == 0) | (COLUMN_LAG == 0)
+
+
+def _moments(values: np.ndarray, quantisation: float) -> tuple[float, float | None]:
+    """Mean and K = mean^2 / variance; the variance of rounding to `quantisation` is taken out."""
+    mean = float(values.mean(dtype=np.float64))
+    variance = float(values.var(dtype=np.float64, ddof=1)) - quantisation**2 / 12.0
+    return mean, (mean**2 / variance if variance > 1e-12 * mean**2 else None)
+
+
+def read_noise_level(estimate: np.ndarray, quantisation: float = 0.0) -> NoiseLevel:
+    """Read floor and K from the outer lags of an estimate.
+
+    Starts from the outermost rings and moves inwards while a ring's mean agrees with those outside
+    it; the row and column through zero lag are left out.
+
+    Args:
+        estimate: (127, 127), zero lag in the middle.
+        quantisation: step of an estimate stored as integers (1 for 8-bit pictures), 0 for none.
+    """
+    usable = INDEPENDENT & ~_on_axis()
+    mean, dof = _moments(estimate[usable & (RING > OUTERMOST)], quantisation)
+    boundary, misses = OUTERMOST, 0
+    for ring in range(OUTERMOST, INNERMOST, -1):
+        values = estimate[usable & (ring == RING)]
+        spread = (mean**2 / dof if dof else 0.0) + quantisation**2 / 12.0
+        if abs(float(values.mean()) - mean) > 3.0 * (spread / values.size) ** 0.5 + 1e-9 * abs(mean):
+            misses += 1
+            if misses == 2:
+                break
+        else:
+            boundary, misses = ring - 1, 0
+            mean, dof = _moments(estimate[usable & (boundary < RING)], quantisation)
+    return NoiseLevel(mean, dof, boundary)
+
+
+def extrapolated_peak(estimate: np.ndarray, noise: NoiseLevel, radius: int = 4) -> float:
+    """Height of r*r at zero lag above the floor, from the lags around it.
+
+    A weighted least-squares surface of constant, cone and paraboloid through lags 1..`radius`; the
+    cone is there because r*r of an object with edges has a cusp. Zero lag itself is never used: it
+    holds laser power drift, and published estimates set it to zero.
+    """
+    distance = np.hypot(ROW_LAG, COLUMN_LAG)
+    near = INDEPENDENT & (distance <= radius)
+    row, column, cone = ROW_LAG[near].astype(float), COLUMN_LAG[near].astype(float), distance[near]
+    basis = np.stack([np.ones_like(row), cone, (row**2 - column**2) / cone, row * column / cone,
+                      row**2, column**2, row * column], axis=1)
+    values = estimate[near].astype(np.float64)
+    if values.max() <= 0.0:
+        return 0.0
+    weight = 1.0 / np.maximum(values, max(noise.floor, 1e-3 * values.max()))
+    solution = np.linalg.lstsq(basis * weight[:, None], (values - noise.floor) * weight, rcond=None)[0]
+    return max(float(solution[0]), 0.0)
+
+
+def fit_known_signal(estimate: np.ndarray, signal: np.ndarray, iterations: int = 20) -> tuple[float, float]:
+    """Fit estimate = gain x signal + floor over all lags off the axes; returns (gain, floor).
+
+    Iteratively reweighted least squares with weights 1/S^2, which is the maximum-likelihood fit of
+    Gamma noise with constant K.
+
+    Args:
+        estimate: (127, 127).
+        signal: (127, 127), H (r*r) as the patch window smooths it.
+    """
+    use = INDEPENDENT & ~_on_axis()
+    basis = np.stack([signal[use].astype(np.float64), np.ones(int(use.sum()))], axis=1)
+    values = estimate[use].astype(np.float64)
+    model = np.full_like(values, values.mean())
+    gain, floor = 0.0, float(values.mean())
+    for _ in range(iterations):
+        weight = 1.0 / model
+        gain, floor = np.linalg.lstsq(basis * weight[:, None], values * weight, rcond=None)[0]
+        model = np.maximum(basis @ np.array([gain, floor]), 1e-6 * values.mean())
+    return float(gain), float(floor)
+
+
+def centre_filled(estimate: np.ndarray, value: float) -> np.ndarray:
+    """Copy of an estimate with zero lag replaced by `value`."""
+    filled = np.array(estimate, dtype=np.float32)
+    filled[LAGS, LAGS] = value
+    return filled
+

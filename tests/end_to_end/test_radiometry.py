@@ -1,0 +1,90 @@
+"""The radiometry commands: account, exposure planner, validation."""
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mitsuba")
+
+from radiometry.__main__ import main as account
+from radiometry.lab_series import lab_floor
+from radiometry.plan import main as plan
+from radiometry.validate import main as validate
+from scenes import scene_path
+
+SCENE = scene_path("corner_letter")
+
+
+def test_the_account_is_the_contract_s(command):
+    code, out, err = command(account, SCENE, "--json")
+    result = json.loads(out)
+    assert (code, err) == (0, "")
+    assert result["per_pixel_db"] == pytest.approx(-182.0, abs=1.5)
+    assert result["photons_per_second"] == pytest.approx(2.7e6, rel=0.35)
+    assert sum(row["db"] for row in result["rows"]) == pytest.approx(result["per_pixel_db"])
+    low, high = result["monte_carlo"]["interval_db"]
+    assert low < result["per_frame_db"] < high
+    assert result["floor_over_peak"] == pytest.approx(0.04, rel=0.05)
+    assert result["dof"] == 64
+    code, text, _ = command(account, SCENE)
+    assert "closed form" in text
+    assert "laser safety" in text
+
+
+def test_definitions_scale_the_account(command):
+    def run(*definitions: str) -> dict:
+        options = [part for definition in definitions for part in ("-D", definition)]
+        return json.loads(command(account, SCENE, "--json", "--samples", "10000", *options)[1])
+
+    base, far, dim = run(), run("standoff=2"), run("power=0.03")
+    assert far["per_frame_db"] - base["per_frame_db"] == pytest.approx(-6.02, abs=0.02)
+    assert far["monte_carlo"]["per_frame_db"] - base["monte_carlo"]["per_frame_db"] == pytest.approx(-6.02, abs=0.02)
+    assert dim["photons_per_second"] == pytest.approx(0.1 * base["photons_per_second"])
+    dark = run("power=0")
+    assert dark["floor_over_peak"] is None
+    assert dark["photons_per_second"] == 0.0
+
+
+@pytest.mark.parametrize(("arguments", "words"), [(["-D", "power=-1"], "power"), (["--samples", "1"], "samples"),
+                                                  (["-D", "standoff=0"], "virtual_detector"), (["--frames", "0"], "--frames")])
+def test_bad_input_is_one_line(command, arguments, words):
+    code, out, err = command(account, SCENE, *arguments)
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    assert words in err
+
+
+def test_the_planned_optimum_is_the_rendered_one(command, tmp_path):
+    code, _, _ = command(plan, SCENE, "--budget-s", "0.25", "--check", "20", "-o", tmp_path)
+    assert code == 0
+    result = json.loads((tmp_path / "plan.json").read_text())
+    errors = {int(frames): error for frames, error in result["rendered_error"].items()}
+    for division in result["divisions"]:
+        if 4 <= division["frames"] <= 20:  # two frames scatter by a tenth themselves
+            assert errors[division["frames"]] == pytest.approx(division["error"], rel=0.15)
+    assert errors[result["chosen"]["frames"]] < 1.1 * min(errors.values())
+    assert (tmp_path / "plan.png").exists()
+    code, _, err = command(plan, SCENE, "--budget-s", "0", "-o", tmp_path)
+    assert code == 2
+    assert "--budget-s" in err
+
+
+def test_lab_floor_falls_as_one_over_exposure(measured):
+    fit = lab_floor(measured)
+    assert fit["a_s"] == pytest.approx(0.037, rel=0.25)
+    assert 0.0 < fit["c"] < 0.03
+    broken = max(fit["points"], key=lambda point: point["exposure_s"])
+    assert broken["floor_over_peak"] > 2.0 * (fit["a_s"] / broken["exposure_s"] + fit["c"])
+
+
+@pytest.mark.slow
+def test_validation_slopes(command, tmp_path, measured):
+    code, _, _ = command(validate, "-o", tmp_path, "--measured", measured)
+    assert code == 0
+    result = json.loads((tmp_path / "validation.json").read_text())
+    for name in ("rendered", "measured"):
+        assert result[name]["variance_over_mean_squared"] == pytest.approx(1 / 64, rel=0.15)
+        assert result[name]["variance_over_mean_times_n"] == pytest.approx(1.0, rel=0.15)
+    assert all(np.isfinite(point["variance"]) for point in result["rendered"]["exposure"])
+    assert {path.name for path in tmp_path.glob("*.png")} == {"noise_statistics.png", "photon_budget.png", "lab_floor.png"}
