@@ -33,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     patch = _check(options)
     from invert.capture import CameraFacts, read_capture
     from invert.estimate import estimate_from_frames, published_estimate
-    from invert.result import read_truth
+    from invert.result import check_truth_pitch, read_truth
     from radiometry.output import output_folder
 
     begin = time.perf_counter()
@@ -46,6 +46,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         capture = read_capture(options.inputs, known, options.dark)
         read_s = time.perf_counter() - begin
         estimates = [estimate_from_frames(capture, patch, options.device)]
+        if options.truth:
+            check_truth_pitch(options.truth, estimates[0].pitch_m)
 
     output = output_folder(options.output)
     for estimate in estimates:
@@ -84,11 +86,15 @@ def _check(options) -> int | None:
 
         if not torch.cuda.is_available():
             raise InputError("--device", "a CUDA GPU and a torch build that uses it", "none", "use --device cpu")
+    if options.autocorrelation and (options.patch != "auto" or options.dark is not None):
+        raise InputError("--autocorrelation", "estimates as they are", "--patch or --dark, which go with frames",
+                         "leave them out")
     if options.patch == "auto":
         return None
-    if not options.patch.isdigit():
-        raise InputError("--patch", "a number of pixels or auto", options.patch, "choose another")
-    return int(options.patch)
+    try:
+        return int(options.patch)
+    except ValueError:
+        raise InputError("--patch", "a number of pixels or auto", options.patch, "choose another") from None
 
 
 if __name__ == "__main__":

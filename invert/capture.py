@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,6 +12,12 @@ import numpy as np
 from radiometry.autocorrelation import SIDE
 from radiometry.errors import InputError, positive
 from radiometry.frames import FrameHeader, read_frame
+
+OWN_RESULTS = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "truth.npy"}
+"""Files that this program writes beside frames, never frames themselves."""
+
+LARGEST_PIXEL = 1e9
+"""Beyond any camera's numbers, and safe to square and sum in single precision."""
 
 FRAME_KINDS = (".exr", ".tif", ".tiff", ".png", ".npy")
 """In a folder, the first kind that is there is the capture."""
@@ -48,7 +55,8 @@ def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
     files: list[Path] = []
     for item in map(Path, inputs):
         if item.is_dir():
-            inside = sorted(path for path in item.iterdir() if path.is_file() and not path.name.startswith("."))
+            inside = sorted(path for path in item.iterdir() if path.is_file() and not path.name.startswith(".")
+                            and path.name not in OWN_RESULTS)
             kinds = [[path for path in inside if path.suffix.lower() == kind] for kind in FRAME_KINDS]
             found = next((paths for paths in kinds if paths), [])
             if not found:
@@ -70,29 +78,40 @@ def read_capture(inputs: Sequence[str | Path], known: CameraFacts, dark: Path | 
     """
     files = find_frames(inputs)
     frames: list[np.ndarray] = []
-    facts: CameraFacts | None = None
+    seen: set[bytes] = set()
+    first: FrameHeader | None = None
     for file in files:
         pixels, header = read_picture(file)
         check_frame(pixels, file)
         if frames and pixels.shape != frames[0].shape:
             raise InputError("frames", f"frames of one size ({frames[0].shape[1]} x {frames[0].shape[0]}, as {files[0].name})",
                              f"{pixels.shape[1]} x {pixels.shape[0]} in {file.name}", "give frames of one camera setting")
-        if any(pixels.any() and np.array_equal(pixels, other) for other in frames):
+        digest = hashlib.sha256(np.ascontiguousarray(pixels)).digest()
+        if digest in seen and pixels.any():
             raise InputError("frames", "independent frames", f"{file.name} repeats an earlier frame pixel for pixel",
                              "leave the copy out")
-        own = _facts_of(header)
-        if facts is not None and own != facts:
-            raise InputError("frames", "frames of one capture (same wavelength, pitch and distance)",
+        seen.add(digest)
+        if frames and _capture_of(header) != _capture_of(first):
+            raise InputError("frames", "frames of one capture (same scene, exposure, wavelength, pitch and distance)",
                              f"another header in {file.name}", "invert the captures one by one")
-        facts = own
+        first = header if not frames else first
         frames.append(pixels)
     if dark is not None:
+        if not dark.is_file():
+            raise InputError("--dark", "a dark frame", f"no {dark}", "check the path")
         offset, _ = read_picture(dark)
+        if not np.isfinite(offset).all():
+            raise InputError("--dark", "finite pixels", f"NaN or infinity in {dark.name}", "give another")
         if offset.shape != frames[0].shape:
             raise InputError("--dark", f"a dark frame of the frames' size {frames[0].shape}", offset.shape, "give another")
         frames = [frame - offset for frame in frames]
     given = {name: positive(name, value) for name, value in vars(known).items() if value is not None}
-    return Capture(frames, files, replace(facts or CameraFacts(), **given))
+    facts = replace(_facts_of(first), **given)
+    lacking = [name for name in ("wavelength_m", "pixel_pitch_m", "distance_m") if getattr(facts, name) is None]
+    if given and lacking:
+        options = ", ".join("--" + name.replace("_", "-") for name in lacking)
+        raise InputError("camera facts", "wavelength, pixel pitch and distance together", f"no {options}", f"add {options}")
+    return Capture(frames, files, facts)
 
 
 def read_picture(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
@@ -119,6 +138,8 @@ def read_picture(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
                          "give one channel of intensity, one frame a file")
     if pixels.dtype.kind not in "uif":
         raise InputError("frame", "numbers", f"{file.name} of type {pixels.dtype}", "convert it to 16-bit integers or floats")
+    if pixels.size and not (np.abs(np.nan_to_num(pixels, posinf=0.0, neginf=0.0)) <= LARGEST_PIXEL).all():
+        raise InputError("frame", f"pixels up to {LARGEST_PIXEL:g}", f"larger ones in {file.name}", "scale the frames down")
     return pixels.astype(np.float32), None
 
 
@@ -126,12 +147,19 @@ def check_frame(pixels: np.ndarray, file: Path) -> None:
     """Refuse frames that cannot be speckle. All-zero frames are legal: a short exposure may be empty."""
     if not np.isfinite(pixels).all():
         raise InputError("frame", "finite pixels", f"NaN or infinity in {file.name}", "leave the frame out")
+    if pixels.shape in ((SIDE, SIDE), (SIDE, 2 * SIDE)):
+        raise InputError("frame", "speckle", f"{file.name}, as large as a published autocorrelation", "add --autocorrelation")
     if pixels.size and pixels.flat[0] != 0.0 and np.ptp(pixels) == 0.0:
         raise InputError("frame", "speckle", f"the same value {pixels.flat[0]:g} everywhere in {file.name}",
                          "check the exposure or leave the frame out")
     if min(pixels.shape) < SIDE:
         raise InputError("frame", f"at least {SIDE} x {SIDE} pixels", f"{pixels.shape[1]} x {pixels.shape[0]} in {file.name}",
                          "give larger frames")
+
+
+def _capture_of(header: FrameHeader | None) -> FrameHeader | None:
+    """What all frames of a capture have in common: their header but for seed and number."""
+    return header and replace(header, seed=0, frame=0)
 
 
 def _facts_of(header: FrameHeader | None) -> CameraFacts:
@@ -147,7 +175,8 @@ def read_autocorrelation(file: Path) -> tuple[np.ndarray, float]:
     A 127 x 254 picture is read as its left half. Raises InputError where it is not one.
     """
     if not file.is_file():
-        raise InputError("autocorrelation", "a picture or array", f"no {file}", "check the path")
+        found = "a folder" if file.is_dir() else "no"
+        raise InputError("autocorrelation", "a picture or array", f"{found} {file}", "check the path")
     pixels, _ = read_picture(file)
     if pixels.shape == (SIDE, 2 * SIDE):
         pixels = pixels[:, :SIDE]

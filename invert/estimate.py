@@ -53,7 +53,7 @@ def estimate_from_frames(capture: Capture, patch: int | None, device: str) -> Es
     begin = time.perf_counter()
     geometry = capture.facts.lag_geometry
     shape = (capture.frames[0].shape[0], capture.frames[0].shape[1])
-    grid = patch_grid(shape, patch or automatic_patch_size(shape, geometry))
+    grid = patch_grid(shape, automatic_patch_size(shape, geometry) if patch is None else patch)
     estimator = AutocorrelationEstimator(grid, device)
     for frame in capture.frames:
         estimator.add(frame)

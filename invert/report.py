@@ -34,7 +34,8 @@ def save_report(path: Path, *, frame: np.ndarray | None, estimate: np.ndarray, a
     panels: list[tuple[str, np.ndarray, dict[str, float]]] = []
     if frame is not None:
         corner = frame[:257, :257]
-        panels.append(("speckle (one patch, electrons)", corner, {"vmin": 0.0, "vmax": float(max(corner.max(), 1.0))}))
+        limits = {"vmin": float(corner.min()), "vmax": float(max(corner.max(), corner.min() + 1.0))}
+        panels.append(("speckle (a corner of the first frame)", corner, limits))
     shown = np.array(estimate)
     shown[LAGS, LAGS] = np.partition(shown.ravel(), -2)[-2]
     panels.append(("autocorrelation estimate", shown, {"vmin": float(np.quantile(shown, 0.01)), "vmax": float(shown.max())}))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from radiometry.output import save_array, save_json
 
 
 def read_truth(path: Path) -> np.ndarray:
-    """A known albedo, float32 (64, 64), one pixel a lag (cell means)."""
+    """A known albedo, float32 (64, 64), one pixel a lag (cell means). Raises InputError where it is not one."""
     if not path.is_file():
         raise InputError("--truth", "an albedo, one pixel a lag", f"no {path}", "check the path")
     truth, _ = read_picture(path)
@@ -31,6 +32,20 @@ def read_truth(path: Path) -> np.ndarray:
     return truth
 
 
+def check_truth_pitch(path: Path, pitch_m: float | None) -> None:
+    """A truth.npy beside the sim.json of its capture says its pitch: refuse to compare it with another."""
+    beside = path.with_name("sim.json")
+    if pitch_m is None or not beside.is_file():
+        return
+    try:
+        truth_pitch_m = float(json.loads(beside.read_text())["lag_pitch_m"])
+    except (ValueError, KeyError, TypeError):
+        return
+    if abs(truth_pitch_m - pitch_m) > 0.01 * pitch_m:
+        raise InputError("--truth", f"a pitch of {pitch_m * 1e6:.4g} um, the estimate's",
+                         f"{truth_pitch_m * 1e6:.4g} um in {beside}", "leave --patch at auto or resample the truth")
+
+
 def write_result(folder: Path, estimate: Estimate, measurement: Measurement, result: Reconstruction,
                  truth: np.ndarray | None, settings: dict[str, Any], seconds: dict[str, float]) -> dict[str, Any]:
     """Write albedo.npy, albedo.png, autocorrelation.npy, report.png and, last, result.json; returns its content.
@@ -38,11 +53,13 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
     With a truth the albedo is moved onto it, and the floor over peak is read by fitting the known
     r*r to all lags instead of extrapolating the measured ones to zero lag.
     """
-    albedo, floor_over_peak, comparison = result.albedo, measurement.floor_over_peak, {}
+    (folder / "result.json").unlink(missing_ok=True)  # an older result must not vouch for half of a new one
+    albedo, comparison = result.albedo, {}
+    floor_over_peak, floor_error = measurement.floor_over_peak, measurement.floor_over_peak_error
     if truth is not None:
         pearson, albedo = aligned_pearson(albedo, truth)
         comparison = {"pearson": pearson}
-        floor_over_peak = floor_over_known_peak(estimate, truth)
+        floor_over_peak, floor_error = floor_over_known_peak(estimate, truth), None
     summary = {
         "input": estimate.name,
         **settings,
@@ -50,6 +67,7 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
         "confidence": result.confidence,
         "noise": {
             "floor_over_peak": floor_over_peak,
+            "floor_over_peak_error": floor_error,
             "dof": measurement.noise.dof,
             "detection_sigma": measurement.detection if np.isfinite(measurement.detection) else None,
             "lines_mended": list(measurement.mended),
@@ -75,7 +93,7 @@ def floor_over_known_peak(estimate: Estimate, truth: np.ndarray) -> float | None
     signal = window_smooth(known)
     if estimate.transfer is not None:
         signal *= estimate.transfer
-    if not signal.any():
+    if not signal.any() or not estimate.lags.any():
         return None
     gain, floor = fit_known_signal(estimate.lags, signal)
     return floor / (gain * peak_of_cell_means(known)) if gain > 0.0 else None

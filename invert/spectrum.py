@@ -25,6 +25,7 @@ class Measurement:
         estimate: (127, 127) float32, zero lag at [63, 63], lines through zero lag mended.
         noise: floor, degrees of freedom, ring where the signal ends.
         peak: (r*r)(0) above the floor, patch window deconvolved; 0 where no object is found.
+        peak_error: its standard error.
         detection: how many standard deviations the signal stands above the floor (all lags together).
         mended: names of lines through zero lag that were replaced ("row", "column").
     """
@@ -32,12 +33,18 @@ class Measurement:
     estimate: np.ndarray
     noise: NoiseLevel
     peak: float
+    peak_error: float
     detection: float
     mended: tuple[str, ...]
 
     @property
     def floor_over_peak(self) -> float | None:
         return self.noise.floor / self.peak if self.peak > 0.0 else None
+
+    @property
+    def floor_over_peak_error(self) -> float | None:
+        """Standard error of `floor_over_peak`."""
+        return self.noise.floor * self.peak_error / self.peak**2 if self.peak > 0.0 else None
 
 
 def read_measurement(estimate: np.ndarray, quantisation: float = 0.0, transfer: np.ndarray | None = None) -> Measurement:
@@ -53,24 +60,28 @@ def read_measurement(estimate: np.ndarray, quantisation: float = 0.0, transfer: 
         # Beyond the signal there is nothing to restore, only noise to raise.
         usable = np.where(noise.signal_ring >= RING, np.maximum(transfer, 0.05), 1.0)
         mended_estimate = noise.floor + (mended_estimate - np.float32(noise.floor)) / usable.astype(np.float32)
-    peak = extrapolated_peak(mended_estimate, noise)
-    return Measurement(centre_filled(mended_estimate, noise.floor + peak), noise, peak, found, mended)
+    peak, peak_error = extrapolated_peak(mended_estimate, noise)
+    return Measurement(centre_filled(mended_estimate, noise.floor + peak), noise, peak, peak_error, found, mended)
 
 
 def mend_lines(estimate: np.ndarray, noise: NoiseLevel) -> tuple[np.ndarray, tuple[str, ...]]:
     """Replace the row or column through zero lag by its neighbours' mean where its outer part stands out.
 
     Read noise that whole sensor rows (or columns) share is white along them, so it fills exactly
-    that line of the power spectrum; an object that long would reach the outer lags beside it too.
+    that line of the power spectrum. Signal that leaks along an axis has a cusp there too, but fills
+    the lines beside it, so a line is judged against what these extrapolate to.
     """
     mended = np.array(estimate, np.float32)
     names = []
     outside = np.abs(np.arange(-LAGS, LAGS + 1)) > noise.signal_ring
     outside[:LAGS] = False
     for name, view in (("row", mended), ("column", mended.T)):
-        spread = max(noise.deviation, 1e-6 * noise.floor) / outside.sum() ** 0.5
-        if view[LAGS, outside].mean() - noise.floor > 5.0 * spread:
-            view[LAGS] = 0.5 * (view[LAGS - 1] + view[LAGS + 1])
+        beside = 0.5 * (view[LAGS - 1] + view[LAGS + 1])
+        next_beside = 0.5 * (view[LAGS - 2] + view[LAGS + 2])
+        level = float((2.0 * beside - next_beside)[outside].mean())
+        spread = 2.0 * level / (noise.dof or 1e6) ** 0.5 / outside.sum() ** 0.5
+        if view[LAGS, outside].mean() - level > max(5.0 * spread, 0.15 * level):
+            view[LAGS] = beside
             names.append(name)
     return mended, tuple(names)
 

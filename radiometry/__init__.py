@@ -2,9 +2,16 @@
 
     photons.py          photon rates, coherence area, ideal noise floor
     throughput.py       closed-form light budget, one row a factor
+    path_tracing.py     Monte Carlo light budget on a Mitsuba scene
+    safety.py           laser safety of the spot
     transfer.py         H: pupil and pixel
     autocorrelation.py  frames -> patches -> estimate (Eqs. 8 and 9), and what a patch window does to r*r
-    noise_level.py      floor and degrees of freedom of an estimate
+    noise_level.py      floor, degrees of freedom and signal read from an estimate
+    noise_model.py      S = H (r*r) + b, Gamma and Gaussian: draws and likelihood
+    noise_budget.py     what the floor is made of; degrees of freedom; error of an estimate
+    prediction.py       all of these for a scene
+    exposure_planner.py how to divide a photon budget (command: plan.py)
+    validate.py         rendered and lab noise against prediction (lab_series.py, validation_figures.py)
     frames.py           EXR frames with their header (exr_version.py: one attribute of it)
     errors.py           InputError: name, expected, found, remedy
     output.py           folders and files, never half-written

@@ -1,4 +1,4 @@
-"""`correlograph sim|invert ...`: the module commands under one name."""
+"""`correlograph sim|radiometry|invert ...`: the module commands under one name."""
 
 from __future__ import annotations
 
@@ -7,7 +7,14 @@ from importlib import import_module
 
 from radiometry.errors import InputError, run_command
 
-COMMANDS = {"sim": "sim.__main__", "invert": "invert.__main__", "letters": "data_gen.letters"}
+COMMANDS = {
+    "sim": "sim.__main__",
+    "radiometry": "radiometry.__main__",
+    "plan": "radiometry.plan",
+    "validate": "radiometry.validate",
+    "invert": "invert.__main__",
+    "letters": "data_gen.letters",
+}
 
 
 def _dispatch(argv: list[str] | None = None) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 
 class InputError(ValueError):
@@ -20,19 +20,32 @@ class InputError(ValueError):
 
 
 class ArgumentParser(argparse.ArgumentParser):
-    """argparse whose usage errors are one line, like every other error of the commands."""
+    """argparse whose usage errors are one line, like every other error of the commands; no abbreviated options."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(allow_abbrev=False, **settings)
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}; see '{self.prog} --help'\n")
+        self.exit(2, f"error: {self.prog}: {message}; see '{self.prog} --help'\n")
+
+
+LARGEST = 1e15
+SMALLEST = 1e-30
 
 
 def positive(name: str, value: float, *, zero_allowed: bool = False) -> float:
-    """Return `value` as a float if it is finite and positive; raise InputError otherwise."""
-    number = float(value)
-    if not (0.0 <= number < float("inf")) or (number == 0.0 and not zero_allowed):
-        kind = "a finite number, zero or more" if zero_allowed else "a finite number above zero"
-        raise InputError(name, kind, value, f"correct {name}")
-    return number
+    """Return `value` as a float if it lies within bounds that no physical quantity in SI units leaves.
+
+    Raises InputError for anything else, NaN and text included.
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = float("nan")
+    if SMALLEST <= number <= LARGEST or (zero_allowed and number == 0.0):
+        return number
+    kind = f"a number{' that is zero or' if zero_allowed else ''} between {SMALLEST:g} and {LARGEST:g}"
+    raise InputError(name, kind, value, f"correct {name}")
 
 
 def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str] | None = None) -> NoReturn:
@@ -41,6 +54,11 @@ def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str
         main(argv)
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except OSError as error:
+        found = " ".join(str(error).split())
+        print(f"error: files: expected ones that can be read and written, found {found}; check paths, rights and free space",
+              file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
-from radiometry.errors import InputError
+from radiometry.errors import InputError, positive
 from radiometry.exr_version import add_version, read_version
 from radiometry.output import atomic, silenced
 
@@ -66,4 +66,9 @@ def read_frame(path: Path) -> tuple[np.ndarray, FrameHeader | None]:
     pixels = next(iter(channels.values())).astype(np.float32)
     known = {field.name: attributes[field.name] for field in fields(FrameHeader) if field.name in attributes}
     required = {field.name for field in fields(FrameHeader) if field.default is not None}
-    return pixels, FrameHeader(**known) if required <= set(known) else None
+    if not required <= set(known):
+        return pixels, None
+    for name, value in known.items():
+        if name.endswith(("_m", "_s")):
+            known[name] = positive(f"{name} of {path.name}", value)
+    return pixels, FrameHeader(**known)

@@ -69,7 +69,7 @@ def lab_floor(folder: Path) -> dict[str, Any]:
     long = [centre_filled(lags - read_noise_level(lags, 1.0).floor, 0.0) for t, lags in series if 0.5 <= t < BROKEN_EXPOSURE_S]
     template = np.clip(np.mean([lags / lags.max() for lags in long], axis=0), 0.0, None)
     template[read_noise_level(template).signal_ring < RING] = 0.0
-    peak = extrapolated_peak(template, read_noise_level(template))
+    peak, _ = extrapolated_peak(template, read_noise_level(template))
     points = []
     for exposure_s, lags in series:
         gain, floor = fit_known_signal(lags, template)

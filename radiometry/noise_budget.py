@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 
-from radiometry.errors import positive
+from radiometry.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,10 @@ class NoiseTerms:
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            if not (name in ("detector_modes", "grain_pixels") and value == math.inf):
-                positive(name, value, zero_allowed=name not in ("detector_modes", "grain_pixels"))
+            may_be_infinite = name in ("detector_modes", "grain_pixels")  # nothing modelled, nothing there
+            legal = value > 0.0 if may_be_infinite else 0.0 <= value < math.inf
+            if not legal:
+                raise InputError(name, "a finite variance or mean, zero or more", value, f"correct {name}")
 
     def over_peak(self) -> dict[str, float | None]:
         """Each term's share of floor over peak; None for all without signal.

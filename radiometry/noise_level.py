@@ -78,11 +78,19 @@ def read_noise_level(estimate: np.ndarray, quantisation: float = 0.0) -> NoiseLe
         else:
             boundary, misses = ring - 1, 0
             mean, dof = _moments(estimate[usable & (boundary < RING)], quantisation)
+    # A boxcar patch leaks signal along both axes of the lags, but hardly into their corners.
+    corners = usable & (np.minimum(np.abs(ROW_LAG), np.abs(COLUMN_LAG)) > min(boundary, OUTERMOST - 12))
+    corner_mean, corner_dof = _moments(estimate[corners], quantisation)
+    sides = usable & (boundary < RING) & ~corners
+    spread = (corner_mean**2 / corner_dof if corner_dof else 0.0) + quantisation**2 / 12.0
+    error = (spread * (1.0 / corners.sum() + 1.0 / max(sides.sum(), 1))) ** 0.5
+    if sides.any() and abs(float(estimate[sides].mean()) - corner_mean) > 3.0 * error + 1e-9 * abs(corner_mean):
+        mean, dof = corner_mean, corner_dof
     return NoiseLevel(mean, dof, boundary)
 
 
-def extrapolated_peak(estimate: np.ndarray, noise: NoiseLevel, radius: int = 4) -> float:
-    """Height of r*r at zero lag above the floor, from the lags around it.
+def extrapolated_peak(estimate: np.ndarray, noise: NoiseLevel, radius: int = 4) -> tuple[float, float]:
+    """Height of r*r at zero lag above the floor, and its standard error, from the lags around it.
 
     A weighted least-squares surface of constant, cone and paraboloid through lags 1..`radius`; the
     cone is there because r*r of an object with edges has a cusp. Zero lag itself is never used: it
@@ -95,10 +103,13 @@ def extrapolated_peak(estimate: np.ndarray, noise: NoiseLevel, radius: int = 4) 
                       row**2, column**2, row * column], axis=1)
     values = estimate[near].astype(np.float64)
     if values.max() <= 0.0:
-        return 0.0
+        return 0.0, 0.0
     weight = 1.0 / np.maximum(values, max(noise.floor, 1e-3 * values.max()))
-    solution = np.linalg.lstsq(basis * weight[:, None], (values - noise.floor) * weight, rcond=None)[0]
-    return max(float(solution[0]), 0.0)
+    weighted = basis * weight[:, None]
+    solution = np.linalg.lstsq(weighted, (values - noise.floor) * weight, rcond=None)[0]
+    # Gamma noise: every weighted lag has the variance 1 / K.
+    error = float(np.linalg.inv(weighted.T @ weighted)[0, 0] / noise.dof) ** 0.5 if noise.dof else 0.0
+    return max(float(solution[0]), 0.0), error
 
 
 def fit_known_signal(estimate: np.ndarray, signal: np.ndarray, iterations: int = 20) -> tuple[float, float]:

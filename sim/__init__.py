@@ -10,6 +10,7 @@
     propagation/     object -> virtual detector, one kernel a file
     camera.py        field -> photoelectrons: pupil, pixel, noise
     frame.py         the flow above for one frame
+    capture_folder.py  the folder of frames, replaced as a whole
     __main__.py      the command
 
 Importing it sets a Mitsuba variant (unless one is set) and registers the plugins, so that

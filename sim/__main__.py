@@ -6,11 +6,11 @@ import json
 import sys
 import time
 from collections.abc import Sequence
-from pathlib import Path
 
 from radiometry.errors import ArgumentParser, InputError, positive, run_command
 
 VERSION_UNKNOWN = "uninstalled"
+SATURATION_WORTH_A_WARNING = 1e-3
 
 
 def parser() -> ArgumentParser:
@@ -63,18 +63,19 @@ def _check(options) -> None:
 
 
 def _render(geometry, plan, digest: str, definitions: dict[str, str], options) -> None:
-    """Draw every frame, then write what they share; frames left by an earlier, longer run are removed."""
+    """Draw every frame into a hidden folder, then move all at once: a stopped run leaves an older capture whole."""
     from tqdm import tqdm
 
     from radiometry.frames import FrameHeader, write_frame
     from radiometry.output import output_folder, save_array, save_json
+    from sim.capture_folder import frame_path, replace_capture, staging_folder
     from sim.frame import Simulation
 
     folder = output_folder(options.output)
-    (folder / "sim.json").unlink(missing_ok=True)
+    staging = staging_folder(folder)
     begin = time.perf_counter()
     simulation = Simulation(geometry, options.device)
-    render_s = write_s = 0.0
+    render_s = write_s = saturated = 0.0
     for number in tqdm(range(options.frames), desc="frames", unit="frame", disable=None):
         started = time.perf_counter()
         frame = simulation.expected(options.seed, number) if options.mean else simulation.frame(options.seed, number)
@@ -82,14 +83,13 @@ def _render(geometry, plan, digest: str, definitions: dict[str, str], options) -
         header = FrameHeader(geometry.wavelength_m, geometry.pixel_pitch_m, geometry.distance_m,
                              geometry.electronics.exposure_s, options.seed, number, digest, _version(),
                              geometry.pupil_diameter_m, geometry.pupil_distance_m)
-        write_frame(_frame_path(folder, number), frame.numpy(), header)
+        write_frame(frame_path(staging, number), frame.numpy(), header)
+        if geometry.electronics.full_well:
+            saturated += float((frame >= geometry.electronics.full_well).double().mean()) / options.frames
         render_s, write_s = render_s + rendered - started, write_s + time.perf_counter() - rendered
-    for stale in folder.glob("frame_[0-9]*.exr"):
-        if stale.name not in {_frame_path(folder, number).name for number in range(options.frames)}:
-            stale.unlink()
     truth, pitch_m = lag_grid_albedo(geometry)
-    save_array(folder / "truth.npy", truth)
-    save_json(folder / "sim.json", {
+    save_array(staging / "truth.npy", truth)
+    save_json(staging / "sim.json", {
         "scene": str(options.scene),
         "scene_sha256": digest,
         "definitions": definitions,
@@ -98,9 +98,14 @@ def _render(geometry, plan, digest: str, definitions: dict[str, str], options) -
         "lag_pitch_m": pitch_m,
         "mean_photoelectrons_per_pixel": simulation.mean_photoelectrons,
         "expected_photoelectrons_only": options.mean,
+        "frames": options.frames,
+        "saturated_fraction": saturated,
         "plan": plan,
         "seconds": {"prepare": time.perf_counter() - begin - render_s - write_s, "render": render_s, "write": write_s},
     })
+    replace_capture(staging, folder)
+    if saturated > SATURATION_WORTH_A_WARNING:
+        print(f"warning: full_well: {100 * saturated:.3g} % of the pixels are saturated", file=sys.stderr)
     print(f"{options.frames} frames: {folder}")
 
 
@@ -112,10 +117,6 @@ def lag_grid_albedo(geometry):
     grid = patch_grid(geometry.frame_shape, automatic_patch_size(geometry.frame_shape, facts))
     pitch_m = grid.lag_pitch_m(*facts)
     return geometry.hidden_object.cell_means(pitch_m, 64), pitch_m
-
-
-def _frame_path(folder: Path, number: int) -> Path:
-    return folder / f"frame_{number:04d}.exr"
 
 
 def _version() -> str:

@@ -13,7 +13,7 @@ from radiometry.throughput import closed_form
 from sim.camera import expose, mean_image, transfer_function
 from sim.geometry import Geometry, read_geometry
 from sim.illumination import illuminate
-from sim.plan import check_rough, check_sampling
+from sim.plan import check
 from sim.propagation.fraunhofer import fraunhofer
 
 
@@ -24,8 +24,7 @@ class Simulation:
     """
 
     def __init__(self, geometry: Geometry, device: str = "cpu") -> None:
-        check_sampling(geometry)
-        check_rough(geometry)
+        check(geometry)
         self.geometry = geometry
         self.device = torch.device(device)
         pitch = geometry.object_pitch_m

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import mitsuba as mi
 import numpy as np
 
+from radiometry.autocorrelation import SIDE
 from radiometry.errors import InputError
 from radiometry.throughput import LightPath
 from sim.hidden_object import HiddenObject, is_hidden_object
@@ -44,9 +45,13 @@ class Geometry:
     pupil_distance_m: float
     electronics: Electronics
     light_path: LightPath
+    baffled: bool
+    """Whether a shape stands on the straight line from the virtual source to the virtual detector."""
     direct_light: float
     """Fraction of the laser's light that one square metre of the virtual detector receives straight
     from the virtual source: zero when a baffle, or the walls' own facing, blocks it."""
+    other_emitters: int
+    """Emitters beside the laser: ambient light."""
 
     @property
     def wavelength_m(self) -> float:
@@ -87,7 +92,8 @@ def read_geometry(scene: mi.Scene) -> Geometry:
     spot_point, source_normal, source_albedo = _first_hit(scene, laser.origin, laser.direction, source, "the laser beam")
     detector_centre, detector_normal, detector_albedo = _first_hit(scene, camera.pupil_centre, camera.axis, detector,
                                                                    "the axis of the speckle_camera")
-    height, width = int(camera.film().size()[1]), int(camera.film().size()[0])
+    height, width = _film_size(camera)
+    _check_spot_fits(scene, laser, source)
     right = _unit(np.cross(camera.axis, camera.up))
     right, down = (_unit(v - detector_normal * (v @ detector_normal)) for v in (right, -camera.up))
     _check_frame_fits(scene, camera, detector, detector_centre, right, down, (height, width))
@@ -132,6 +138,8 @@ def read_geometry(scene: mi.Scene) -> Geometry:
         pupil_distance_m=path.detector_to_pupil_m,
         electronics=camera.electronics,
         light_path=path,
+        baffled=is_blocked(scene, spot_point, detector_centre),
+        other_emitters=len(scene.emitters()) - 1,
         direct_light=_direct_light(scene, path.source_albedo, spot_point, source_normal, detector_centre, detector_normal),
     )
 
@@ -174,6 +182,26 @@ def _check_frame_fits(scene: mi.Scene, camera: SpeckleCamera, detector: mi.Shape
     for sign_down, sign_right in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         corner = centre + sign_down * half_height * down + sign_right * half_width * right
         _first_hit(scene, camera.pupil_centre, _unit(corner - camera.pupil_centre), detector, "a corner of the frame")
+
+
+def _film_size(camera: SpeckleCamera) -> tuple[int, int]:
+    """Rows and columns of the film, which must not be cropped and must hold one patch of all lags."""
+    film = camera.film()
+    height, width = int(film.size()[1]), int(film.size()[0])
+    if [int(n) for n in film.crop_size()] != [width, height]:
+        raise InputError("film", "the whole film", f"a crop of {film.crop_size()}", "set width and height instead")
+    if min(height, width) < SIDE:
+        raise InputError("film", f"at least {SIDE} x {SIDE} pixels (one patch)", f"{width} x {height}", "enlarge it")
+    return height, width
+
+
+def _check_spot_fits(scene: mi.Scene, laser: Laser, source: mi.Shape) -> None:
+    """The whole beam must land on the virtual source."""
+    across = _unit(np.cross(laser.direction, [0.577, 0.211, 0.789]))
+    up = np.cross(laser.direction, across)
+    for turn in np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False):
+        edge = laser.origin + 0.5 * laser.spot_diameter_m * (np.cos(turn) * across + np.sin(turn) * up)
+        _first_hit(scene, edge, laser.direction, source, "the edge of the laser beam")
 
 
 def _direct_light(scene: mi.Scene, source_albedo: float, spot: np.ndarray, source_normal: np.ndarray,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import drjit as dr
@@ -9,6 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from radiometry.errors import InputError
+from sim.plugins.phase_screen import PhaseScreen
 
 MEASURING_GRID = 512
 """Samples along the longer side of the object when its area and cosines are measured."""
@@ -45,13 +47,19 @@ class HiddenObject:
         self.line_of_sight = line / np.linalg.norm(line)
         self.right = _perpendicular(right, self.line_of_sight)
         self.down = _perpendicular(down, self.line_of_sight)
+        if not np.isfinite([low, high]).all() or np.abs([low, high]).max() > 1e9:
+            raise InputError("hidden_object", "a finite place and size", f"{low} to {high}", "correct its to_world")
         corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
         corners -= self.centre
         self.extent_m = (float(np.ptp(corners @ self.down)), float(np.ptp(corners @ self.right)))
         self.depth_m = float(np.ptp(corners @ self.line_of_sight))
-        if max(self.extent_m) == 0.0:
-            raise InputError("hidden_object", "a shape with a surface", "no extent", "correct its to_world")
+        if min(self.extent_m) <= 1e-6 * max(self.extent_m):
+            raise InputError("hidden_object", "a shape with a surface towards the virtual detector",
+                             f"{self.extent_m[1]:g} x {self.extent_m[0]:g} m", "correct its to_world")
         self._measured = self._measure()
+        self.height_rms_m = min((shape.bsdf().height_rms_m for shape in scene.shapes()
+                                 if is_hidden_object(shape) and isinstance(shape.bsdf(), PhaseScreen)), default=math.inf)
+        """Smallest surface roughness; a BSDF that is no phase_screen counts as rough."""
 
     def sample(self, pitch_m: tuple[float, float], shape: tuple[int, int]) -> Samples:
         """Sample at the cell centres of a grid (rows, columns) centred on the object."""
@@ -90,6 +98,8 @@ class HiddenObject:
         pitch = max(self.extent_m) / MEASURING_GRID
         shape = tuple(int(np.ceil(extent / pitch)) or 1 for extent in self.extent_m)
         seen = self.sample((pitch, pitch), (shape[0], shape[1]))
+        if float(seen.albedo.max()) > 1.0 + 1e-4:
+            raise InputError("hidden_object", "an albedo of at most 1", float(seen.albedo.max()), "correct its reflectance")
         lit = seen.cosine_out > 0.0
         area = np.where(lit, seen.albedo / np.where(lit, seen.cosine_out, 1.0), 0.0).astype(np.float64) * pitch**2
         total = float(area.sum())

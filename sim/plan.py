@@ -40,11 +40,28 @@ def check_sampling(geometry: Geometry) -> None:
 
 
 def check_rough(geometry: Geometry) -> None:
-    """A virtual source smoother than about lambda / 4 keeps a specular part, which is not modelled."""
-    phase_rms = 4.0 * math.pi * geometry.spot.height_rms_m / geometry.wavelength_m
-    if phase_rms < math.pi:
-        raise InputError("height_rms", f"a rough virtual source, {geometry.wavelength_m / 4.0:.3g} m or more",
-                         geometry.spot.height_rms_m, "the specular part of smooth walls is not modelled")
+    """Surfaces smoother than about lambda / 4 keep a specular part, which is not modelled."""
+    smoothest = {"virtual source": geometry.spot.height_rms_m, "hidden_object": geometry.hidden_object.height_rms_m}
+    for name, height_rms_m in smoothest.items():
+        if 4.0 * math.pi * height_rms_m / geometry.wavelength_m < math.pi:
+            raise InputError("height_rms", f"a rough {name}, {geometry.wavelength_m / 4.0:.3g} m or more", height_rms_m,
+                             "the specular part of smooth surfaces is not modelled")
+
+
+def check_exposure(geometry: Geometry) -> None:
+    """Photoelectrons must fit the random generator and single precision."""
+    electronics = geometry.electronics
+    rate = closed_form(geometry.light_path).photoelectrons_per_pixel_s + electronics.dark_current
+    if not rate * electronics.exposure_s < 1e12:
+        raise InputError("exposure", "fewer than 1e12 electrons in a pixel", f"{rate * electronics.exposure_s:.3g}",
+                         "lower exposure, power or dark_current")
+
+
+def check(geometry: Geometry) -> None:
+    """Raise InputError where the scene cannot be modelled as `statistical` accuracy asks."""
+    check_sampling(geometry)
+    check_rough(geometry)
+    check_exposure(geometry)
 
 
 def effects(geometry: Geometry, terms: NoiseTerms) -> list[Effect]:
@@ -71,6 +88,8 @@ def effects(geometry: Geometry, terms: NoiseTerms) -> list[Effect]:
         Effect("quantisation", electronics.bits > 0, _set_or_zero(electronics.bits), 0.0),
         Effect("detector_roughness", False, "subjective speckle of the virtual detector adds this much floor over peak",
                terms.over_peak()["detector_speckle"] or 0.0),
+        Effect("direct_light", False, "blocked by a shape" if geometry.baffled else "not blocked by any shape", 0.0),
+        Effect("ambient", False, f"{geometry.other_emitters} emitters beside the laser", 0.0),
         Effect("depolarisation", False, "the walls are taken to keep polarisation", 0.0),
         Effect("linewidth", False, "the laser is taken to be monochromatic", 0.0),
     ]
@@ -85,19 +104,20 @@ def make_plan(geometry: Geometry, frames: int, tolerance: float) -> dict[str, An
 
     Raises InputError where the scene cannot be modelled at all.
     """
-    check_sampling(geometry)
-    check_rough(geometry)
+    check(geometry)
     pixels = math.prod(geometry.frame_shape)
     prediction = predict(geometry)
     listed = effects(geometry, prediction.terms)
     budget = closed_form(geometry.light_path)
     warnings = [f"{effect.name}: predicted error {effect.predicted_error:.2g} exceeds the tolerance {tolerance:g}"
                 for effect in listed if effect.predicted_error > tolerance]
-    if geometry.direct_light > 0.0:
+    warnings += scene_warnings(geometry, prediction.pitch_m)
+    if not geometry.baffled:
         per_frame = (geometry.direct_light * pixels * geometry.pixel_pitch_m**2 * _detector_to_pixel(geometry)
                      * budget.laser_photons_per_s)
-        warnings.append(f"direct_light: virtual source and virtual detector see each other; {per_frame:.3g} photoelectrons/s "
-                        "a frame would come straight from the source and are not modelled; add a baffle between them")
+        warnings.append("direct_light: nothing stands between virtual source and virtual detector; "
+                        f"{per_frame:.3g} photoelectrons/s a frame come straight from the source (none if it faces away) "
+                        "and are not modelled; add a baffle")
     return {
         "accuracy": "statistical",
         "tolerance": tolerance,
@@ -111,6 +131,21 @@ def make_plan(geometry: Geometry, frames: int, tolerance: float) -> dict[str, An
         "throughput": budget.as_dict(),
         "ideal_floor_over_peak": prediction.shot_floor_over_peak,
     }
+
+
+def scene_warnings(geometry: Geometry, pitch_m: float) -> list[str]:
+    """What the scene holds that will not show as its author may think."""
+    width_m, lags_m = max(geometry.hidden_object.extent_m), 64 * pitch_m
+    warnings = []
+    if width_m > lags_m:
+        warnings.append(f"hidden_object: {width_m * 1e3:.3g} mm across, but the 64 lags of {pitch_m * 1e6:.4g} um that "
+                        f"truth.npy and invert hold end at {lags_m * 1e3:.3g} mm; render a smaller one, or invert with a "
+                        "smaller --patch")
+    if closed_form(geometry.light_path).per_pixel == 0.0:
+        warnings.append("hidden_object: none of its light reaches the camera; check its albedo, its facing, and occluders")
+    if geometry.other_emitters:
+        warnings.append(f"ambient: {geometry.other_emitters} emitter(s) beside the laser are not modelled")
+    return warnings
 
 
 def _detector_to_pixel(geometry: Geometry) -> float:

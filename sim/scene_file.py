@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import mitsuba as mi
 
 from radiometry.errors import InputError
+from sim.variant import check_loadable
 
 
 def parse_definitions(pairs: list[str]) -> dict[str, str]:
@@ -18,8 +19,10 @@ def parse_definitions(pairs: list[str]) -> dict[str, str]:
     definitions = {}
     for pair in pairs:
         key, equals, value = pair.partition("=")
-        if not key or not equals:
+        if not key or not equals or not value:
             raise InputError("-D", "key=value", pair, "write it as -D exposure=0.125")
+        if key in definitions:
+            raise InputError(f"-D {key}", "one value", f"both {definitions[key]} and {value}", "give it once")
         definitions[key] = value
     return definitions
 
@@ -38,23 +41,30 @@ def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -
         root = ElementTree.fromstring(content)
     except ElementTree.ParseError as error:
         raise InputError("scene", "well-formed XML", f"{path} ({error})", "correct the file") from None
+    check_loadable(root)
     defaults = {node.get("name", ""): node.get("value", "") for node in root.iter("default")}
     given = dict(definitions or {})
     unknown = sorted(set(given) - set(defaults))
     if unknown:
         raise InputError(f"-D {unknown[0]}", f"one of the scene's parameters ({', '.join(defaults) or 'none'})",
                          unknown[0], "correct the name or add a <default> to the scene")
-    given = {key: str(Path(value).resolve()) if _is_file(value) else value for key, value in given.items()}
-    assets = _assets(root, path.parent, {**defaults, **given})
+    names = _file_parameters(root, defaults)
+    for key in names & set(given):
+        if Path(given[key]).is_file():
+            given[key] = str(Path(given[key]).resolve())
+    effective = {**defaults, **given}
+    assets = _assets(root, path.parent, effective)
     try:
         scene = mi.load_file(str(path), optimize=False, **given)
     except Exception as error:  # Mitsuba raises bare exceptions, and wraps those of plugins in its own
         raise _as_input_error(error, path) from None
-    return scene, _digest(content, assets, given)
+    return scene, _digest(content, assets, {key: value for key, value in effective.items() if key not in names})
 
 
-def _is_file(value: str) -> bool:
-    return bool(value) and Path(value).is_file()
+def _file_parameters(root: ElementTree.Element, parameters: Mapping[str, str]) -> set[str]:
+    """Parameters that stand in file names."""
+    texts = [node.get("value", "") for node in root.iter("string") if node.get("name") == "filename"]
+    return {key for key in parameters if any(re.search(rf"\${re.escape(key)}\b", text) for text in texts)}
 
 
 def _assets(root: ElementTree.Element, folder: Path, parameters: Mapping[str, str]) -> list[Path]:
@@ -63,8 +73,8 @@ def _assets(root: ElementTree.Element, folder: Path, parameters: Mapping[str, st
     for node in root.iter("string"):
         if node.get("name") == "filename":
             name = node.get("value", "")
-            for key, value in parameters.items():
-                name = name.replace(f"${key}", value)
+            for key in sorted(parameters, key=len, reverse=True):
+                name = name.replace(f"${key}", parameters[key])
             file = folder / name
             if not file.is_file():
                 raise InputError("scene", f"the file that {node.get('value')} stands for", f"no {file}", "check the path")
@@ -73,12 +83,12 @@ def _assets(root: ElementTree.Element, folder: Path, parameters: Mapping[str, st
 
 
 def _digest(content: bytes, assets: list[Path], definitions: Mapping[str, str]) -> str:
-    """Hash that does not depend on where the files lie."""
+    """Hash that does not depend on where the files lie, nor on whether a default is spelt out."""
     digest = hashlib.sha256(content)
     for file in assets:
         digest.update(file.read_bytes())
     for key, value in sorted(definitions.items()):
-        digest.update(f"\0{key}={'' if _is_file(value) else value}".encode())
+        digest.update(f"\0{key}={value}".encode())
     return digest.hexdigest()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 from radiometry.errors import InputError
 from radiometry.output import silenced
@@ -45,13 +46,30 @@ def llvm_major() -> int | None:
     return int(found.group(1)) if found else None
 
 
+def _old_llvm() -> int | None:
+    """The version in use if it is too old to compile all of Mitsuba."""
+    major = llvm_major()
+    return major if major is not None and major < _LLVM_WITH_MAXIMUM and mi.variant().startswith("llvm") else None
+
+
+def check_loadable(root: ElementTree.Element) -> None:
+    """The same for the XML of a scene: smooth normals of a mesh are computed while it loads."""
+    major = _old_llvm()
+    for node in root.iter("shape"):
+        flat = any(child.get("name") == "face_normals" and child.get("value") == "true" for child in node)
+        if major and node.get("type") in ("ply", "obj") and not flat:
+            raise InputError(node.get("id", "shape"), f"libLLVM {_LLVM_WITH_MAXIMUM} or newer for a mesh with smooth normals",
+                             f"libLLVM {major}", "'apt-get install libllvm19', or give the mesh "
+                             '<boolean name="face_normals" value="true"/>')
+
+
 def check_compilable(scene: mi.Scene) -> None:
     """Refuse what an older libLLVM cannot compile, because it would end the process without a word.
 
     Dr.Jit's minimum and maximum need LLVM 17 on x86; spheres, disks, cylinders and microfacet BSDFs use them.
     """
-    major = llvm_major()
-    if major is None or major >= _LLVM_WITH_MAXIMUM or not mi.variant().startswith("llvm"):
+    major = _old_llvm()
+    if major is None:
         return
     for shape in scene.shapes():
         described = str(shape.bsdf())

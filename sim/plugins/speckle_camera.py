@@ -36,6 +36,8 @@ class Electronics:
             positive(name, getattr(self, name), zero_allowed=True)
         if not 0.0 <= self.quantum_efficiency <= 1.0:
             raise InputError("quantum_efficiency", "a ratio between 0 and 1", self.quantum_efficiency, "correct it")
+        if self.bits != int(self.bits) or self.bits > 32:
+            raise InputError("bits", "a whole number up to 32", self.bits, "correct it")
         if self.bits and not self.full_well:
             raise InputError("bits", "a full_well, which is the converter's range", "bits without full_well",
                              "add full_well to the speckle_camera")

@@ -16,7 +16,7 @@ pytest.importorskip("mitsuba")
 from invert.__main__ import main as invert
 from invert.metrics import aligned_pearson
 from scenes import scene_path
-from sim.__main__ import main as sim
+from sim.__main__ import main as sim_main
 
 SCENE = scene_path("corner_letter")
 
@@ -25,12 +25,12 @@ SCENE = scene_path("corner_letter")
 def capture(tmp_path_factory) -> Path:
     """Two frames of the F at 1/8 s, rendered by the command."""
     folder = tmp_path_factory.mktemp("capture")
-    sim([str(SCENE), "-o", str(folder), "-D", "exposure=0.125", "--seed", "4"])
+    sim_main([str(SCENE), "-o", str(folder), "-D", "exposure=0.125", "--seed", "4"])
     return folder
 
 
 def contents(folder: Path, pattern: str) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.glob(pattern))}
+    return {path.name: path.read_bytes() for path in sorted(folder.glob(pattern)) if path.is_file()}
 
 
 def test_the_capture_is_complete(capture):
@@ -68,7 +68,7 @@ def test_the_letter_comes_back_unmirrored(capture, tmp_path, command):
 
 
 def test_one_seed_gives_one_answer(capture, tmp_path):
-    sim([str(SCENE), "-o", str(tmp_path / "again"), "-D", "exposure=0.125", "--seed", "4"])
+    sim_main([str(SCENE), "-o", str(tmp_path / "again"), "-D", "exposure=0.125", "--seed", "4"])
     assert contents(capture, "*.exr") == contents(tmp_path / "again", "*.exr")
     assert contents(capture, "*.npy") == contents(tmp_path / "again", "*.npy")
     for name in ("a", "b"):
@@ -77,21 +77,45 @@ def test_one_seed_gives_one_answer(capture, tmp_path):
 
 
 def test_a_shorter_run_leaves_no_frames_of_a_longer_one(tmp_path):
-    sim([str(SCENE), "-o", str(tmp_path), "--frames", "3"])
-    sim([str(SCENE), "-o", str(tmp_path), "--frames", "1"])
+    sim_main([str(SCENE), "-o", str(tmp_path), "--frames", "3"])
+    sim_main([str(SCENE), "-o", str(tmp_path), "--frames", "1"])
     assert [path.name for path in tmp_path.glob("*.exr")] == ["frame_0000.exr"]
+
+
+def test_a_stopped_run_leaves_the_older_capture_whole(capture, tmp_path, monkeypatch):
+    import shutil
+
+    from sim.frame import Simulation
+
+    folder = tmp_path / "capture"
+    shutil.copytree(capture, folder)
+    before = contents(folder, "*")
+    real = Simulation.frame
+
+    def stop_at_the_second(self, seed, number):
+        if number == 1:
+            raise KeyboardInterrupt
+        return real(self, seed, number)
+
+    monkeypatch.setattr(Simulation, "frame", stop_at_the_second)
+    with pytest.raises(KeyboardInterrupt):
+        sim_main([str(SCENE), "-o", str(folder), "-D", "albedo=R.png"])
+    assert {name: content for name, content in contents(folder, "*.*").items() if not name.startswith(".partial")} == before
+    monkeypatch.undo()
+    sim_main([str(SCENE), "-o", str(folder), "--frames", "1"])
+    assert sorted(path.name for path in folder.iterdir()) == ["frame_0000.exr", "sim.json", "truth.npy"]
 
 
 def test_mean_frames_are_expectations(tmp_path, letter_simulation):
     from radiometry.frames import read_frame
 
-    sim([str(SCENE), "-o", str(tmp_path), "--mean", "--frames", "1", "-D", "exposure=1"])
+    sim_main([str(SCENE), "-o", str(tmp_path), "--mean", "--frames", "1", "-D", "exposure=1"])
     pixels, _ = read_frame(tmp_path / "frame_0000.exr")
     assert np.array_equal(pixels, letter_simulation("F", exposure="1").expected(0, 0).numpy())
 
 
 def test_plan_is_json_and_renders_nothing(tmp_path, command):
-    code, out, err = command(sim, SCENE, "--plan", "-o", tmp_path / "none", "-D", "exposure=1")
+    code, out, err = command(sim_main, SCENE, "--plan", "-o", tmp_path / "none", "-D", "exposure=1")
     plan = json.loads(out)
     assert (code, err) == (0, "")
     assert not (tmp_path / "none").exists()
@@ -101,8 +125,8 @@ def test_plan_is_json_and_renders_nothing(tmp_path, command):
 
 
 def test_an_exposure_too_short_for_a_photon_finds_no_object(tmp_path, command):
-    sim([str(SCENE), "-o", str(tmp_path / "dark"), "-D", "exposure=1e-12"])
-    code, out, _ = command(invert, tmp_path / "dark", "-o", tmp_path / "result")
+    sim_main([str(SCENE), "-o", str(tmp_path / "dark"), "-D", "exposure=1e-12"])
+    code, out, _ = command(invert, tmp_path / "dark", "-o", tmp_path / "result", "--truth", tmp_path / "dark" / "truth.npy")
     result = json.loads((tmp_path / "result" / "result.json").read_text())
     assert code == 0
     assert "no object" in out
@@ -141,11 +165,14 @@ def malformed(folder: Path) -> Path:
     (lambda f: [SCENE, "-o", f / "out", "--frames", "0"], "--frames"),
     (lambda f: [SCENE, "-o", f / "out", "--seed", "-3"], "--seed"),
     (lambda f: [SCENE, "-o", "/proc/out"], "output folder"),
+    (lambda f: [SCENE, "-o", f / "out", "-D", "exposure=1e14"], "electrons"),
+    (lambda f: [SCENE, "-o", f / "out", "-D", "power=1", "-D", "power=2"], "power"),
+    (lambda f: [SCENE, "-o", f / "out", "--pl"], "--pl"),
     (lambda f: [SCENE], "-o"),
     (lambda f: [SCENE, "--frobnicate"], "frobnicate"),
 ])
 def test_bad_scenes_are_one_line(tmp_path, command, arguments, words):
-    code, out, err = command(sim, *arguments(tmp_path))
+    code, out, err = command(sim_main, *arguments(tmp_path))
     assert (code, out) == (2, "")
     assert err.count("\n") == 1
     assert words in err
@@ -182,6 +209,13 @@ def photograph(folder: Path) -> Path:
     (lambda f, c: [truncated(f, c)], "cut.exr"),
     (lambda f, c: [c, "--patch", "20"], "patch"),
     (lambda f, c: [c, "--patch", "x"], "--patch"),
+    (lambda f, c: [c, "--patch", "0"], "patch"),
+    (lambda f, c: [c, "--patch", "400", "--truth", c / "truth.npy"], "--truth"),
+    (lambda f, c: [c, "--dark", f / "none.npy"], "--dark"),
+    (lambda f, c: [saved(f, a=NOISE, b=NOISE[::-1]), "--distance-m", "1"], "--wavelength-m"),
+    (lambda f, c: [saved(f, a=NOISE * 1e30)], "pixels up to"),
+    (lambda f, c: [saved(f, a=NOISE[:127, :254])], "--autocorrelation"),
+    (lambda f, c: ["--autocorrelation", c], "a folder"),
     (lambda f, c: [c, "--distance-m", "-1"], "distance_m"),
     (lambda f, c: [c, "--truth", f / "none.npy"], "--truth"),
     (lambda f, c: ["--autocorrelation", c / "truth.npy"], "127 x 127"),

@@ -58,4 +58,11 @@ def test_the_peak_is_extrapolated_without_zero_lag(random):
     estimate = (lags / lags.max() + 0.1).astype(np.float32)
     noise = read_noise_level(estimate)
     estimate[LAGS, LAGS] = 77.0
-    assert extrapolated_peak(estimate, noise) == pytest.approx(1.0, rel=0.1)
+    assert extrapolated_peak(estimate, noise)[0] == pytest.approx(1.0, rel=0.1)
+
+
+def test_the_peaks_error_is_its_scatter(random):
+    peaks, errors = np.transpose([extrapolated_peak(e, read_noise_level(e)) for e in
+                                  (gamma_estimate(random, 0.1, 64.0) for _ in range(60))])
+    assert peaks.mean() == pytest.approx(1.0, rel=0.1)
+    assert errors.mean() == pytest.approx(peaks.std(), rel=0.35)

@@ -103,14 +103,48 @@ def test_an_occluder_darkens_the_object(tmp_path, letter_simulation):
 
 
 def test_light_straight_from_the_source_is_reported(tmp_path, letter_simulation):
-    assert letter_simulation("F").geometry.direct_light == 0.0
-    looks_at = '<lookat origin="0.1039558, 0, 0.4890738" target='
-    facing = (looks_at + '"0, 0, 0"', looks_at + '"-0.5, 0, 0.49"')
-    baffled = read_geometry(edited(tmp_path, facing))
-    assert baffled.direct_light == 0.0
-    open_scene = read_geometry(edited(tmp_path, facing, (r'<shape type="rectangle" id="baffle">.*?</shape>', "")))
-    assert open_scene.direct_light > 0.0
+    assert letter_simulation("F").geometry.baffled
+    assert make_plan(letter_simulation("F").geometry, 2, 1e-2)["warnings"] == []
+    no_baffle = (r'<shape type="rectangle" id="baffle">.*?</shape>', "")
+    open_scene = read_geometry(edited(tmp_path, no_baffle))
+    assert not open_scene.baffled
     assert any("baffle" in warning for warning in make_plan(open_scene, 2, 1e-2)["warnings"])
+    looks_at = '<lookat origin="0.1039558, 0, 0.4890738" target='
+    facing = (looks_at + '"0, 0, 0"', looks_at + '"0, 0.6, 0.62"')
+    assert read_geometry(edited(tmp_path, facing)).direct_light == 0.0
+    assert read_geometry(edited(tmp_path, facing, no_baffle)).direct_light > 0.0
+
+
+def test_what_a_scene_holds_in_vain_is_reported(tmp_path):
+    light = '<emitter type="constant"><spectrum name="radiance" value="1"/></emitter></scene>'
+    turned = ('<rotate z="1" angle="180"/>', '<rotate y="1" angle="180"/>')
+    wide = ('<scale x="0.005" y="0.005"/>', '<scale x="0.012" y="0.012"/>')
+    for change, word in ((("</scene>", light), "ambient"), (turned, "none of its light"), (wide, "64 lags")):
+        warnings = make_plan(read_geometry(edited(tmp_path, change)), 2, 1e-2)["warnings"]
+        assert any(word in warning for warning in warnings), word
+
+
+@pytest.mark.parametrize(("old", "new", "name"), [
+    ('name="spot_diameter" value="5e-3"', 'name="spot_diameter" value="0.1"', "edge of the laser beam"),
+    ('name="width" value="2464"', 'name="width" value="100"', "film"),
+    ('name="width" value="2464"/>', 'name="width" value="2464"/><integer name="crop_width" value="256"/>', "film"),
+    ('<texture type="bitmap".*?</texture>', '<spectrum name="reflectance" value="2"/>', "albedo of at most 1"),
+    ('<scale x="0.005" y="0.005"/>', '<scale x="0" y="0.005"/>', "hidden_object"),
+    ('<float name="magnification"',
+     '<float name="bits" value="1.5"/><float name="full_well" value="9"/><float name="magnification"', "bits"),
+])
+def test_impossible_scenes_are_refused(tmp_path, old, new, name):
+    with pytest.raises(InputError, match=name):
+        read_geometry(edited(tmp_path, (old, new)))
+
+
+def test_the_hash_speaks_of_content_not_of_names(tmp_path):
+    def digest(**definitions: str) -> str:
+        return load_scene(LETTER_SCENE, definitions)[1]
+
+    same = {digest(), digest(albedo="F.png"), digest(albedo=str(LETTER_SCENE.parent / "F.png")), digest(exposure="0.125")}
+    assert len(same) == 1
+    assert len({*same, digest(albedo="R.png"), digest(exposure="0.5")}) == 3
 
 
 def test_an_object_too_large_for_the_frame_says_how_far_to_move(letter_simulation):
