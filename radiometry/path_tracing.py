@@ -36,12 +36,14 @@ class MonteCarlo:
         half = _NORMAL_95 * self.standard_error
         return max(self.per_frame - half, 0.0), self.per_frame + half
 
-    def as_dict(self) -> dict[str, Any]:
-        def db(value: float) -> float | None:
-            return decibel(value) if value > 0.0 else None
+    @property
+    def per_frame_db(self) -> float:
+        return decibel(self.per_frame)
 
-        low, high = self.interval
-        return {"per_frame_db": db(self.per_frame), "interval_db": [db(low), db(high)], "samples": self.samples}
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready; nothing arriving reads null."""
+        decibels = [value if math.isfinite(value) else None for value in map(decibel, (self.per_frame, *self.interval))]
+        return {"per_frame_db": decibels[0], "interval_db": decibels[1:], "samples": self.samples}
 
 
 def estimate_throughput(scene: Any, samples: int = DEFAULT_SAMPLES, seed: int = 0) -> MonteCarlo:

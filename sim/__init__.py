@@ -1,7 +1,7 @@
 """Coherent simulator: one Mitsuba scene file in, speckle frames out.
 
     variant.py       picks the Mitsuba variant
-    plugins/         laser, phase_screen, speckle_camera, speckle: the scene vocabulary
+    plugins/         laser, phase_screen, speckle_camera, speckle, throughput: the scene vocabulary
     scene_file.py    loads and checks a scene file, hashes what it is made of
     geometry.py      scene -> Geometry: distances, cosines, the light path
     hidden_object.py scene -> the albedo seen from the virtual detector, on any grid

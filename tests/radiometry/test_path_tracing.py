@@ -42,6 +42,12 @@ def test_the_interval_covers_95_of_100_seeds(lab):
     assert 89 <= hits <= 99  # 95 +- 2.2, three sigma below, and a sure miss is a defect too
 
 
+def test_the_integrator_renders_the_budget_in_db(lab):
+    scene, budget = lab
+    image = mi.render(scene, integrator=mi.load_dict({"type": "throughput", "samples": 2**18}), seed=3)
+    assert float(np.array(image).squeeze()) == pytest.approx(budget.per_frame_db, abs=0.05)
+
+
 def test_seeds_decide(lab):
     scene, _ = lab
     first, again, other = (estimate_throughput(scene, samples=1000, seed=seed).per_frame for seed in (1, 1, 2))
