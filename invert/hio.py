@@ -49,12 +49,11 @@ class Candidates:
 
 
 def to_modulus(image: torch.Tensor, modulus: torch.Tensor) -> torch.Tensor:
-    """Project onto the measured Fourier modulus."""
+    """Project onto the measured Fourier modulus; a frequency that is exactly zero has no phase and stays zero."""
     spectrum = torch.fft.rfft2(image)
-    # A spectrum that is exactly zero has no phase; it takes the modulus with phase zero.
-    magnitude = spectrum.abs()
-    scaled = torch.where(magnitude > 0.0, spectrum * (modulus / magnitude.clamp_min(1e-30)), modulus.to(spectrum.dtype))
-    return torch.fft.irfft2(scaled, s=(GRID, GRID))
+    # modulus / |spectrum|; several times faster than through a complex absolute value
+    scale = spectrum.real.square().add_(spectrum.imag.square()).clamp_min_(1e-38).rsqrt_().mul_(modulus)
+    return torch.fft.irfft2(spectrum.mul_(scale), s=(GRID, GRID))
 
 
 def modulus_residual(image: torch.Tensor, modulus: torch.Tensor) -> torch.Tensor:
@@ -84,22 +83,22 @@ def hio(modulus: torch.Tensor, box: int, generator: torch.Generator, options: Hi
     options = options or HioOptions()
     target = modulus.unsqueeze(-3)
     shape = (*modulus.shape[:-2], options.starts, GRID, GRID)
-    support = torch.zeros(GRID, GRID, dtype=torch.bool, device=modulus.device)
-    support[:box, :box] = True
-    support = support.expand(shape)
+    support = torch.zeros(GRID, GRID, device=modulus.device)
+    support[:box, :box] = 1.0
     image = torch.rand(shape, generator=generator, device=modulus.device) * support
     blur, last_blur = options.shrink_blur
     hybrid = options.iterations - options.error_reduction
     for iteration in range(options.iterations):
         projected = to_modulus(image, target)
-        kept = torch.where(support & (projected > 0.0), projected, 0.0)
-        if iteration < hybrid:
-            image = torch.where(kept > 0.0, projected, image - options.beta * projected)
-            if iteration >= options.shrink_from and iteration % options.shrink_every == 0:
-                smooth = blurred(kept, blur)
-                support = smooth > options.shrink_threshold * smooth.amax((-2, -1), keepdim=True)
-                blur = max(last_blur, 0.95 * blur)
+        allowed = (projected * support).clamp_min_(0.0).sign_()  # 1 where the constraints hold, else 0
+        if iteration >= hybrid:
+            image = projected.mul_(allowed)
         else:
-            image = kept
+            # projected where allowed, image - beta projected elsewhere
+            image = image.sub_(projected, alpha=options.beta).lerp_(projected, allowed)
+            if iteration >= options.shrink_from and iteration % options.shrink_every == 0:
+                smooth = blurred(projected * allowed, blur)
+                support = (smooth > options.shrink_threshold * smooth.amax((-2, -1), keepdim=True)).float()
+                blur = max(last_blur, 0.95 * blur)
         progress()
     return Candidates(image, modulus_residual(image, target))
