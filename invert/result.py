@@ -59,7 +59,7 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
     if truth is not None:
         pearson, albedo = aligned_pearson(albedo, truth)
         comparison = {"pearson": pearson}
-        floor_over_peak, floor_error = floor_over_known_peak(estimate, truth), None
+        floor_over_peak, floor_error = floor_over_known_peak(estimate, truth, bool(measurement.mended)), None
     summary = {
         "input": estimate.name,
         **settings,
@@ -87,7 +87,7 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
     return summary
 
 
-def floor_over_known_peak(estimate: Estimate, truth: np.ndarray) -> float | None:
+def floor_over_known_peak(estimate: Estimate, truth: np.ndarray, lines: bool) -> float | None:
     """b / (r*r)(0) by a fit of the known r*r, window-smoothed and seen through the camera; None without signal."""
     known = autocorrelate(truth)
     signal = window_smooth(known)
@@ -95,7 +95,7 @@ def floor_over_known_peak(estimate: Estimate, truth: np.ndarray) -> float | None
         signal *= estimate.transfer
     if not signal.any() or not estimate.lags.any():
         return None
-    gain, floor = fit_known_signal(estimate.lags, signal)
+    gain, floor = fit_known_signal(estimate.lags, signal, lines=lines)
     return floor / (gain * peak_of_cell_means(known)) if gain > 0.0 else None
 
 

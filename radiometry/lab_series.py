@@ -72,7 +72,7 @@ def lab_floor(folder: Path) -> dict[str, Any]:
     peak, _ = extrapolated_peak(template, read_noise_level(template))
     points = []
     for exposure_s, lags in series:
-        gain, floor = fit_known_signal(lags, template)
+        gain, floor = fit_known_signal(lags, template, lines=True)
         points.append({"exposure_s": exposure_s, "floor_over_peak": floor / (gain * peak)})
     used = [p for p in points if p["exposure_s"] < 0.99 * BROKEN_EXPOSURE_S]
     t, b = (np.array([p[name] for p in used]) for name in ("exposure_s", "floor_over_peak"))

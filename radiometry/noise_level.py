@@ -112,8 +112,9 @@ def extrapolated_peak(estimate: np.ndarray, noise: NoiseLevel, radius: int = 4) 
     return max(float(solution[0]), 0.0), error
 
 
-def fit_known_signal(estimate: np.ndarray, signal: np.ndarray, iterations: int = 20) -> tuple[float, float]:
-    """Fit estimate = gain x signal + floor over all lags off the axes; returns (gain, floor).
+def fit_known_signal(estimate: np.ndarray, signal: np.ndarray, *, lines: bool = False,
+                     iterations: int = 20) -> tuple[float, float]:
+    """Fit estimate = gain x signal + floor over all lags but zero; returns (gain, floor).
 
     Iteratively reweighted least squares with weights 1/S^2, which is the maximum-likelihood fit of
     Gamma noise with constant K.
@@ -121,8 +122,9 @@ def fit_known_signal(estimate: np.ndarray, signal: np.ndarray, iterations: int =
     Args:
         estimate: (127, 127).
         signal: (127, 127), H (r*r) as the patch window smooths it.
+        lines: whether read noise stands on the row or column through zero lag, which are then left out.
     """
-    use = INDEPENDENT & ~_on_axis()
+    use = INDEPENDENT & ~_on_axis() if lines else INDEPENDENT
     basis = np.stack([signal[use].astype(np.float64), np.ones(int(use.sum()))], axis=1)
     values = estimate[use].astype(np.float64)
     model = np.full_like(values, values.mean())
