@@ -4,7 +4,8 @@
     estimate.py      frames -> autocorrelation estimate, with what is known of the camera
     spectrum.py      noisy estimate -> noise level, detection, Fourier modulus
     methods.py       retrieval methods by name
-    hio.py           hybrid input-output with shrink-wrap
+    projections.py   what they share: projections, support, starts, residual
+    hio.py raar.py error_reduction.py altmin.py admm_tv.py twf.py mtwf.py taf.py   one method a file
     registration.py  shift and 180-degree turn; registered mean of many starts
     metrics.py       registered correlation with a truth; which character is it
     report.py        the picture of a result

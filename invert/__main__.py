@@ -8,12 +8,14 @@ from pathlib import Path
 
 from radiometry.errors import ArgumentParser, InputError, run_command
 
+METHOD_CHOICES = ("classical", "hio", "raar", "er", "altmin", "twf", "taf", "mtwf", "admm-tv")
+
 
 def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m invert", description="Reconstruct a hidden object's albedo.")
     p.add_argument("inputs", nargs="+", help="frames of one capture, a folder of them, or autocorrelation pictures")
     p.add_argument("-o", "--output", required=True, help="folder for albedo, report.png and result.json")
-    p.add_argument("--method", choices=("hio",), default="hio")
+    p.add_argument("--method", choices=METHOD_CHOICES, default="classical")
     p.add_argument("--quality", choices=("fast", "balanced", "best"), default="balanced")
     p.add_argument("--autocorrelation", action="store_true", help="inputs are 127 x 127 estimates, one result each")
     p.add_argument("--pixel-pitch-m", type=float, help="pixel pitch on the wall; wanted for lengths in metres only")
@@ -59,13 +61,14 @@ def _invert(estimate, truth, read_s: float, folder: Path, options) -> None:
     """Read the noise, retrieve the albedo, write the result."""
     from tqdm import tqdm
 
-    from invert.methods import QUALITIES, retrieve
+    from invert.methods import method_options, retrieve
     from invert.result import write_result
     from invert.spectrum import read_measurement
 
     begin = time.perf_counter()
     measurement = read_measurement(estimate.lags, estimate.quantisation, estimate.transfer)
-    with tqdm(total=QUALITIES[options.quality].iterations, desc=options.method, unit="it", disable=None, leave=False) as bar:
+    iterations = method_options(options.method, options.quality).iterations
+    with tqdm(total=iterations, desc=options.method, unit="it", disable=None, leave=False) as bar:
         result = retrieve(measurement, options.method, options.quality, options.seed, options.device, bar.update)
     seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
     settings = {"method": options.method, "quality": options.quality, "seed": options.seed}

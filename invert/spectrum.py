@@ -14,7 +14,10 @@ GRID = 128
 """Retrieval grid: the 127 x 127 lags of a 64 x 64 object fit without wrapping."""
 
 RESOLUTION_LAGS = 0.5
-"""Standard deviation, in lags, of the Gaussian that limits the resolution of the reconstruction."""
+"""Standard deviation, in lags, of the Gaussian that limits the resolution of a noisy reconstruction."""
+
+RESOLVED_ERROR = 0.01
+"""Relative error of the estimate above which noise is guarded against in full; below, in proportion."""
 
 
 @dataclass(frozen=True)
@@ -101,24 +104,36 @@ def detection(estimate: np.ndarray, noise: NoiseLevel) -> float:
     return max(strengths)
 
 
+def estimate_noise(measurement: Measurement) -> float:
+    """Relative L2 error that the noise model gives the estimate's signal: sqrt(sum S^2 / K / sum A^2)."""
+    if not measurement.noise.dof:
+        return 0.0
+    kept = measurement.estimate[measurement.noise.signal_ring + 1 >= RING].astype(np.float64)
+    signal = ((kept - measurement.noise.floor) ** 2).sum()
+    return float(np.sqrt((kept**2).sum() / measurement.noise.dof / signal)) if signal > 0.0 else np.inf
+
+
 def fourier_modulus(measurement: Measurement) -> torch.Tensor:
     """|F(r)| on the retrieval grid, float32 (128, 65), scaled to 1 at zero frequency.
 
-    Floor subtracted, lags beyond the signal set to zero, patch window deconvolved (dividing the
+    Floor subtracted, noisy lags beyond the signal set to zero, patch window deconvolved (dividing the
     spectrum by the triangle it was multiplied with), resolution limited. Zero lag is free in the
-    data; it is filled so that four fifths of the highest frequencies, where an object has next to
-    nothing, fall to zero: noise there would be read as structure.
+    data: its value lifts all frequencies alike. Without noise it is filled so that the least of the
+    highest frequencies falls to zero; with noise, so that four fifths of them do, since an object
+    has next to nothing there and noise would be read as structure.
     """
+    guard = min(1.0, estimate_noise(measurement) / RESOLVED_ERROR)
     excess = centre_filled(measurement.estimate - np.float32(measurement.noise.floor), 0.0)
-    excess[measurement.noise.signal_ring + 1 < RING] = 0.0
+    if measurement.noise.dof:  # without noise even what leaks beyond the signal is worth keeping
+        excess[measurement.noise.signal_ring + 1 < RING] = 0.0
     padded = np.zeros((GRID, GRID), np.float32)
     padded[:SIDE, :SIDE] = excess
     spectrum = np.fft.rfft2(np.roll(padded, (-LAGS, -LAGS), (0, 1))).real
     row = np.abs(np.fft.fftfreq(GRID))[:, None]
     column = np.fft.rfftfreq(GRID)[None, :]
-    spectrum -= np.quantile(spectrum[(row > 0.3) & (column > 0.3)], 0.8)
+    spectrum -= np.quantile(spectrum[(row > 0.3) & (column > 0.3)], 0.8 * guard)
     spectrum /= (1.0 - row) * (1.0 - column)
-    spectrum *= np.exp(-((2.0 * np.pi * RESOLUTION_LAGS) ** 2) * (row**2 + column**2))
+    spectrum *= np.exp(-((2.0 * np.pi * guard * RESOLUTION_LAGS) ** 2) * (row**2 + column**2))
     modulus = np.sqrt(np.maximum(spectrum, 0.0))
     scale = modulus[0, 0] or modulus.max() or 1.0
     return torch.from_numpy((modulus / scale).astype(np.float32))

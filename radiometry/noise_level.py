@@ -19,6 +19,9 @@ RING = np.maximum(np.abs(ROW_LAG), np.abs(COLUMN_LAG))
 INDEPENDENT = (ROW_LAG > 0) | ((ROW_LAG == 0) & (COLUMN_LAG > 0))
 """One of every pair of equal lags (+lag and -lag), zero lag left out."""
 
+NEGLIGIBLE = 1e-6
+"""Floors below this share of the largest lag are leakage and rounding, whose scatter says nothing of K."""
+
 OUTERMOST = LAGS - 8
 """Rings beyond this are the first guess of where no signal is."""
 
@@ -30,7 +33,7 @@ INNERMOST = LAGS // 2
 class NoiseLevel:
     """Floor b (in the estimate's units), degrees of freedom K, and the ring where the signal ends.
 
-    `dof` is None where the outer lags do not vary (no noise at all).
+    `dof` is None where the outer lags do not vary or hold next to nothing (no noise at all).
     """
 
     floor: float
@@ -86,6 +89,8 @@ def read_noise_level(estimate: np.ndarray, quantisation: float = 0.0) -> NoiseLe
     error = (spread * (1.0 / corners.sum() + 1.0 / max(sides.sum(), 1))) ** 0.5
     if sides.any() and abs(float(estimate[sides].mean()) - corner_mean) > 3.0 * error + 1e-9 * abs(corner_mean):
         mean, dof = corner_mean, corner_dof
+    if mean < NEGLIGIBLE * float(np.delete(estimate, estimate.size // 2).max()):
+        dof = None
     return NoiseLevel(mean, dof, boundary)
 
 

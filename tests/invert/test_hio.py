@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import torch
 
-from invert.hio import HioOptions, hio, modulus_residual, to_modulus
+from invert.hio import HioOptions, hio
 from invert.methods import retrieve
 from invert.metrics import aligned_pearson
+from invert.projections import modulus_residual, to_modulus
 from invert.spectrum import GRID, fourier_modulus, read_measurement
 from radiometry.autocorrelation import LAGS, autocorrelate, window_smooth
 from radiometry.noise_level import INDEPENDENT
@@ -61,7 +62,7 @@ def measured_from(image: np.ndarray, floor: float, dof: float, random) -> np.nda
 def test_a_noisy_f_is_recovered_and_not_mirrored(random, floor, dof, wanted):
     image = np.zeros((64, 64), np.float32)
     image[14:48, 20:25], image[14:19, 20:42], image[28:33, 20:37] = 1.0, 1.0, 1.0
-    result = retrieve(read_measurement(measured_from(image, floor, dof, random)), "hio", "balanced", 0, "cpu")
+    result = retrieve(read_measurement(measured_from(image, floor, dof, random)), "classical", "balanced", 0, "cpu")
     assert result.object_found
     pearson, _ = aligned_pearson(result.albedo, image)
     assert pearson > wanted
@@ -91,7 +92,7 @@ def test_noise_alone_is_no_object(random, kind):
     if kind == "column line":
         estimate[:, LAGS] *= 5.0
     measurement = read_measurement(estimate)
-    result = retrieve(measurement, "hio", "fast", 0, "cpu")
+    result = retrieve(measurement, "classical", "fast", 0, "cpu")
     assert not result.object_found
     assert not result.albedo.any()
     assert (measurement.mended != ()) == ("line" in kind)

@@ -1,0 +1,32 @@
+"""Alternating minimisation: phases from the image, image from the phases, support only.
+
+Netrapalli, Jain and Sanghavi, NeurIPS 2013, arXiv:1306.0160, algorithm 1 without resampling, as the paper ran it
+(1000 iterations). For Fourier measurements of a supported image the least-squares step is a projection onto the
+support. Started from random images: the spectral start assumes Gaussian measurements.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+from invert.projections import Candidates, Progress, box_support, modulus_residual, random_starts, to_modulus
+
+
+@dataclass(frozen=True)
+class AltMinOptions:
+    iterations: int = 1000
+    starts: int = 16
+
+
+def altmin(modulus: torch.Tensor, box: int, generator: torch.Generator, options: AltMinOptions | None = None,
+           progress: Progress = lambda: None) -> Candidates:
+    """Retrieve real images of either sign; arguments as in `hio`."""
+    options = options or AltMinOptions()
+    target, support = modulus.unsqueeze(-3), box_support(modulus, box)
+    image = random_starts(modulus, support, options.starts, generator)
+    for _ in range(options.iterations):
+        image = to_modulus(image, target).mul_(support)
+        progress()
+    return Candidates(image, modulus_residual(image, target))

@@ -1,0 +1,40 @@
+"""Relaxed averaged alternating reflections.
+
+Luke, Inverse Problems 21, 37 (2005), doi:10.1088/0266-5611/21/1/004, Eq. 16: where the reflected image keeps the
+constraints take the projected one, elsewhere beta x + (1 - 2 beta) of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+from invert.projections import Candidates, Progress, box_support, modulus_residual, random_starts, to_modulus
+
+
+@dataclass(frozen=True)
+class RaarOptions:
+    """`beta` as published for noisy data; the last `error_reduction` iterations settle the image."""
+
+    iterations: int = 2000
+    beta: float = 0.87
+    starts: int = 16
+    error_reduction: int = 100
+
+
+def raar(modulus: torch.Tensor, box: int, generator: torch.Generator, options: RaarOptions | None = None,
+         progress: Progress = lambda: None) -> Candidates:
+    """Retrieve non-negative images; arguments as in `hio`."""
+    options = options or RaarOptions()
+    target, support = modulus.unsqueeze(-3), box_support(modulus, box)
+    image = random_starts(modulus, support, options.starts, generator)
+    for iteration in range(options.iterations):
+        projected = to_modulus(image, target)
+        if iteration < options.iterations - options.error_reduction:
+            kept = (2.0 * projected).sub_(image).mul_(support).clamp_min_(0.0).sign_()
+            image = image.mul_(options.beta).add_(projected, alpha=1.0 - 2.0 * options.beta).lerp_(projected, kept)
+        else:
+            image = projected.clamp_min_(0.0).mul_(support)
+        progress()
+    return Candidates(image, modulus_residual(image, target))
