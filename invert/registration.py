@@ -57,13 +57,16 @@ def centred(image: torch.Tensor, side: int = OBJECT) -> torch.Tensor:
     return image[:side, :side]
 
 
-def consensus(images: torch.Tensor, residual: torch.Tensor, best: int = 6) -> tuple[torch.Tensor, float]:
-    """Registered mean of the `best` candidates (starts, H, W), and their mean agreement (0 to 1).
+def consensus(images: torch.Tensor, residual: torch.Tensor, best: int = 8) -> tuple[torch.Tensor, float]:
+    """Registered mean of the `best` candidates (starts, H, W) by residual, and their mean agreement (0 to 1).
 
-    Candidates that fit the one of least residual badly (correlation below 0.7) are left out of the mean,
-    but not of the agreement.
+    The one that agrees most with the others is the reference, not the one of least residual, which with noise is
+    often the one that fits it best. Candidates that agree badly with it (below 0.7 of full correlation) are left
+    out of the mean, but not of the agreement.
     """
-    order = residual.argsort(stable=True)[:best]
-    aligned, correlation = registered(images[order], images[order[0]])
-    agreement = float(correlation[1:].mean().clamp(0.0, 1.0)) if len(order) > 1 else 1.0
-    return aligned[correlation >= 0.7 * correlation.max()].mean(0), agreement
+    chosen = images[residual.argsort(stable=True)[:best]]
+    mutual = torch.stack([registered(chosen, one)[1] for one in chosen])
+    aligned, correlation = registered(chosen, chosen[mutual.sum(1).argmax()])
+    count = len(chosen)
+    others = (mutual.sum() - mutual.diagonal().sum()) / (count * (count - 1)) if count > 1 else mutual.new_ones(())
+    return aligned[correlation >= 0.7 * correlation.max()].mean(0), float(others.clamp(0.0, 1.0))

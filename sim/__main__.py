@@ -22,6 +22,8 @@ def parser() -> ArgumentParser:
     p.add_argument("--seed", type=int, default=0)
     p.add_argument("--plan", action="store_true", help="print what would be modelled, as JSON, and render nothing")
     p.add_argument("--mean", action="store_true", help="write expected photoelectrons, before any noise")
+    p.add_argument("--accuracy", choices=("statistical",), default="statistical", help="what the tolerance bounds")
+    p.add_argument("--propagator", choices=("auto", "fraunhofer"), default="auto")
     p.add_argument("--tolerance", type=float, default=1e-2, help="relative error of the expected autocorrelation")
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     return p

@@ -47,9 +47,10 @@ def test_consensus_averages_what_agrees(random):
     reference = on_grid(lopsided(random))
     good = [torch.roll(turned(reference) if i % 2 else reference, (i, -2 * i), (0, 1)) for i in range(4)]
     bad = torch.rand(2, GRID, GRID, generator=torch.Generator().manual_seed(0))
-    mean, agreement = consensus(torch.stack([*good, *bad]), torch.tensor([0.1, 0.11, 0.12, 0.13, 0.5, 0.6]))
+    # the one of least residual is wrong: the others outvote it
+    mean, agreement = consensus(torch.stack([*bad, *good]), torch.tensor([0.05, 0.6, 0.1, 0.11, 0.12, 0.13]))
     assert float(registered(mean[None], reference)[1][0]) > 0.999
-    assert 0.5 < agreement < 0.8
+    assert 0.35 < agreement < 0.7
 
 
 def test_a_glyph_is_identified_turned_and_stretched():
