@@ -27,3 +27,10 @@ def test_dof_of_measured_estimates(measured, letter, patches):
     """K = patches x (frames - 1); one K of a single file is known to sqrt(2 / 4000) at best."""
     lags, step = read_autocorrelation(measured / f"{letter}_n2_corr_x100_nzero1_npatch{patches}.png")
     assert read_noise_level(lags, step).dof == pytest.approx(patches, rel=0.15)
+
+
+def test_dof_of_the_exposure_series(measured):
+    """64 patches of two frames at every exposure, the row of read noise at the short ones included."""
+    for path in sorted(measured.glob("lowExp_7_2_*_npatch64.png")):
+        lags, step = read_autocorrelation(path)
+        assert read_noise_level(lags, step).dof == pytest.approx(64, rel=0.15), path.name
