@@ -23,6 +23,7 @@ _TURNS_DEG = (-30, -20, -10, 0, 10, 20, 30)
 _SHEARS = (-0.4, -0.2, 0.0, 0.2, 0.4)
 _STRETCHES = (0.6, 1.0, 1.7, 2.5)
 _SIZES = (0.85, 1.0)
+_COMPRESSION = 0.7
 
 
 def on_grid(image: np.ndarray, side: int = 2 * _SIDE) -> torch.Tensor:
@@ -63,7 +64,8 @@ def identify(image: np.ndarray, *, mirrored: bool = False, characters: str = CHA
 
     Each template takes every pose of a tilted, roughly upright object: turned by up to 30 degrees,
     sheared, stretched along the picture's rows, and scaled to the reconstruction's spread; then it
-    is registered over all shifts and the 180-degree turn.
+    is registered over all shifts and the 180-degree turn. Brightness is compressed (power 0.7): a
+    character is one material, its light seldom even.
 
     Args:
         image: reconstruction (64, 64).
@@ -72,13 +74,13 @@ def identify(image: np.ndarray, *, mirrored: bool = False, characters: str = CHA
     Returns:
         (character, correlation), best first.
     """
-    target = np.clip(image.astype(np.float64), 0.0, None)
+    target = np.clip(image.astype(np.float64), 0.0, None) ** _COMPRESSION
     if target.sum() == 0.0:
         return [(character, 0.0) for character in characters]
     spread = float(torch.sqrt(torch.trace(_covariance(torch.as_tensor(target)))))
     templates = torch.from_numpy(glyphs(characters))[:, None]
     covariance = _covariance(templates[:, 0].double())
-    reference = on_grid(image, _SIDE + _MARGIN)
+    reference = on_grid(target, _SIDE + _MARGIN)
     best = torch.zeros(len(characters))
     flips = (1.0, -1.0) if mirrored else (1.0,)
     for flip, turn, shear, stretch, size in product(flips, _TURNS_DEG, _SHEARS, _STRETCHES, _SIZES):
