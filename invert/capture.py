@@ -116,6 +116,13 @@ def read_capture(inputs: Sequence[str | Path], known: CameraFacts, dark: Path | 
 
 def read_picture(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
     """One monochrome picture as float32 (H, W), with its header if it is one of the simulator's frames."""
+    pixels, header = _read_pixels(file)
+    if pixels.size and not (np.abs(np.nan_to_num(pixels, posinf=0.0, neginf=0.0)) <= LARGEST_PIXEL).all():
+        raise InputError("frame", f"pixels up to {LARGEST_PIXEL:g}", f"larger ones in {file.name}", "scale the frames down")
+    return pixels.astype(np.float32), header
+
+
+def _read_pixels(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
     kind = file.suffix.lower()
     if kind == ".exr":
         return read_frame(file)
@@ -138,9 +145,7 @@ def read_picture(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
                          "give one channel of intensity, one frame a file")
     if pixels.dtype.kind not in "uif":
         raise InputError("frame", "numbers", f"{file.name} of type {pixels.dtype}", "convert it to 16-bit integers or floats")
-    if pixels.size and not (np.abs(np.nan_to_num(pixels, posinf=0.0, neginf=0.0)) <= LARGEST_PIXEL).all():
-        raise InputError("frame", f"pixels up to {LARGEST_PIXEL:g}", f"larger ones in {file.name}", "scale the frames down")
-    return pixels.astype(np.float32), None
+    return pixels, None
 
 
 def check_frame(pixels: np.ndarray, file: Path) -> None:
@@ -185,8 +190,9 @@ def read_autocorrelation(file: Path) -> tuple[np.ndarray, float]:
                          f"{pixels.shape[0]} x {pixels.shape[1]} in {file.name}", "crop it, zero lag in the middle")
     if not np.isfinite(pixels).all() or (pixels < 0.0).any():
         raise InputError("autocorrelation", "finite lags, zero or more", f"others in {file.name}", "correct the file")
+    step = 0.0 if file.suffix.lower() in (".npy", ".exr") else 1.0
     asymmetry = np.abs(pixels - pixels[::-1, ::-1]).max()
-    if asymmetry > 1.0 + 1e-3 * pixels.max():
+    if asymmetry > step + 1e-3 * pixels.max():
         raise InputError("autocorrelation", "a centro-symmetric picture, zero lag in the middle",
                          f"a difference of {asymmetry:g} between opposite lags in {file.name}", "check what the file holds")
-    return pixels, 0.0 if file.suffix.lower() in (".npy", ".exr") else 1.0
+    return pixels, step

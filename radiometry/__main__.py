@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Sequence
 from typing import Any
 
-from radiometry.errors import ArgumentParser, InputError, run_command
+from radiometry.errors import ArgumentParser, InputError, check_seed, run_command
 
 
 def parser() -> ArgumentParser:
@@ -23,15 +24,19 @@ def parser() -> ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> None:
     """Load, account, print."""
     options = parser().parse_args(argv)
-    if options.frames < 1:
-        raise InputError("--frames", "at least 1", options.frames, "ask for more frames")
-    if options.seed < 0:
-        raise InputError("--seed", "a whole number, zero or more", options.seed, "choose another")
+    if not 1 <= options.frames <= 10**6:
+        raise InputError("--frames", "1 to 1000000", options.frames, "choose another number")
+    check_seed(options.seed)
     from sim.geometry import read_geometry
+    from sim.plan import check
     from sim.scene_file import load_scene, parse_definitions
 
     scene, _ = load_scene(options.scene, parse_definitions(options.definitions))
-    account = scene_account(scene, read_geometry(scene), options.frames, options.samples, options.seed)
+    geometry = read_geometry(scene)
+    check(geometry)
+    account = scene_account(scene, geometry, options.frames, options.samples, options.seed)
+    for warning in account["warnings"]:
+        print(f"warning: {warning}", file=sys.stderr)
     print(json.dumps(account, indent=2, allow_nan=False) if options.json else as_text(account))
 
 
@@ -41,9 +46,12 @@ def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: in
     from radiometry.prediction import predict
     from radiometry.safety import spot_safety
     from radiometry.throughput import closed_form
+    from sim.plan import scene_warnings
 
     path = geometry.light_path
     prediction = predict(geometry)
+    if prediction.dof(frames) == 0:
+        raise InputError("--frames", "two or more where the frame holds a single patch", frames, "ask for more frames")
     safety = None
     if 400e-9 <= path.wavelength_m <= 700e-9:
         safety = spot_safety(path.power_w, path.wavelength_m, geometry.spot.diameter_m, path.source_albedo)
@@ -57,6 +65,7 @@ def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: in
         "photoelectrons_per_pixel": prediction.terms.signal,
         "exposure_s": geometry.electronics.exposure_s,
         "safety": safety,
+        "warnings": scene_warnings(geometry, prediction.pitch_m),
     }
 
 

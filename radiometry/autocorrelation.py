@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from radiometry.errors import InputError
+from radiometry.noise_budget import degrees_of_freedom
 
 LAGS = 63
 """Largest lag kept on either side of zero: estimates are 127 x 127, zero lag at [63, 63]."""
@@ -111,7 +112,7 @@ class AutocorrelationEstimator:
     @property
     def dof(self) -> int:
         """Degrees of freedom K of the estimate, frames identically distributed and patches independent."""
-        return self.grid.count * (self.frames - 1) if self.frames > 1 else self.grid.count - 1
+        return degrees_of_freedom(self.frames, self.grid.count)
 
     def estimate(self) -> np.ndarray:
         """The estimate, float32 (127, 127), zero lag at [63, 63]: a power spectrum per pixel, in frame units squared."""

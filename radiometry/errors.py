@@ -48,6 +48,13 @@ def positive(name: str, value: float, *, zero_allowed: bool = False) -> float:
     raise InputError(name, kind, value, f"correct {name}")
 
 
+def check_seed(seed: int) -> int:
+    """Seeds fit the frame header's 32-bit integer."""
+    if not 0 <= seed < 2**31:
+        raise InputError("--seed", "a whole number from 0 to 2147483647", seed, "choose another")
+    return seed
+
+
 def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str] | None = None) -> NoReturn:
     """Run a command's `main` and exit: 0, or 2 with one line for bad input, or 130 when interrupted."""
     try:

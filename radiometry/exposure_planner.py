@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 
 from radiometry.errors import InputError, positive
-from radiometry.noise_budget import degrees_of_freedom, estimate_error
+from radiometry.noise_budget import estimate_error
 from radiometry.prediction import Prediction, predict
 
-FRAME_COUNTS = (2, 3, 4, 5, 7, 10, 14, 20, 28, 40, 56, 80, 113, 160, 226, 320, 452, 640, 905, 1280)
+FRAME_COUNTS = (2, 3, 4, 5, 7, *(round(10 * 2 ** (half / 2)) for half in range(34)))
+"""Half-octave steps up to a million."""
+
 RELATIVE_TOLERANCE = 0.02
 """Among plans within this much of the least error, the one with the fewest frames is chosen."""
 
@@ -38,18 +40,21 @@ def error_of(prediction: Prediction, frames: int, floor: float) -> float:
     """Predicted relative error over all 127 x 127 lags."""
     signal = prediction.signal
     return estimate_error(float(signal.sum()), float((signal**2).sum()), signal.size, floor,
-                          degrees_of_freedom(frames, prediction.grid.count))
+                          prediction.dof(frames))
 
 
 def divide(geometry: Any, budget_s: float, resolution_m: float = 300e-6,
            counts: tuple[int, ...] = FRAME_COUNTS) -> list[Division]:
-    """Every way to divide `budget_s` seconds of exposure, fewest frames first.
+    """Ways to divide `budget_s` seconds of exposure into `counts` frames, fewest first.
 
     Args:
         geometry: of the scene; its own exposure plays no part.
-        resolution_m: coarsest lag pitch that will do; patches are the smallest that reach it.
+        resolution_m: lag pitch wanted; patches are the size nearest to it.
 
-    Raises InputError for a budget that is not positive, or a scene without light.
+    The virtual detector's own speckle is left out, as the simulator leaves it out: it does not depend on the division,
+    but for its share of the longest exposures.
+
+    Raises InputError for a budget that is not positive, a scene without light, or an object wider than 64 lags.
     """
     positive("--budget-s", budget_s)
     positive("--resolution-m", resolution_m)
@@ -60,12 +65,16 @@ def divide(geometry: Any, budget_s: float, resolution_m: float = 300e-6,
         raise InputError("--resolution-m", f"{2 * facts[0] * facts[1] / (shorter * facts[2]):.3g} m or coarser in this scene",
                          resolution_m, "choose a coarser one or a nearer wall")
     prediction = predict(geometry, max(smallest, 127))
+    widest = max(geometry.hidden_object.extent_m)
+    if widest > 64 * prediction.pitch_m:
+        raise InputError("--resolution-m", f"{widest / 64:.3g} m or coarser, for the object to fit 64 lags", resolution_m,
+                         "choose a coarser one")
     exposure = geometry.electronics.exposure_s
     divisions = []
     for frames in counts:
         shrink = budget_s / frames / exposure
         terms = replace(prediction.terms, signal=prediction.terms.signal * shrink, dark=prediction.terms.dark * shrink,
-                        detector_modes=float("inf"))
+                        detector_grain_pixels=0.0)
         floor = terms.floor_over_peak()
         if floor is None:
             raise InputError("scene", "light from the hidden object", "none", "raise power or albedo")

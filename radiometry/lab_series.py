@@ -26,7 +26,7 @@ def corner(estimate: np.ndarray, dof: int, **facts: float) -> dict[str, float]:
 
 
 def slope(x: Sequence[float], y: Sequence[float]) -> float:
-    """Slope through the origin, each point weighted by its relative error (the noise is multiplicative)."""
+    """Slope through the origin as the geometric mean of y / x: all points count alike, as multiplicative noise asks."""
     ratio = np.asarray(y) / np.asarray(x)
     return float(np.exp(np.log(ratio).mean()))
 
@@ -78,6 +78,6 @@ def lab_floor(folder: Path) -> dict[str, Any]:
     t, b = (np.array([p[name] for p in used]) for name in ("exposure_s", "floor_over_peak"))
     basis = np.stack([1.0 / t, np.ones_like(t)], axis=1) / b[:, None]
     (a, c), _, _, _ = np.linalg.lstsq(basis, np.ones_like(t), rcond=None)
-    covariance = np.linalg.inv(basis.T @ basis) * np.mean((basis @ [a, c] - 1.0) ** 2)
+    covariance = np.linalg.inv(basis.T @ basis) * np.sum((basis @ [a, c] - 1.0) ** 2) / (len(t) - 2)
     error = np.sqrt(np.diag(covariance))
     return {"a_s": float(a), "a_error_s": float(error[0]), "c": float(c), "c_error": float(error[1]), "points": points}

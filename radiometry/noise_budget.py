@@ -19,8 +19,7 @@ class NoiseTerms:
         read: variance of the read noise.
         quantisation: variance of the converter, step^2 / 12.
         grain_pixels: coherence area of the speckle in pixels.
-        detector_modes: independent grains of the wall's own (subjective) speckle in one pixel,
-            infinite when it is not modelled.
+        detector_grain_pixels: coherence area of the wall's own (subjective) speckle in pixels, 0 when it is left out.
     """
 
     signal: float
@@ -29,21 +28,22 @@ class NoiseTerms:
     dark: float = 0.0
     read: float = 0.0
     quantisation: float = 0.0
-    detector_modes: float = math.inf
+    detector_grain_pixels: float = 0.0
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
-            may_be_infinite = name in ("detector_modes", "grain_pixels")  # nothing modelled, nothing there
-            legal = value > 0.0 if may_be_infinite else 0.0 <= value < math.inf
+            # without an object the grain is infinite
+            legal = value > 0.0 if name == "grain_pixels" else 0.0 <= value < math.inf
             if not legal:
                 raise InputError(name, "a finite variance or mean, zero or more", value, f"correct {name}")
 
     def over_peak(self) -> dict[str, float | None]:
         """Each term's share of floor over peak; None for all without signal.
 
-        The peak (r*r)(0) of the estimate is signal^2 x grain_pixels. The wall's own speckle
-        multiplies the signal by a variate of variance 1 / modes in each pixel: with the mean square
-        2 signal^2 of fully developed speckle its white floor is 2 / (modes grain), whatever the exposure.
+        The peak (r*r)(0) of the estimate is signal^2 x grain_pixels. The wall's own speckle multiplies
+        the signal by a pattern of contrast 1; with the mean square 2 signal^2 of fully developed
+        speckle its spectrum is 2 A_subjective / A_grain of the peak at small lags, whatever the exposure. It
+        is not quite white: pupil and pixel halve it towards the outermost lags.
         """
         names = ("signal", "ambient", "dark", "read", "quantisation")
         if self.signal <= 0.0 or not math.isfinite(self.grain_pixels):
@@ -52,7 +52,7 @@ class NoiseTerms:
             # two divisions: the square of a faint signal would underflow
             name: getattr(self, name) / self.signal / self.signal / self.grain_pixels for name in names
         }
-        shares["detector_speckle"] = 2.0 / (self.detector_modes * self.grain_pixels)
+        shares["detector_speckle"] = 2.0 * self.detector_grain_pixels / self.grain_pixels
         return shares
 
     def floor_over_peak(self) -> float | None:

@@ -1,4 +1,4 @@
-"""Photons: how many a laser emits, and how many land in one coherence area of the wall."""
+"""Photons: how many a laser emits, and the coherence area of the wall that counts them."""
 
 from __future__ import annotations
 
@@ -35,13 +35,3 @@ def grain_area(albedo: np.ndarray, cell_area_m2: float, wavelength_m: float, dis
         return math.inf
     squared = float(np.square(albedo, dtype=np.float64).sum()) * cell_area_m2
     return (wavelength_m * distance_m) ** 2 * squared / power**2
-
-
-def ideal_floor_over_peak(photoelectrons_per_area_m2: float, coherence_area_m2: float) -> float:
-    """Shot-noise floor b over (r*r)(0): one over the photoelectrons per coherence area.
-
-    Shot noise of a frame of mean n photoelectrons per unit area has the white power spectrum n; the
-    speckle's own spectrum at zero lag is n^2 A_c. Their ratio is 1 / (n A_c).
-    """
-    photoelectrons = photoelectrons_per_area_m2 * coherence_area_m2
-    return 1.0 / photoelectrons if photoelectrons > 0.0 else math.inf

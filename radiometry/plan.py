@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from radiometry.errors import ArgumentParser, InputError, run_command
+from radiometry.errors import ArgumentParser, InputError, check_seed, run_command
 
 
 def parser() -> ArgumentParser:
@@ -26,19 +26,22 @@ def parser() -> ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> None:
     """Predict the error of every division, choose, check by rendering if asked, draw the curve."""
     options = parser().parse_args(argv)
-    if options.seed < 0:
-        raise InputError("--seed", "a whole number, zero or more", options.seed, "choose another")
+    check_seed(options.seed)
+    if options.check < 0:
+        raise InputError("--check", "a number of frames, zero or more", options.check, "choose another")
     from radiometry.exposure_planner import best, divide
     from radiometry.output import output_folder, save_json
     from sim.geometry import read_geometry
+    from sim.plan import check
     from sim.scene_file import load_scene, parse_definitions
 
     scene, _ = load_scene(options.scene, parse_definitions(options.definitions))
     geometry = read_geometry(scene)
+    check(geometry)
     divisions = divide(geometry, options.budget_s, options.resolution_m)
     chosen = best(divisions)
     folder = output_folder(options.output)
-    checked = check(geometry, [d for d in divisions if d.frames <= options.check], options.seed) if options.check else {}
+    checked = render_errors(geometry, [d for d in divisions if d.frames <= options.check], options.seed)
     save_json(folder / "plan.json", {
         "budget_s": options.budget_s,
         "chosen": asdict(chosen),
@@ -51,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> None:
           f"error of the estimate {100 * chosen.error:.3g} %: {folder / 'plan.png'}")
 
 
-def check(geometry: Any, divisions: list[Any], seed: int) -> dict[int, float]:
+def render_errors(geometry: Any, divisions: list[Any], seed: int) -> dict[int, float]:
     """Render each division and measure the error of its estimate against the known r*r."""
     from dataclasses import replace
 
@@ -77,14 +80,15 @@ def check(geometry: Any, divisions: list[Any], seed: int) -> dict[int, float]:
 
 
 def draw(path: Path, divisions: list[Any], chosen: Any, checked: dict[int, float]) -> None:
-    """Error against the number of frames."""
+    """Error against the number of frames, as far as it stays within ten times the least."""
     from matplotlib.figure import Figure
 
     from radiometry.output import atomic
 
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
     axes = figure.add_subplot()
-    axes.loglog([d.frames for d in divisions], [100 * d.error for d in divisions], "k-", label="predicted")
+    shown = [d for d in divisions if d.error < 10.0 * chosen.error]
+    axes.loglog([d.frames for d in shown], [100 * d.error for d in shown], "k-", label="predicted")
     if checked:
         axes.loglog(list(checked), [100 * error for error in checked.values()], "o", mfc="none", label="rendered and measured")
     axes.axvline(chosen.frames, color="0.6", lw=1, label=f"chosen: {chosen.frames} frames of {chosen.exposure_s:.3g} s")

@@ -69,7 +69,7 @@ def noise_terms(geometry: Any, albedo: np.ndarray, cell_m: float) -> NoiseTerms:
         dark=electronics.dark_current * electronics.exposure_s,
         read=electronics.read_noise**2,
         quantisation=step**2 / 12.0,
-        detector_modes=1.0 + pixel_area / subjective_grain,
+        detector_grain_pixels=subjective_grain / pixel_area,
     )
 
 
@@ -79,7 +79,7 @@ def predict(geometry: Any, patch: int | None = None) -> Prediction:
     grid = patch_grid(geometry.frame_shape, patch or automatic_patch_size(geometry.frame_shape, facts))
     pitch_m = grid.lag_pitch_m(*facts)
     cell = pitch_m / CELLS_PER_LAG
-    side = 64 * CELLS_PER_LAG
+    side = max(64 * CELLS_PER_LAG, math.ceil(max(geometry.hidden_object.extent_m) / cell) + 1)
     albedo = geometry.hidden_object.sample((cell, cell), (side, side)).albedo
     lags = autocorrelate(albedo)
     transfer = lag_transfer(np.arange(-LAGS, LAGS + 1), pitch_m, geometry.distance_m, geometry.pixel_pitch_m,

@@ -1,4 +1,4 @@
-"""Laser safety of the spot: the limit that caps the power. IEC 60825-1:2014, visible continuous wave."""
+"""Laser safety of the spot: the limit that caps the power. IEC 60825-1, visible continuous wave."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ AVERSION_S = 0.25
 
 
 def maximum_permissible_exposure(wavelength_m: float, duration_s: float = AVERSION_S) -> float:
-    """Corneal irradiance limit in W/m^2 for a point source, 400-700 nm, 18 us to 10 s.
+    """Corneal irradiance limit in W/m^2 for a point source, 400-700 nm, 18 us to 10 s (where the editions agree).
 
-    18 t^0.75 J/m^2 (table A.1, C6 = 1); divided by t. Raises InputError outside the table's row.
+    18 t^0.75 J/m^2 with C6 = 1, divided by t. Raises InputError outside the table's row.
     """
     if not 400e-9 <= wavelength_m <= 700e-9:
         raise InputError("wavelength", "400 to 700 nm (visible) for the laser-safety line", f"{wavelength_m * 1e9:.4g} nm",

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from radiometry.errors import ArgumentParser, InputError, run_command
+from radiometry.errors import ArgumentParser, InputError, check_seed, run_command
 from radiometry.lab_series import corner, lab_floor, lab_over_exposure, lab_over_patches, slope
 
 EXPOSURES_S = (1 / 512, 1 / 128, 1 / 32, 1 / 8, 1 / 4, 1 / 2, 1.0)
@@ -27,8 +27,7 @@ def parser() -> ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> None:
     """Render series over exposure and patches, read the lab's, fit both, draw."""
     options = parser().parse_args(argv)
-    if options.seed < 0:
-        raise InputError("--seed", "a whole number, zero or more", options.seed, "choose another")
+    check_seed(options.seed)
     if options.measured is not None and not options.measured.is_dir():
         raise InputError("--measured", "a folder of autocorrelation pictures", options.measured, "check the path")
     from radiometry.output import output_folder, save_json
@@ -43,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         name: {
             "variance_over_mean_squared": slope([c["mean"] ** 2 for c in kinds["exposure"]],
                                                 [c["variance"] for c in kinds["exposure"]]),
-            "predicted": 1.0 / 64.0,
+            "predicted": 1.0 / kinds["exposure"][0]["dof"],
             "variance_over_mean_times_n": slope([1.0 / c["dof"] for c in kinds["patches"]],
                                                 [c["variance"] / c["mean"] ** 2 for c in kinds["patches"]]),
             "predicted_times_n": 1.0,
@@ -68,10 +67,15 @@ class Renderer:
     """Frames of one scene at any exposure, for the series."""
 
     def __init__(self, scene: str | Path, seed: int) -> None:
+        from radiometry.throughput import closed_form
         from sim.geometry import read_geometry
+        from sim.plan import check
         from sim.scene_file import load_scene
 
         self.geometry, self.seed = read_geometry(load_scene(scene)[0]), seed
+        check(self.geometry)
+        if closed_form(self.geometry.light_path).per_pixel == 0.0:
+            raise InputError("--scene", "light from the hidden object", "none", "choose another scene")
 
     def frames(self, count: int, exposure_s: float):
         from dataclasses import replace
@@ -99,12 +103,15 @@ class Renderer:
         from radiometry.autocorrelation import PatchGrid, estimate_autocorrelation
         from radiometry.prediction import predict
 
-        size = predict(self.geometry).grid.size
+        grid = predict(self.geometry).grid
+        size = grid.size
         frames = [frame.numpy() for frame in self.frames(2, 1 / 8)]
         corners = []
         for patches in PATCHES:
             rows = next(r for r in (8, 5, 2, 1) if patches % r == 0)
             columns = patches // rows
+            if rows > grid.rows or columns > grid.columns:
+                continue
             shape = (rows * size, columns * size)
             estimate, dof = estimate_autocorrelation([frame[: shape[0], : shape[1]] for frame in frames],
                                                      PatchGrid(size, rows, columns, shape))
@@ -140,7 +147,8 @@ def summary(result: dict[str, Any], folder: Path) -> str:
     for name in ("rendered", "measured"):
         if name in result:
             entry = result[name]
-            lines.append(f"{name}: variance / mean^2 = {entry['variance_over_mean_squared']:.4f} (predicted {1 / 64:.4f}); "
+            lines.append(f"{name}: variance / mean^2 = {entry['variance_over_mean_squared']:.4f} "
+                         f"(predicted {entry['predicted']:.4f}); "
                          f"(variance / mean^2) N = {entry['variance_over_mean_times_n']:.3f} (predicted 1)")
     if "lab_floor" in result:
         floor = result["lab_floor"]

@@ -30,11 +30,11 @@ def draw_statistics(path: Path, result: dict[str, Any]) -> None:
         left.loglog([c["mean"] for c in exposure], [c["variance"] for c in exposure], marker, mfc="none", label=name)
         right.loglog([1 / c["dof"] for c in patches], [c["variance"] / c["mean"] ** 2 for c in patches], marker, mfc="none",
                      label=name)
-    mean = np.geomspace(*left.get_xlim(), 20)
-    left.loglog(mean, mean**2 / 64, "k-", lw=1, label="predicted: mean$^2$ / 64")
+    mean, predicted = np.geomspace(*left.get_xlim(), 20), result["rendered"]["predicted"]
+    left.loglog(mean, predicted * mean**2, "k-", lw=1, label=f"predicted: mean$^2$ / {1 / predicted:.0f}")
     inverse = np.geomspace(1 / 70, 1.1, 20)
     right.loglog(inverse, inverse, "k-", lw=1, label="predicted: 1 / N")
-    left.set(xlabel="mean of the corner (of 255)", ylabel="variance", title="64 patches, 2 frames, exposure varies")
+    left.set(xlabel="mean of the corner (of 255)", ylabel="variance", title="2 frames, exposure varies")
     right.set(xlabel="1 / N", ylabel="variance / mean$^2$", title="N = patches x (frames - 1) varies")
     for axes in (left, right):
         axes.legend(frameon=False)

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Sequence
 
-from radiometry.errors import ArgumentParser, InputError, positive, run_command
+from radiometry.errors import ArgumentParser, InputError, check_seed, positive, run_command
 
 VERSION_UNKNOWN = "uninstalled"
 SATURATION_WORTH_A_WARNING = 1e-3
@@ -52,8 +52,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 def _check(options) -> None:
     if options.frames < 1:
         raise InputError("--frames", "at least 1", options.frames, "ask for more frames")
-    if not 0 <= options.seed < 2**31:
-        raise InputError("--seed", "a whole number from 0 to 2147483647", options.seed, "choose another")
+    check_seed(options.seed)
     positive("--tolerance", options.tolerance)
     if options.output is None and not options.plan:
         raise InputError("-o", "an output folder", "none", "add -o DIR, or --plan to render nothing")

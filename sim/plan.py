@@ -112,12 +112,6 @@ def make_plan(geometry: Geometry, frames: int, tolerance: float) -> dict[str, An
     warnings = [f"{effect.name}: predicted error {effect.predicted_error:.2g} exceeds the tolerance {tolerance:g}"
                 for effect in listed if effect.predicted_error > tolerance]
     warnings += scene_warnings(geometry, prediction.pitch_m)
-    if not geometry.baffled:
-        per_frame = (geometry.direct_light * pixels * geometry.pixel_pitch_m**2 * _detector_to_pixel(geometry)
-                     * budget.laser_photons_per_s)
-        warnings.append("direct_light: nothing stands between virtual source and virtual detector; "
-                        f"{per_frame:.3g} photoelectrons/s a frame come straight from the source (none if it faces away) "
-                        "and are not modelled; add a baffle")
     return {
         "accuracy": "statistical",
         "tolerance": tolerance,
@@ -145,6 +139,18 @@ def scene_warnings(geometry: Geometry, pitch_m: float) -> list[str]:
         warnings.append("hidden_object: none of its light reaches the camera; check its albedo, its facing, and occluders")
     if geometry.other_emitters:
         warnings.append(f"ambient: {geometry.other_emitters} emitter(s) beside the laser are not modelled")
+    if not geometry.baffled:
+        per_frame = (geometry.direct_light * math.prod(geometry.frame_shape) * geometry.pixel_pitch_m**2
+                     * _detector_to_pixel(geometry) * closed_form(geometry.light_path).laser_photons_per_s)
+        warnings.append("direct_light: nothing stands between virtual source and virtual detector; "
+                        f"{per_frame:.3g} photoelectrons/s a frame come straight from the source (none if it faces away) "
+                        "and are not modelled; add a baffle")
+    electronics = geometry.electronics
+    mean = closed_form(geometry.light_path).photoelectrons_per_pixel_s * electronics.exposure_s
+    # Speckle is negative-exponential: this share of the pixels lies above the full well.
+    if electronics.full_well and mean and math.exp(-electronics.full_well / mean) > 1e-3:
+        warnings.append(f"full_well: {100 * math.exp(-electronics.full_well / mean):.3g} % of the pixels will saturate, "
+                        "which the noise prediction leaves out")
     return warnings
 
 

@@ -39,7 +39,7 @@ def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -
     content = path.read_bytes()
     try:
         root = ElementTree.fromstring(content)
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # the latter two for unknown encodings
         raise InputError("scene", "well-formed XML", f"{path} ({error})", "correct the file") from None
     check_loadable(root)
     defaults = {node.get("name", ""): node.get("value", "") for node in root.iter("default")}

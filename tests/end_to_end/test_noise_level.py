@@ -7,7 +7,7 @@ pytest.importorskip("mitsuba")
 
 from radiometry.autocorrelation import PatchGrid, autocorrelate, estimate_autocorrelation
 from radiometry.noise_level import INDEPENDENT, RING, fit_known_signal, read_noise_level
-from radiometry.photons import grain_area, ideal_floor_over_peak
+from radiometry.photons import grain_area
 from radiometry.prediction import predict
 
 SIGNAL_FREE = INDEPENDENT & (RING > 40)
@@ -38,7 +38,7 @@ def test_the_prediction_is_one_over_photons_per_coherence_area(letter_simulation
     assert grain == pytest.approx(1.4e-8, rel=0.05)
     per_area = simulation.mean_photoelectrons / geometry.pixel_pitch_m**2
     prediction = predict(geometry)
-    assert prediction.shot_floor_over_peak == pytest.approx(ideal_floor_over_peak(per_area, grain), rel=0.02)
+    assert prediction.shot_floor_over_peak == pytest.approx(1.0 / (per_area * grain), rel=0.02)
     assert autocorrelate(albedo).max() == pytest.approx(albedo.sum())
 
 

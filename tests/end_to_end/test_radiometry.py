@@ -46,7 +46,33 @@ def test_definitions_scale_the_account(command):
     assert dark["photons_per_second"] == 0.0
 
 
+def test_a_missing_baffle_is_reported(command, tmp_path):
+    text = SCENE.read_text().replace('"F.png"', f'"{SCENE.parent / "F.png"}"').replace('x="0.095" z="0.6"', 'x="5" z="0.6"')
+    (tmp_path / "open.xml").write_text(text)
+    code, out, err = command(account, tmp_path / "open.xml", "--json")
+    assert code == 0
+    assert "baffle" in err
+    assert "baffle" in json.loads(out)["warnings"][0]
+
+
+def test_one_frame_of_one_patch_is_refused(command, tmp_path):
+    text = SCENE.read_text().replace('"F.png"', f'"{SCENE.parent / "F.png"}"')
+    text = text.replace('name="width" value="2464"', 'name="width" value="250"').replace('name="height" value="2056"',
+                                                                                    'name="height" value="250"')
+    (tmp_path / "small.xml").write_text(text)
+    code, _, err = command(account, tmp_path / "small.xml", "--frames", "1")
+    assert code == 2
+    assert "single patch" in err
+
+
+def test_a_plan_finer_than_the_object_allows_is_refused(command, tmp_path):
+    code, _, err = command(plan, SCENE, "--budget-s", "1", "--resolution-m", "1e-4", "-o", tmp_path)
+    assert code == 2
+    assert "64 lags" in err
+
+
 @pytest.mark.parametrize(("arguments", "words"), [(["-D", "power=-1"], "power"), (["--samples", "1"], "samples"),
+                                                  (["-D", "standoff=0.2"], "0.259"), (["--seed", "9" * 20], "--seed"),
                                                   (["-D", "standoff=0"], "virtual_detector"), (["--frames", "0"], "--frames")])
 def test_bad_input_is_one_line(command, arguments, words):
     code, out, err = command(account, SCENE, *arguments)

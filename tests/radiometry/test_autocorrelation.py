@@ -100,6 +100,13 @@ def test_window_smoothing_matches_the_spectrum_of_windowed_noise(random):
     np.testing.assert_allclose(smoothed[LAGS, LAGS : LAGS + 12], periodogram, rtol=2e-3, atol=2e-3 * periodogram[0])
 
 
+@pytest.mark.parametrize("cells", [1, 4])
+def test_window_smoothing_keeps_the_level(cells):
+    flat = np.ones((255 * cells, 255 * cells) if cells % 2 else (255 * cells + 1,) * 2)
+    # what the sinc^2 tails beyond 127 lags would add is left
+    assert window_smooth(flat, cells)[LAGS, LAGS] == pytest.approx(1.0, abs=0.005)
+
+
 def test_peak_of_cell_means_restores_the_cusp():
     fine = np.zeros((64 * 16, 64 * 16))
     fine[203:603, 310:379] = 1.0

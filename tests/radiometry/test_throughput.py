@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from radiometry.errors import InputError
-from radiometry.photons import PLANCK_J_S, grain_area, ideal_floor_over_peak, photon_rate
+from radiometry.photons import PLANCK_J_S, grain_area, photon_rate
 from radiometry.throughput import LightPath, closed_form
 
 LAB = LightPath(
@@ -72,8 +72,3 @@ def test_grain_of_a_uniform_square_is_lambda_z_over_side_squared():
     albedo[5:15, 20:45] = 0.3
     area = grain_area(albedo, 1e-4 * 2e-4, 500e-9, 2.0)
     assert area == pytest.approx((500e-9 * 2.0) ** 2 / (10 * 25 * 2e-8))
-
-
-def test_ideal_floor_is_one_over_photons_per_grain():
-    assert ideal_floor_over_peak(4e9, 1e-8) == pytest.approx(1 / 40)
-    assert ideal_floor_over_peak(0.0, 1e-8) == np.inf
