@@ -12,7 +12,7 @@ from invert.admm_tv import AdmmTvOptions, admm_tv
 from invert.altmin import AltMinOptions, altmin
 from invert.error_reduction import ErrorReductionOptions, error_reduction
 from invert.hio import HioOptions, hio
-from invert.mtwf import MtwfOptions, mtwf
+from invert.mtwf import MTWF_OPTIONS, mtwf
 from invert.projections import Progress
 from invert.raar import RaarOptions, raar
 from invert.registration import OBJECT, centred, consensus
@@ -31,7 +31,7 @@ METHODS: dict[str, tuple[Any, Any]] = {
     "altmin": (altmin, AltMinOptions()),
     "twf": (twf, TwfOptions()),
     "taf": (taf, TafOptions()),
-    "mtwf": (mtwf, MtwfOptions()),
+    "mtwf": (mtwf, MTWF_OPTIONS),
     "admm-tv": (admm_tv, AdmmTvOptions()),
 }
 """Solver and options. All but `classical` run as published: 64 x 64 support, the start of least residual. `classical` is HIO

@@ -6,6 +6,7 @@ with its published constants. Started from random images: the spectral start ass
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -55,10 +56,13 @@ def within(magnitude: torch.Tensor, norm: torch.Tensor, lower: float, upper: flo
     return (magnitude >= lower * norm) & (magnitude <= upper * norm)
 
 
-def twf(modulus: torch.Tensor, box: int, generator: torch.Generator, options: TwfOptions | None = None,
-        progress: Progress = lambda: None) -> Candidates:
-    """Retrieve real images of either sign; arguments as in `hio`."""
-    options = options or TwfOptions()
+def truncated_flow(modulus: torch.Tensor, box: int, generator: torch.Generator, options: TwfOptions,
+                   typical: Callable[[torch.Tensor], torch.Tensor], progress: Progress) -> Candidates:
+    """Descend the Poisson likelihood over measurements that keep both truncation rules.
+
+    Args:
+        typical: typical intensity error of each image, (..., n, n) to (..., 1, 1): what `options.spread` multiplies.
+    """
     support, intensity = box_support(modulus, box), full_intensity(modulus)
     image = start_at_scale(modulus, support, options.starts, generator)
     for _ in range(options.iterations):
@@ -66,8 +70,15 @@ def twf(modulus: torch.Tensor, box: int, generator: torch.Generator, options: Tw
         magnitude = spectrum.abs()
         norm = image.square().sum((-2, -1), keepdim=True).sqrt().clamp_min(1e-30)
         error = (intensity - magnitude.square()).abs()
-        near = error <= options.spread * error.mean((-2, -1), keepdim=True) * magnitude / norm
+        near = error <= options.spread * typical(error) * magnitude / norm
         kept = within(magnitude, norm, options.lower, options.upper) & near
         image = image - options.step * poisson_gradient(spectrum, intensity, kept) * support
         progress()
     return Candidates(image, modulus_residual(image, modulus.unsqueeze(-3)))
+
+
+def twf(modulus: torch.Tensor, box: int, generator: torch.Generator, options: TwfOptions | None = None,
+        progress: Progress = lambda: None) -> Candidates:
+    """Retrieve real images of either sign; arguments as in `hio`. The typical error is the mean."""
+    return truncated_flow(modulus, box, generator, options or TwfOptions(), lambda error: error.mean((-2, -1), keepdim=True),
+                          progress)
