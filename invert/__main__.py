@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from radiometry.errors import ArgumentParser, InputError, run_command
+from radiometry.errors import ArgumentParser, InputError, check_device, run_command
 
 METHOD_CHOICES = ("classical", "hio", "raar", "er", "altmin", "twf", "taf", "mtwf", "admm-tv")
 
@@ -84,11 +84,7 @@ def _check(options) -> int | None:
     if options.autocorrelation and len(set(names)) != len(names):
         raise InputError("inputs", "autocorrelations of different names", "one name twice",
                          "rename one; results go to folders of these names")
-    if options.device == "cuda":
-        import torch
-
-        if not torch.cuda.is_available():
-            raise InputError("--device", "a CUDA GPU and a torch build that uses it", "none", "use --device cpu")
+    check_device(options.device)
     if options.autocorrelation and (options.patch != "auto" or options.dark is not None):
         raise InputError("--autocorrelation", "estimates as they are", "--patch or --dark, which go with frames",
                          "leave them out")

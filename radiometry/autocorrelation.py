@@ -121,9 +121,8 @@ class AutocorrelationEstimator:
         if self.dof == 0:
             raise InputError("patch", "at least two patches when there is a single frame",
                              f"{self.grid.count} of {self.grid.size} pixels", "choose a smaller --patch or add a frame")
-        squared_mean = self._sum.abs().square()
         if self.frames > 1:
-            total = self._power.sum(0) - squared_mean.sum(0) / self.frames
+            total = self._power.sum(0) - self._sum.abs().square().sum(0) / self.frames
         else:
             total = self._power.sum(0) - self._sum.sum(0).abs().square() / self.grid.count
         half = (total / (self.dof * self.grid.size**2)).cpu().numpy()

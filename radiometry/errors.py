@@ -55,6 +55,15 @@ def check_seed(seed: int) -> int:
     return seed
 
 
+def check_device(device: str) -> None:
+    """Refuse `cuda` where torch has no GPU to use."""
+    if device == "cuda":
+        import torch  # heavy, and wanted only here
+
+        if not torch.cuda.is_available():
+            raise InputError("--device", "a CUDA GPU and a torch build that uses it", "none", "use --device cpu")
+
+
 def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str] | None = None) -> NoReturn:
     """Run a command's `main` and exit: 0, or 2 with one line for bad input, or 130 when interrupted."""
     try:

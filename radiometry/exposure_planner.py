@@ -13,6 +13,7 @@ import numpy as np
 
 from radiometry.errors import InputError, positive
 from radiometry.noise_budget import estimate_error
+from radiometry.noise_level import INDEPENDENT, fit_known_signal
 from radiometry.prediction import Prediction, predict
 
 FRAME_COUNTS = (2, 3, 4, 5, 7, *(round(10 * 2 ** (half / 2)) for half in range(34)))
@@ -39,8 +40,7 @@ class Division:
 def error_of(prediction: Prediction, frames: int, floor: float) -> float:
     """Predicted relative error over all 127 x 127 lags."""
     signal = prediction.signal
-    return estimate_error(float(signal.sum()), float((signal**2).sum()), signal.size, floor,
-                          prediction.dof(frames))
+    return estimate_error(float(signal.sum()), float((signal**2).sum()), signal.size, floor, prediction.dof(frames))
 
 
 def divide(geometry: Any, budget_s: float, resolution_m: float = 300e-6,
@@ -91,8 +91,6 @@ def best(divisions: list[Division]) -> Division:
 
 def measured_error(estimate: np.ndarray, prediction: Prediction) -> float:
     """Relative error of an estimate against the known r*r, gain and floor fitted, scaled to the same lags."""
-    from radiometry.noise_level import INDEPENDENT, fit_known_signal
-
     gain, floor = fit_known_signal(estimate, prediction.signal)
     residual = estimate - floor - gain * prediction.signal
     return float(np.sqrt((residual[INDEPENDENT] ** 2).sum() / ((gain * prediction.signal[INDEPENDENT]) ** 2).sum()))

@@ -46,9 +46,13 @@ class NoiseLevel:
         return self.floor / self.dof**0.5 if self.dof else 0.0
 
 
-def _on_axis() -> np.ndarray:
-    """Lags on the row or column through zero, where read noise of lines collects."""
-    return (ROW_LAG == 0) | (COLUMN_LAG == 0)
+OFF_AXIS = INDEPENDENT & (ROW_LAG != 0) & (COLUMN_LAG != 0)
+"""Independent lags off the row and column through zero, where read noise of lines collects."""
+
+
+def _variance(mean: float, dof: float | None, quantisation: float) -> float:
+    """Variance of a lag without signal: Gamma noise and rounding."""
+    return (mean**2 / dof if dof else 0.0) + quantisation**2 / 12.0
 
 
 def _moments(values: np.ndarray, quantisation: float) -> tuple[float, float | None]:
@@ -68,25 +72,24 @@ def read_noise_level(estimate: np.ndarray, quantisation: float = 0.0) -> NoiseLe
         estimate: (127, 127), zero lag in the middle.
         quantisation: step of an estimate stored as integers (1 for 8-bit pictures), 0 for none.
     """
-    usable = INDEPENDENT & ~_on_axis()
-    mean, dof = _moments(estimate[usable & (RING > OUTERMOST)], quantisation)
+    mean, dof = _moments(estimate[OFF_AXIS & (RING > OUTERMOST)], quantisation)
     boundary, misses = OUTERMOST, 0
     for ring in range(OUTERMOST, INNERMOST, -1):
-        values = estimate[usable & (ring == RING)]
-        spread = (mean**2 / dof if dof else 0.0) + quantisation**2 / 12.0
-        if abs(float(values.mean()) - mean) > 3.0 * (spread / values.size) ** 0.5 + 1e-9 * abs(mean):
+        values = estimate[OFF_AXIS & (ring == RING)]
+        error = (_variance(mean, dof, quantisation) / values.size) ** 0.5
+        if abs(float(values.mean()) - mean) > 3.0 * error + 1e-9 * abs(mean):
             misses += 1
             if misses == 2:
                 break
         else:
             boundary, misses = ring - 1, 0
-            mean, dof = _moments(estimate[usable & (boundary < RING)], quantisation)
+            mean, dof = _moments(estimate[OFF_AXIS & (boundary < RING)], quantisation)
     # A boxcar patch leaks signal along both axes of the lags, but hardly into their corners.
-    corners = usable & (np.minimum(np.abs(ROW_LAG), np.abs(COLUMN_LAG)) > min(boundary, OUTERMOST - 12))
+    corners = OFF_AXIS & (np.minimum(np.abs(ROW_LAG), np.abs(COLUMN_LAG)) > min(boundary, OUTERMOST - 12))
     corner_mean, corner_dof = _moments(estimate[corners], quantisation)
-    sides = usable & (boundary < RING) & ~corners
-    spread = (corner_mean**2 / corner_dof if corner_dof else 0.0) + quantisation**2 / 12.0
-    error = (spread * (1.0 / corners.sum() + 1.0 / max(sides.sum(), 1))) ** 0.5
+    sides = OFF_AXIS & (boundary < RING) & ~corners
+    variance = _variance(corner_mean, corner_dof, quantisation)
+    error = (variance * (1.0 / corners.sum() + 1.0 / max(sides.sum(), 1))) ** 0.5
     if sides.any() and abs(float(estimate[sides].mean()) - corner_mean) > 3.0 * error + 1e-9 * abs(corner_mean):
         mean, dof = corner_mean, corner_dof
     if mean < NEGLIGIBLE * float(np.delete(estimate, estimate.size // 2).max()):
@@ -129,7 +132,7 @@ def fit_known_signal(estimate: np.ndarray, signal: np.ndarray, *, lines: bool = 
         signal: (127, 127), H (r*r) as the patch window smooths it.
         lines: whether read noise stands on the row or column through zero lag, which are then left out.
     """
-    use = INDEPENDENT & ~_on_axis() if lines else INDEPENDENT
+    use = OFF_AXIS if lines else INDEPENDENT
     basis = np.stack([signal[use].astype(np.float64), np.ones(int(use.sum()))], axis=1)
     values = estimate[use].astype(np.float64)
     model = np.full_like(values, values.mean())

@@ -56,8 +56,6 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def render_errors(geometry: Any, divisions: list[Any], seed: int) -> dict[int, float]:
     """Render each division and measure the error of its estimate against the known r*r."""
-    from dataclasses import replace
-
     from tqdm import tqdm
 
     from radiometry.autocorrelation import AutocorrelationEstimator
@@ -66,11 +64,12 @@ def render_errors(geometry: Any, divisions: list[Any], seed: int) -> dict[int, f
     from sim.frame import Simulation
 
     errors = {}
+    if not divisions:
+        return errors
+    prediction = predict(geometry, divisions[0].patch)  # all divisions share the patch size
     with tqdm(total=sum(d.frames for d in divisions), desc="frames", unit="frame", disable=None) as bar:
         for division in divisions:
-            electronics = replace(geometry.electronics, exposure_s=division.exposure_s)
-            simulation = Simulation(replace(geometry, electronics=electronics))
-            prediction = predict(geometry, division.patch)
+            simulation = Simulation(geometry.exposed(division.exposure_s))
             estimator = AutocorrelationEstimator(prediction.grid)
             for number in range(division.frames):
                 estimator.add(simulation.frame(seed, number))

@@ -67,6 +67,7 @@ class Renderer:
     """Frames of one scene at any exposure, for the series."""
 
     def __init__(self, scene: str | Path, seed: int) -> None:
+        from radiometry.prediction import predict
         from radiometry.throughput import closed_form
         from sim.geometry import read_geometry
         from sim.plan import check
@@ -76,22 +77,19 @@ class Renderer:
         check(self.geometry)
         if closed_form(self.geometry.light_path).per_pixel == 0.0:
             raise InputError("--scene", "light from the hidden object", "none", "choose another scene")
+        self.prediction = predict(self.geometry)
 
     def frames(self, count: int, exposure_s: float):
-        from dataclasses import replace
-
         from sim.frame import Simulation
 
-        electronics = replace(self.geometry.electronics, exposure_s=exposure_s)
-        simulation = Simulation(replace(self.geometry, electronics=electronics))
+        simulation = Simulation(self.geometry.exposed(exposure_s))
         return (simulation.frame(self.seed, number) for number in range(count))
 
     def over_exposure(self) -> list[dict[str, float]]:
         """Two frames of 64 patches, scaled to a maximum of 255 as the lab's pictures are."""
         from radiometry.autocorrelation import estimate_autocorrelation
-        from radiometry.prediction import predict
 
-        grid = predict(self.geometry).grid
+        grid = self.prediction.grid
         corners = []
         for exposure_s in EXPOSURES_S:
             estimate, dof = estimate_autocorrelation(self.frames(2, exposure_s), grid)
@@ -101,9 +99,8 @@ class Renderer:
     def over_patches(self) -> list[dict[str, float]]:
         """Two frames of 1/8 s, the first patches of the grid only."""
         from radiometry.autocorrelation import PatchGrid, estimate_autocorrelation
-        from radiometry.prediction import predict
 
-        grid = predict(self.geometry).grid
+        grid = self.prediction.grid
         size = grid.size
         frames = [frame.numpy() for frame in self.frames(2, 1 / 8)]
         corners = []
@@ -120,17 +117,14 @@ class Renderer:
 
     def shot_floor_s(self) -> float | None:
         """Ideal shot-noise floor over peak, times the exposure: b = a / t."""
-        from radiometry.prediction import predict
-
-        floor = predict(self.geometry).shot_floor_over_peak
+        floor = self.prediction.shot_floor_over_peak
         return None if floor is None else floor * self.geometry.electronics.exposure_s
 
     def budgets(self) -> list[tuple[str, np.ndarray]]:
         """The paper's Fig. 4: one photon budget of 10 s, spent in three ways. One frame is pooled over its patches."""
         from radiometry.autocorrelation import estimate_autocorrelation
-        from radiometry.prediction import predict
 
-        grid = predict(self.geometry).grid
+        grid = self.prediction.grid
         return [(f"{count} x {exposure_s:g} s", estimate_autocorrelation(self.frames(count, exposure_s), grid)[0])
                 for count, exposure_s in BUDGETS]
 

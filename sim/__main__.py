@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Sequence
 
-from radiometry.errors import ArgumentParser, InputError, check_seed, positive, run_command
+from radiometry.errors import ArgumentParser, InputError, check_device, check_seed, positive, run_command
 
 VERSION_UNKNOWN = "uninstalled"
 SATURATION_WORTH_A_WARNING = 1e-3
@@ -56,11 +56,7 @@ def _check(options) -> None:
     positive("--tolerance", options.tolerance)
     if options.output is None and not options.plan:
         raise InputError("-o", "an output folder", "none", "add -o DIR, or --plan to render nothing")
-    if options.device == "cuda":
-        import torch
-
-        if not torch.cuda.is_available():
-            raise InputError("--device", "a CUDA GPU and a torch build that uses it", "none", "use --device cpu")
+    check_device(options.device)
 
 
 def _render(geometry, plan, digest: str, definitions: dict[str, str], options) -> None:

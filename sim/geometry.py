@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mitsuba as mi
 import numpy as np
@@ -52,6 +52,10 @@ class Geometry:
     from the virtual source: zero when a baffle, or the walls' own facing, blocks it."""
     other_emitters: int
     """Emitters beside the laser: ambient light."""
+
+    def exposed(self, exposure_s: float) -> Geometry:
+        """The same scene at another exposure."""
+        return replace(self, electronics=replace(self.electronics, exposure_s=exposure_s))
 
     @property
     def wavelength_m(self) -> float:

@@ -130,26 +130,27 @@ def make_plan(geometry: Geometry, frames: int, tolerance: float) -> dict[str, An
 def scene_warnings(geometry: Geometry, pitch_m: float) -> list[str]:
     """What the scene holds that will not show as its author may think."""
     width_m, lags_m = max(geometry.hidden_object.extent_m), 64 * pitch_m
+    budget, electronics = closed_form(geometry.light_path), geometry.electronics
     warnings = []
     if width_m > lags_m:
         warnings.append(f"hidden_object: {width_m * 1e3:.3g} mm across, but the 64 lags of {pitch_m * 1e6:.4g} um that "
                         f"truth.npy and invert hold end at {lags_m * 1e3:.3g} mm; render a smaller one, or invert with a "
                         "smaller --patch")
-    if closed_form(geometry.light_path).per_pixel == 0.0:
+    if budget.per_pixel == 0.0:
         warnings.append("hidden_object: none of its light reaches the camera; check its albedo, its facing, and occluders")
     if geometry.other_emitters:
         warnings.append(f"ambient: {geometry.other_emitters} emitter(s) beside the laser are not modelled")
     if not geometry.baffled:
         per_frame = (geometry.direct_light * math.prod(geometry.frame_shape) * geometry.pixel_pitch_m**2
-                     * _detector_to_pixel(geometry) * closed_form(geometry.light_path).laser_photons_per_s)
+                     * _detector_to_pixel(geometry) * budget.laser_photons_per_s)
         warnings.append("direct_light: nothing stands between virtual source and virtual detector; "
                         f"{per_frame:.3g} photoelectrons/s a frame come straight from the source (none if it faces away) "
                         "and are not modelled; add a baffle")
-    electronics = geometry.electronics
-    mean = closed_form(geometry.light_path).photoelectrons_per_pixel_s * electronics.exposure_s
+    mean = budget.photoelectrons_per_pixel_s * electronics.exposure_s
     # Speckle is negative-exponential: this share of the pixels lies above the full well.
-    if electronics.full_well and mean and math.exp(-electronics.full_well / mean) > 1e-3:
-        warnings.append(f"full_well: {100 * math.exp(-electronics.full_well / mean):.3g} % of the pixels will saturate, "
+    saturated = math.exp(-electronics.full_well / mean) if electronics.full_well and mean else 0.0
+    if saturated > 1e-3:
+        warnings.append(f"full_well: {100 * saturated:.3g} % of the pixels will saturate, "
                         "which the noise prediction leaves out")
     return warnings
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from invert.__main__ import parser
 from invert.admm_tv import divergence, gradients, shrunk
 from invert.error_reduction import ErrorReductionOptions, error_reduction
 from invert.methods import METHODS, QUALITIES, method_options, retrieve
@@ -151,6 +152,11 @@ def test_twenty_windowed_estimates_of_k_1e6(name, wanted):
         result = retrieve(read_measurement((lags.clip(0.0) * noise).astype(np.float32)), name, "balanced", 0, "cpu")
         pearson.append(aligned_pearson(result.albedo, image)[0])
     assert np.mean(np.array(pearson) >= wanted) >= 0.95, np.round(pearson, 3)
+
+
+def test_the_command_offers_every_method_and_quality():
+    offered = {action.dest: tuple(action.choices) for action in parser()._actions if action.choices}
+    assert (offered["method"], offered["quality"]) == (tuple(METHODS), tuple(QUALITIES))
 
 
 def test_qualities_scale_every_method():
