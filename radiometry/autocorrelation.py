@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import torch
@@ -173,7 +174,13 @@ def window_smooth(albedo_autocorrelation: np.ndarray, cells_per_lag: int = 1) ->
     Returns:
         float64 (127, 127); as large as the input's lags reach, zero-padded beyond.
     """
-    reach = albedo_autocorrelation.shape[0] // 2
+    kernel = window_kernel(albedo_autocorrelation.shape[0] // 2, cells_per_lag)
+    return kernel @ albedo_autocorrelation @ kernel.T
+
+
+@lru_cache(maxsize=8)
+def window_kernel(reach: int = LAGS, cells_per_lag: int = 1) -> np.ndarray:
+    """What a boxcar patch does to r*r of square cells along one axis (bilinear, then sinc^2); (127, 2 reach + 1)."""
     fine = 64
     position = (np.arange(-fine, fine) + 0.5) / fine
     hat = (1.0 - np.abs(position)) / fine
@@ -182,5 +189,4 @@ def window_smooth(albedo_autocorrelation: np.ndarray, cells_per_lag: int = 1) ->
     kernel = np.zeros((SIDE, 2 * reach + 1))
     for offset, weight in zip(position, hat, strict=True):
         kernel += weight * np.sinc(lag - cell - offset / cells_per_lag) ** 2
-    kernel /= cells_per_lag
-    return kernel @ albedo_autocorrelation @ kernel.T
+    return kernel / cells_per_lag

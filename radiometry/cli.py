@@ -13,7 +13,11 @@ COMMANDS = {
     "plan": "radiometry.plan",
     "validate": "radiometry.validate",
     "invert": "invert.__main__",
+    "data-gen": "data_gen.__main__",
+    "preview": "data_gen.preview",
     "letters": "data_gen.letters",
+    "train": "invert.train",
+    "evaluate": "invert.evaluate",
 }
 
 

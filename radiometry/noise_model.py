@@ -12,6 +12,7 @@ from typing import Literal
 
 import torch
 
+from radiometry.autocorrelation import LAGS, window_kernel
 from radiometry.errors import InputError
 
 Form = Literal["gamma", "gaussian"]
@@ -29,6 +30,16 @@ def expected_spectrum(signal: torch.Tensor, floor: torch.Tensor | float, transfe
         floor = torch.as_tensor(floor, dtype=signal.dtype, device=signal.device)
     filtered = signal if transfer is None else signal * transfer
     return filtered + floor[..., None, None]
+
+
+def window_smoothed(albedo: torch.Tensor) -> torch.Tensor:
+    """r*r of albedos (..., 64, 64), one square cell a lag, as boxcar patches show it: (..., 127, 127), summed over cells."""
+    n = 2 * (LAGS + 1)
+    power = torch.fft.rfft2(albedo, s=(n, n)).abs().square()
+    lags = torch.fft.fftshift(torch.fft.irfft2(power, s=(n, n)), dim=(-2, -1))[..., 1:, 1:]
+    kernel = torch.from_numpy(window_kernel()).to(lags)
+    smooth = kernel @ lags @ kernel.T
+    return 0.5 * (smooth + smooth.flip((-2, -1)))  # exactly centro-symmetric in spite of rounding
 
 
 def draw_estimate(spectrum: torch.Tensor, dof: torch.Tensor | float, generator: torch.Generator,

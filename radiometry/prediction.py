@@ -27,6 +27,7 @@ class Prediction:
 
     Attributes:
         signal: H (r*r), window-smoothed, (127, 127), in units of (r*r)(0).
+        transfer: H per lag (127, 127).
         shot_floor_over_peak: one over the photoelectrons per coherence area; None without light.
     """
 
@@ -34,6 +35,7 @@ class Prediction:
     grid: PatchGrid
     pitch_m: float
     signal: np.ndarray
+    transfer: np.ndarray
 
     @property
     def shot_floor_over_peak(self) -> float | None:
@@ -85,4 +87,4 @@ def predict(geometry: Any, patch: int | None = None) -> Prediction:
     transfer = lag_transfer(np.arange(-LAGS, LAGS + 1), pitch_m, geometry.distance_m, geometry.pixel_pitch_m,
                             geometry.pupil_diameter_m, geometry.wavelength_m, geometry.pupil_distance_m)
     signal = window_smooth(lags / lags.max() if lags.max() > 0.0 else lags, CELLS_PER_LAG) * transfer
-    return Prediction(noise_terms(geometry, albedo, cell), grid, pitch_m, signal)
+    return Prediction(noise_terms(geometry, albedo, cell), grid, pitch_m, signal, transfer)

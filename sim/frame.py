@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 
 import mitsuba as mi
 import numpy as np
@@ -24,9 +25,13 @@ class Simulation:
     """
 
     def __init__(self, geometry: Geometry, device: str = "cpu") -> None:
+        self.device = torch.device(device)
+        self._transfer = transfer_function(geometry).to(self.device)
+        self._look_at(geometry)
+
+    def _look_at(self, geometry: Geometry) -> None:
         check(geometry)
         self.geometry = geometry
-        self.device = torch.device(device)
         pitch = geometry.object_pitch_m
         self._grid = tuple(min(math.ceil(extent / step) + 1, n) for extent, step, n in
                            zip(geometry.hidden_object.extent_m, pitch, geometry.frame_shape, strict=True))
@@ -36,8 +41,13 @@ class Simulation:
         brightness = seen.albedo * (seen.cosine_in / mean_cosine if mean_cosine else 1.0)
         self._amplitude = np.sqrt(brightness, dtype=np.float32)
         self._brightness_sum = float(brightness.sum(dtype=np.float64))
-        self._transfer = transfer_function(geometry).to(self.device)
         self.budget = closed_form(geometry.light_path)
+
+    def showing(self, cells: np.ndarray, pitch_m: float) -> Simulation:
+        """The same simulation with a flat object of albedo cells (n, n) in place of the scene's own."""
+        other = copy(self)
+        other._look_at(self.geometry.showing(cells, pitch_m))
+        return other
 
     @classmethod
     def of_scene(cls, scene: mi.Scene) -> Simulation:

@@ -10,7 +10,7 @@ import numpy as np
 from radiometry.autocorrelation import SIDE
 from radiometry.errors import InputError
 from radiometry.throughput import LightPath
-from sim.hidden_object import HiddenObject, is_hidden_object
+from sim.hidden_object import FlatObject, HiddenObject, is_hidden_object
 from sim.plugins.laser import Laser
 from sim.plugins.phase_screen import PhaseScreen
 from sim.plugins.speckle_camera import Electronics, SpeckleCamera
@@ -35,7 +35,7 @@ class Geometry:
     """
 
     spot: Spot
-    hidden_object: HiddenObject
+    hidden_object: HiddenObject | FlatObject
     detector_centre: np.ndarray
     right: np.ndarray
     down: np.ndarray
@@ -56,6 +56,12 @@ class Geometry:
     def exposed(self, exposure_s: float) -> Geometry:
         """The same scene at another exposure."""
         return replace(self, electronics=replace(self.electronics, exposure_s=exposure_s))
+
+    def showing(self, cells: np.ndarray, pitch_m: float) -> Geometry:
+        """The same scene with a flat object of albedo cells (n, n) in place of its own."""
+        shown = FlatObject(cells, pitch_m, self.hidden_object)
+        path = replace(self.light_path, object_albedo_area_m2=shown.albedo_area_m2())
+        return replace(self, hidden_object=shown, light_path=path)
 
     @property
     def wavelength_m(self) -> float:

@@ -118,6 +118,43 @@ class HiddenObject:
         return self._measured[1], self._measured[2]
 
 
+class FlatObject:
+    """A flat, rough object that faces the virtual detector, given as albedo cells instead of shapes; see `HiddenObject`.
+
+    Args:
+        cells: albedo (n, n), 0 to 1, rows down and columns right.
+        like: the object whose place and cosines it takes.
+    """
+
+    depth_m = 0.0
+    height_rms_m = math.inf
+
+    def __init__(self, cells: np.ndarray, pitch_m: float, like: HiddenObject) -> None:
+        self._cells, self._pitch_m, self._like = np.asarray(cells, np.float32), pitch_m, like
+        self.centre, self.right, self.down, self.line_of_sight = like.centre, like.right, like.down, like.line_of_sight
+        filled = self._cells > 0.0
+        # Twice the distance of the farthest filled cell from the middle, because grids are centred.
+        spans = (np.flatnonzero(filled.any(axis)) + np.array([[0], [1]]) - 0.5 * len(filled) for axis in (1, 0))
+        self.extent_m = tuple(2.0 * pitch_m * float(np.abs(span).max(initial=0.5)) for span in spans)
+
+    def sample(self, pitch_m: tuple[float, float], shape: tuple[int, int]) -> Samples:
+        """Sample at the cell centres of a grid (rows, columns) centred on the object."""
+        places = [np.floor((np.arange(n) - 0.5 * (n - 1)) * step / self._pitch_m + 0.5 * len(self._cells)).astype(int)
+                  for n, step in zip(shape, pitch_m, strict=True)]
+        inside = [(place >= 0) & (place < len(self._cells)) for place in places]
+        albedo = np.zeros(shape, np.float32)
+        albedo[np.ix_(*inside)] = self._cells[np.ix_(*(place[held] for place, held in zip(places, inside, strict=True)))]
+        cosines = [np.where(albedo > 0.0, np.float32(cosine), np.float32(0.0)) for cosine in self.mean_cosines()]
+        return Samples(albedo, *cosines)
+
+    def albedo_area_m2(self) -> float:
+        """Integral of the albedo over the surface."""
+        return float(self._cells.sum(dtype=np.float64)) * self._pitch_m**2
+
+    def mean_cosines(self) -> tuple[float, float]:
+        return self._like.mean_cosines()
+
+
 def _perpendicular(vector: np.ndarray, line: np.ndarray) -> np.ndarray:
     part = vector - line * (vector @ line)
     return part / np.linalg.norm(part)

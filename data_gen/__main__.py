@@ -1,0 +1,123 @@
+"""`python -m data_gen`: targets and their measurements as a Zarr dataset, in parallel, safe to interrupt."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from radiometry.errors import ArgumentParser, InputError, check_seed, positive, run_command
+
+PACKAGES = ("correlograph", "numpy", "pillow", "scikit-image", "torch", "zarr")
+"""What a dataset's bytes depend on beside its arguments."""
+
+
+def parser() -> ArgumentParser:
+    p = ArgumentParser(prog="python -m data_gen", description="Make a dataset of hidden objects and their autocorrelations.")
+    p.add_argument("output", help="address of the Zarr store: a path, or any address fsspec knows")
+    p.add_argument("--images", type=Path, help="folder of photographs whose Canny edges are targets")
+    p.add_argument("--source", choices=("edges", "glyphs", "strokes", "shapes", "mixed"),
+                   help="what targets are; edges where --images is given (mixed then takes edges too)")
+    p.add_argument("--count", type=int, required=True)
+    p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--measurement", choices=("none", "noise-model", "render"), default="none",
+                   help="none: targets only, for noise drawn while training")
+    p.add_argument("--scene", type=Path,
+                   help="scene to render, or whose noise the model takes; targets stand in for its hidden object")
+    bounds = ("LOW", "HIGH")
+    p.add_argument("--floor-over-peak", type=float, nargs=2, metavar=bounds, help="range of the noise model (0.01 0.7)")
+    p.add_argument("--dof", type=float, nargs=2, metavar=bounds, help="range of the noise model (4 1000)")
+    p.add_argument("--workers", type=int, help="processes on this machine; as many as it has cores")
+    p.add_argument("--scheduler", help="address of a running Dask scheduler instead")
+    p.add_argument("--dry-run", action="store_true", help="say count, bytes and predicted time, and write nothing")
+    return p
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Find the photographs, open the store, make the shards that are missing."""
+    options = parser().parse_args(argv)
+    _check(options)
+    from data_gen.schedule import make_shards, predicted_seconds
+    from data_gen.store import PAIR_BYTES, create, missing_shards
+
+    recipe, manifest = _recipe(options)
+    if options.dry_run:
+        pairs = recipe.measurement != "none"
+        size = recipe.count * (PAIR_BYTES if pairs else 300)
+        print(f"{recipe.count} {'pairs' if pairs else 'targets'}, about {size / 1e9:.3g} GB, "
+              f"about {predicted_seconds(recipe, options.workers):.0f} s with {options.workers} workers")
+        return
+    group = create(options.output, manifest, recipe.count, recipe.measurement)
+    missing, begin = missing_shards(group), time.perf_counter()
+    made = make_shards(options.output, recipe, missing, options.workers, options.scheduler)
+    seconds = time.perf_counter() - begin
+    print(f"{options.output}: {recipe.count} samples, {made} made now" + (f" ({made / seconds:.0f} a second)" if made else ""))
+
+
+def _check(options: Any) -> None:
+    if options.count < 1:
+        raise InputError("--count", "a whole number above zero", options.count, "choose another")
+    check_seed(options.seed)
+    if options.images is None and options.source is None:
+        raise InputError("targets", "--images FOLDER or --source NAME", "neither", "add one")
+    if options.images is not None and options.source not in (None, "edges", "mixed"):
+        raise InputError("--source", "edges or mixed beside --images", options.source, "leave --images out")
+    if options.measurement == "render" and options.scene is None:
+        raise InputError("--scene", "a scene file for --measurement render", "none", "add --scene SCENE.xml")
+    if options.measurement == "none" and options.scene is not None:
+        raise InputError("--scene", "--measurement render or noise-model beside it", "none", "leave --scene out")
+    if (options.measurement != "noise-model" or options.scene) and (options.floor_over_peak or options.dof):
+        raise InputError("--floor-over-peak, --dof", "the noise model without a scene", f"--measurement {options.measurement}"
+                         f"{' --scene' if options.scene else ''}", "leave them out")
+    for name, bounds in (("--floor-over-peak", options.floor_over_peak), ("--dof", options.dof)):
+        if bounds and positive(name, bounds[0]) > positive(name, bounds[1]):
+            raise InputError(name, "LOW up to HIGH", bounds, "swap them")
+    if options.scheduler and options.workers is not None:
+        raise InputError("--scheduler", "no --workers beside it", options.workers, "leave one of them out")
+    if options.workers is None:
+        options.workers = os.cpu_count() or 1
+    if options.workers < 1:
+        raise InputError("--workers", "a whole number above zero", options.workers, "choose another")
+
+
+def _recipe(options: Any) -> tuple[Any, dict[str, Any]]:
+    """What a dataset is made of, and the manifest that says so."""
+    from data_gen.edges import find_photographs
+    from data_gen.targets import target_source
+    from data_gen.work import Recipe
+
+    photographs = find_photographs(options.images) if options.images else None
+    if photographs and photographs.skipped:
+        listed = "; ".join(f"{name}: {reason}" for name, reason in photographs.skipped[:20])
+        print(f"{len(photographs.skipped)} files skipped: {listed}{' ...' if len(photographs.skipped) > 20 else ''}")
+    name = options.source or "edges"
+    source = target_source(name, photographs)
+    scene = str(options.scene) if options.scene else None
+    if options.scene and not options.scene.is_file():
+        raise InputError("--scene", "a scene file", f"no {options.scene}", "check the path")
+    recipe = Recipe(source, options.count, options.seed, options.measurement, scene,
+                    tuple(options.floor_over_peak or (0.01, 0.7)), tuple(options.dof or (4.0, 1000.0)))
+    level: dict[str, Any] = {"scene_sha256": _scene_sha256(scene)} if scene else {}
+    if options.measurement == "noise-model" and not scene:
+        level = {"floor_over_peak": list(recipe.floor_over_peak), "dof": list(recipe.dof)}
+    manifest = {
+        "arguments": {"source": name, "kinds": list(source.kinds), "count": options.count, "seed": options.seed,
+                      "measurement": options.measurement, **level},
+        "photographs": [list(pair) for pair in zip(photographs.names, photographs.hashes, strict=True)] if photographs else [],
+        "skipped": [list(pair) for pair in photographs.skipped] if photographs else [],
+        "versions": {package: version(package) for package in PACKAGES},
+    }
+    return recipe, manifest
+
+
+def _scene_sha256(scene: str) -> str:
+    from sim.scene_file import load_scene
+
+    return load_scene(scene, {})[1]
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,152 @@
+"""Canny edges of photographs as targets: the training data of the paper's section 5.A.
+
+A photograph is turned, scaled and passed through a Canny edge detector (Canny, IEEE TPAMI 8(6), 679, 1986,
+doi:10.1109/TPAMI.1986.4767851); crops with neither too few nor too many edge pixels become targets.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from scipy import ndimage
+from skimage.feature import canny
+
+from radiometry.errors import InputError
+
+SIDE = 64
+"""Side of a target, in lags."""
+
+WINDOW = (36, 60)
+"""Smallest and largest side of a crop; it lies in the target's middle."""
+
+FEWEST, MOST = 48, 0.16
+"""Fewest edge pixels of a target, and the largest share of the crop that may be edge."""
+
+CRUMB = 10
+"""Connected edges of fewer pixels are left out: the estimate would not show them."""
+
+SMALLEST_SIDE = 2 * SIDE
+"""Photographs with a shorter side than this hold too few crops."""
+
+VIEWS = 6
+"""Views of a photograph that are tried before it counts as having no edges."""
+
+KINDS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
+
+
+@dataclass(frozen=True)
+class Photographs:
+    """Usable photographs by name, SHA-256 of each, and the files that were left out, with the reason."""
+
+    folder: Path
+    names: tuple[str, ...]
+    hashes: tuple[str, ...]
+    skipped: tuple[tuple[str, str], ...]
+
+
+def find_photographs(folder: Path) -> Photographs:
+    """Photographs in a folder and its sub-folders; InputError where there is none.
+
+    Damaged, tiny and other files are listed in `skipped`. Greyscale and CMYK ones are read as luminance.
+    """
+    if not folder.is_dir():
+        raise InputError("--images", "a folder of photographs", f"no {folder}", "check the path")
+    names, hashes, skipped = [], [], []
+    for file in sorted(path for path in folder.rglob("*") if path.is_file()):
+        name = file.relative_to(folder).as_posix()
+        reason = None
+        if file.suffix.lower() not in KINDS:
+            reason = "not a picture"
+        else:
+            try:
+                luminance = read_luminance(file)
+                if min(luminance.shape) < SMALLEST_SIDE:
+                    reason = f"only {luminance.shape[1]} x {luminance.shape[0]} pixels"
+                elif np.ptp(luminance) == 0.0:
+                    reason = "the same value everywhere"
+            except Exception as error:  # every decoder raises its own kinds
+                reason = f"cannot be read ({type(error).__name__})"
+        if reason:
+            skipped.append((name, reason))
+        else:
+            names.append(name)
+            hashes.append(hashlib.sha256(file.read_bytes()).hexdigest())
+    if not names:
+        raise InputError("--images", f"photographs of at least {SMALLEST_SIDE} x {SMALLEST_SIDE} pixels",
+                         f"none among {len(skipped)} files in {folder}", "give another folder")
+    return Photographs(folder, tuple(names), tuple(hashes), tuple(skipped))
+
+
+@lru_cache(maxsize=512)
+def read_luminance(file: Path) -> np.ndarray:
+    """Luminance of a photograph, uint8 (H, W), at most 1024 pixels a side."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        with Image.open(file) as picture:
+            picture.draft("L", (1024, 1024))
+            grey = picture.convert("L")
+    grey.thumbnail((1024, 1024), Image.Resampling.BOX)
+    return np.asarray(grey)
+
+
+def edge_targets(luminance: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray | None:
+    """`count` crops of the edges of one photograph, all of one turn and scale; uint8 (count, 64, 64), 0 or 255.
+
+    None where the photograph has too few edges in every view that was tried.
+    """
+    for _ in range(VIEWS):
+        edges = _edges(luminance, random)
+        found = _crops(edges, count, random)
+        if found is not None:
+            return found
+    return None
+
+
+def _edges(luminance: np.ndarray, random: np.random.Generator) -> np.ndarray:
+    """Canny edges of a turned and scaled view, bool."""
+    turn, scale = random.uniform(-180.0, 180.0), 2.0 ** random.uniform(-1.3, 0.3)
+    view = Image.fromarray(luminance)
+    view = view.resize((max(SIDE, round(view.width * scale)), max(SIDE, round(view.height * scale))), Image.Resampling.BILINEAR,
+                       reducing_gap=2.0)
+    inside = Image.new("L", view.size, 255).rotate(turn, expand=True)
+    view = view.rotate(turn, Image.Resampling.BILINEAR, expand=True)
+    mask = np.asarray(inside) > 0
+    pixels = np.asarray(view, np.float32) / np.float32(255.0)
+    return canny(pixels, sigma=random.uniform(1.0, 2.0), mask=mask)
+
+
+def _crops(edges: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray | None:
+    height, width = edges.shape
+    if min(height, width) <= WINDOW[1]:
+        return None
+    targets = np.zeros((count, SIDE, SIDE), np.uint8)
+    accepted = 0
+    for _ in range(8 * count):
+        side = int(random.integers(WINDOW[0], WINDOW[1] + 1))
+        row, column = int(random.integers(height - side)), int(random.integers(width - side))
+        crop = edges[row : row + side, column : column + side]
+        if not FEWEST <= np.count_nonzero(crop) <= MOST * side * side:
+            continue
+        crop = _without_crumbs(crop)
+        if np.count_nonzero(crop) < FEWEST:
+            continue
+        corner = (SIDE - side) // 2
+        targets[accepted, corner : corner + side, corner : corner + side] = crop * np.uint8(255)
+        accepted += 1
+        if accepted == count:
+            return targets
+    return None
+
+
+def _without_crumbs(crop: np.ndarray) -> np.ndarray:
+    """Only the connected edges (eight neighbours) of at least `CRUMB` pixels."""
+    label, _ = ndimage.label(crop, np.ones((3, 3)))
+    large = np.bincount(label.ravel()) >= CRUMB
+    large[0] = False
+    return large[label]

@@ -1,0 +1,72 @@
+"""Measurements of targets: an autocorrelation estimate from the noise model, or from rendered frames."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from radiometry.autocorrelation import estimate_autocorrelation
+from radiometry.noise_model import draw_estimate, expected_spectrum, window_smoothed
+from radiometry.prediction import noise_terms, predict
+
+
+def model_measurement(albedo: torch.Tensor, floor_over_peak: torch.Tensor, dof: torch.Tensor,
+                      generator: torch.Generator) -> torch.Tensor:
+    """Noisy estimates, in units of (r*r)(0), from radiometry's noise model.
+
+    Args:
+        albedo: (n, 64, 64), none of them empty.
+        floor_over_peak, dof: (n,).
+
+    Returns:
+        (n, 127, 127), zero lag at [63, 63].
+    """
+    signal = window_smoothed(albedo) / albedo.square().sum((-2, -1))[..., None, None]
+    return draw_estimate(expected_spectrum(signal, floor_over_peak), dof, generator)
+
+
+def draw_noise_levels(count: int, floor_over_peak: tuple[float, float], dof: tuple[float, float],
+                      random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Floors over peak and degrees of freedom, log-uniform in their ranges, each float32 (count,)."""
+    def log_uniform(low: float, high: float) -> np.ndarray:
+        return np.exp(random.uniform(np.log(low), np.log(high), count)).astype(np.float32)
+
+    return log_uniform(*floor_over_peak), log_uniform(*dof)
+
+
+class SceneMeasurement:
+    """Measurements of targets in a scene's place, light and noise, rendered or from the noise model.
+
+    Args:
+        scene_path: scene whose hidden object gives way to the targets, one cell a lag.
+        frames: frames of one measurement.
+    """
+
+    def __init__(self, scene_path: str, frames: int = 2) -> None:
+        from sim.frame import Simulation
+        from sim.geometry import read_geometry
+        from sim.scene_file import load_scene
+
+        scene, _ = load_scene(scene_path)
+        self._simulation = Simulation(read_geometry(scene))
+        prediction = predict(self._simulation.geometry)
+        self._grid, self._pitch_m, self._frames = prediction.grid, prediction.pitch_m, frames
+        self._transfer = torch.from_numpy(prediction.transfer.astype(np.float32))
+        self.dof = prediction.dof(frames)
+
+    def noise_level(self, albedo: np.ndarray) -> tuple[float, float]:
+        """Floor and (r*r)(0) of the estimate of an albedo (64, 64), in electrons squared."""
+        geometry = self._simulation.geometry.showing(albedo, self._pitch_m)
+        terms = noise_terms(geometry, albedo, self._pitch_m)
+        return terms.signal + terms.dark + terms.read + terms.quantisation, terms.signal**2 * terms.grain_pixels
+
+    def render(self, albedo: np.ndarray, seed: int) -> np.ndarray:
+        """Estimate (127, 127) from rendered frames, in units of (r*r)(0)."""
+        shown = self._simulation.showing(albedo, self._pitch_m)
+        frames = (shown.frame(seed, number) for number in range(self._frames))
+        return estimate_autocorrelation(frames, self._grid)[0] / self.noise_level(albedo)[1]
+
+    def model(self, albedo: torch.Tensor, floor_over_peak: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+        """Estimates (n, 127, 127) from the noise model with the camera's H, in units of (r*r)(0)."""
+        signal = window_smoothed(albedo) / albedo.square().sum((-2, -1))[..., None, None]
+        return draw_estimate(expected_spectrum(signal, floor_over_peak, self._transfer), self.dof, generator)

@@ -1,0 +1,62 @@
+"""`python -m data_gen.preview OUT.zarr`: a contact sheet, objects above their autocorrelations, as in the paper's Fig. 6."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from radiometry.errors import ArgumentParser, InputError, run_command
+from radiometry.output import atomic
+
+COLUMNS = 8
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    parser = ArgumentParser(prog="python -m data_gen.preview", description="Draw a contact sheet of a dataset.")
+    parser.add_argument("dataset")
+    parser.add_argument("-o", "--output", type=Path, help="picture; preview.png beside the dataset by default")
+    parser.add_argument("--rows", type=int, default=3)
+    options = parser.parse_args(argv)
+    if not 1 <= options.rows <= 50:
+        raise InputError("--rows", "1 to 50", options.rows, "choose another")
+    from data_gen.dataset import open_dataset
+    from radiometry.noise_model import window_smoothed
+
+    group = open_dataset(options.dataset)
+    count = group["albedo"].shape[0]
+    chosen = np.linspace(0, count - 1, min(COLUMNS * options.rows, count)).astype(int)
+    albedo = np.stack([group["albedo"][int(row)] for row in chosen])
+    if "autocorrelation" in group:
+        lags = np.stack([np.asarray(group["autocorrelation"][int(row)], np.float32) for row in chosen])
+        captions = [f"b {group['floor_over_peak'][int(row)]:.2g}, K {group['dof'][int(row)]:.3g}" for row in chosen]
+    else:
+        lags, captions = window_smoothed(torch.from_numpy(albedo).float()).numpy(), ["no noise"] * len(chosen)
+    output = options.output or Path(options.dataset.rstrip("/")).with_suffix(".preview.png")
+    save_sheet(output, albedo, lags, captions)
+    print(f"{output}: {len(chosen)} of {count} samples")
+
+
+def save_sheet(path: Path, albedo: np.ndarray, lags: np.ndarray, captions: list[str]) -> None:
+    """Draw albedos (n, 64, 64) above their autocorrelations (n, 127, 127), eight to a row."""
+    from matplotlib.figure import Figure
+
+    rows = -(-len(albedo) // COLUMNS)
+    figure = Figure(figsize=(1.6 * COLUMNS, 3.6 * rows), layout="constrained")
+    for index, (image, estimate, caption) in enumerate(zip(albedo, lags, captions, strict=True)):
+        row, column = divmod(index, COLUMNS)
+        shown = np.array(estimate)
+        shown[63, 63] = np.partition(shown.ravel(), -2)[-2]  # zero lag would outshine the rest
+        for part, (picture, title) in enumerate(((image, ""), (shown, caption))):
+            axes = figure.add_subplot(2 * rows, COLUMNS, (2 * row + part) * COLUMNS + column + 1)
+            axes.imshow(picture, cmap="gray", interpolation="nearest", vmin=0.0)
+            axes.set_title(title, fontsize=7)
+            axes.axis("off")
+    with atomic(path) as partial:
+        figure.savefig(partial, format="png", dpi=100)
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,66 @@
+"""Shards over Dask workers, with progress: processes on this machine, or a cluster elsewhere."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+
+from tqdm import tqdm
+
+from data_gen.store import shard_size
+from data_gen.targets import BLOCK, draw_block
+from data_gen.work import Recipe, make_shard, measure
+from radiometry.errors import InputError
+
+
+@contextmanager
+def _client(workers: int, scheduler: str | None) -> Iterator:
+    """A Dask client of its own local cluster, or of a running scheduler."""
+    import dask
+    from distributed import Client, LocalCluster
+
+    if scheduler is not None:
+        try:
+            with Client(scheduler, timeout=20) as client:
+                yield client
+        except (OSError, ValueError, TimeoutError) as error:
+            raise InputError("--scheduler", "a Dask scheduler that answers", f"{scheduler} ({error})",
+                             "start one with 'dask scheduler'") from None
+        return
+    with (dask.config.set({"distributed.worker.memory.terminate": False, "distributed.logging.distributed": "error"}),
+          LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster,
+          Client(cluster) as client):
+        yield client
+
+
+def make_shards(address: str, recipe: Recipe, shards: list[int], workers: int, scheduler: str | None) -> int:
+    """Make shards in parallel; returns the number of samples made.
+
+    A shard whose worker dies is given to another. Whatever stops the work, finished shards stay.
+    """
+    from distributed import as_completed
+
+    if not shards:
+        return 0
+    made = 0
+    size = shard_size(recipe.measurement)
+    total = sum(min(size, recipe.count - shard * size) for shard in shards)
+    with _client(workers, scheduler) as client, tqdm(total=total, unit="sample", disable=None) as bar:
+        futures = client.map(partial(make_shard, address, recipe), shards, pure=False, retries=2)
+        for future in as_completed(futures):
+            made += future.result()
+            bar.update(future.result())
+    return made
+
+
+def predicted_seconds(recipe: Recipe, workers: int) -> float:
+    """Time of all samples, from one block of each kind of target made here and now."""
+    begin = time.perf_counter()
+    for block in range(len(recipe.source.kinds)):
+        targets, _ = draw_block(recipe.source, recipe.seed, block)
+        if recipe.measurement != "none":
+            measure(recipe, block, targets)
+    each = (time.perf_counter() - begin) / len(recipe.source.kinds) / BLOCK
+    return recipe.count * each / workers

@@ -1,0 +1,75 @@
+"""Targets by source, in blocks that depend on nothing but the seed and the block's number.
+
+A block holds `BLOCK` targets of one origin: crops of one photograph in one view, variants of one glyph, or
+strokes, or filled shapes. Training and validation are split by origin, never by crop.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from data_gen.edges import SIDE, Photographs, edge_targets, read_luminance
+from data_gen.shapes import ALPHABET, filled, glyph, strokes
+from radiometry.errors import InputError
+
+BLOCK = 64
+"""Targets of one origin."""
+
+VALIDATION_SHARE = 0.1
+
+SOURCES = {"edges": ("edges",), "glyphs": ("glyphs",), "strokes": ("strokes",), "shapes": ("filled", "strokes"),
+           "mixed": ("edges", "glyphs", "strokes", "filled")}
+"""Names on the command line, and the kinds of target that take turns in each."""
+
+
+@dataclass(frozen=True)
+class TargetSource:
+    """What targets are drawn from: kinds that take turns, and the photographs where edges are among them."""
+
+    kinds: tuple[str, ...]
+    photographs: Photographs | None = None
+
+
+def target_source(name: str, photographs: Photographs | None) -> TargetSource:
+    """A source by name; `mixed` leaves edges out where there are no photographs."""
+    kinds = SOURCES[name]
+    if photographs is None:
+        if name == "edges":
+            raise InputError("--source", "photographs for edges", "none", "add --images FOLDER")
+        kinds = tuple(kind for kind in kinds if kind != "edges")
+    return TargetSource(kinds, photographs)
+
+
+def held_out(origin: str) -> bool:
+    """Whether an origin (a photograph's hash, a character, a block's number) belongs to validation."""
+    digest = hashlib.sha256(origin.encode()).digest()
+    return int.from_bytes(digest[:8], "big") < VALIDATION_SHARE * 2.0**64
+
+
+def draw_block(source: TargetSource, seed: int, block: int) -> tuple[np.ndarray, bool]:
+    """Targets of a block, uint8 (BLOCK, 64, 64), 255 for albedo 1, and whether they are for validation.
+
+    Raises InputError where no photograph has edges enough.
+    """
+    random = np.random.default_rng([seed, block])
+    kind = source.kinds[block % len(source.kinds)]
+    if kind == "edges":
+        return _edge_block(source.photographs, random)
+    if kind == "glyphs":
+        character = ALPHABET[random.integers(len(ALPHABET))]
+        return np.stack([glyph(character, random) for _ in range(BLOCK)]), held_out(character)
+    draw = {"strokes": strokes, "filled": filled}[kind]
+    return np.stack([draw(random) for _ in range(BLOCK)]), held_out(f"{kind} {block}")
+
+
+def _edge_block(photographs: Photographs | None, random: np.random.Generator) -> tuple[np.ndarray, bool]:
+    assert photographs is not None
+    for index in random.permutation(len(photographs.names)):
+        targets = edge_targets(read_luminance(photographs.folder / photographs.names[index]), BLOCK, random)
+        if targets is not None:
+            return targets, held_out(photographs.hashes[index])
+    raise InputError("--images", f"photographs with crops of {SIDE} x {SIDE} pixels that hold edges", "none",
+                     "give another folder")

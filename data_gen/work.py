@@ -1,0 +1,77 @@
+"""One unit of work: the targets and measurements of a shard, the same whoever computes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import torch
+import zarr
+
+from data_gen.measurement import SceneMeasurement, draw_noise_levels, model_measurement
+from data_gen.store import shard_size, write_shard
+from data_gen.targets import BLOCK, TargetSource, draw_block
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """All that a shard's content depends on.
+
+    Attributes:
+        measurement: `none`, `noise-model` or `render`.
+        scene: scene file that rendered measurements, or the noise model's levels and H, come from; None for ranges.
+        floor_over_peak, dof: ranges of the noise model without a scene.
+    """
+
+    source: TargetSource
+    count: int
+    seed: int
+    measurement: str
+    scene: str | None
+    floor_over_peak: tuple[float, float]
+    dof: tuple[float, float]
+
+
+def make_shard(address: str, recipe: Recipe, shard: int) -> int:
+    """Compute and write one shard; returns its number of samples."""
+    torch.set_num_threads(1)  # shards run side by side
+    size = shard_size(recipe.measurement)
+    start, stop = shard * size, min((shard + 1) * size, recipe.count)
+    parts = []
+    for block in range(start // BLOCK, -(-stop // BLOCK)):
+        targets, validation = draw_block(recipe.source, recipe.seed, block)
+        targets = targets[: stop - block * BLOCK]
+        part = {"albedo": targets, "split": np.full(len(targets), validation, np.uint8)}
+        if recipe.measurement != "none":
+            part |= measure(recipe, block, targets)
+        parts.append(part)
+    write_shard(zarr.open_group(address, mode="r+"), shard, start,
+                {name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    return stop - start
+
+
+def measure(recipe: Recipe, block: int, targets: np.ndarray) -> dict[str, np.ndarray]:
+    """Measurements of a block's targets, uint8 (n, 64, 64)."""
+    albedo = targets.astype(np.float32) / np.float32(255.0)
+    streams = np.random.SeedSequence([recipe.seed, block, 1]).spawn(2)
+    generator = torch.Generator().manual_seed(int(streams[1].generate_state(1)[0]))
+    if recipe.scene is None:
+        floor, dof = draw_noise_levels(len(targets), recipe.floor_over_peak, recipe.dof, np.random.default_rng(streams[0]))
+        lags = model_measurement(torch.from_numpy(albedo), torch.from_numpy(floor), torch.from_numpy(dof), generator).numpy()
+    else:
+        place = _place(recipe.scene)
+        levels = [place.noise_level(one) for one in albedo]
+        floor = np.array([level / peak for level, peak in levels], np.float32)
+        dof = np.full(len(targets), place.dof, np.float32)
+        if recipe.measurement == "render":
+            seeds = streams[0].generate_state(len(targets))
+            lags = np.stack([place.render(one, int(seed)) for one, seed in zip(albedo, seeds, strict=True)])
+        else:
+            lags = place.model(torch.from_numpy(albedo), torch.from_numpy(floor), generator).numpy()
+    return {"autocorrelation": lags.astype(np.float16), "floor_over_peak": floor, "dof": dof}
+
+
+@lru_cache(maxsize=1)
+def _place(scene: str) -> SceneMeasurement:
+    return SceneMeasurement(scene)

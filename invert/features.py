@@ -1,0 +1,53 @@
+"""What the networks see of an estimate: the signal, its significance, and the noise level."""
+
+from __future__ import annotations
+
+import torch
+from torch.nn import functional
+
+from radiometry.autocorrelation import LAGS
+
+CHANNELS = 2 * (16 + 4) + 2
+"""All lags four by four, the inner ones (as far as the albedo reaches) two by two, for two pictures; two numbers."""
+
+DOF_RANGE = (1.0, 1e6)
+
+
+def features(estimate: torch.Tensor, floor: torch.Tensor, dof: torch.Tensor) -> torch.Tensor:
+    """Features of estimates, free of their unit; zero lag is never looked at.
+
+    Args:
+        estimate: (n, 127, 127), zero lag at [63, 63], floor included.
+        floor, dof: noise level of each, (n,).
+
+    Returns:
+        (n, CHANNELS, 32, 32): the signal over its height near zero lag, under a square root; the signal over its
+        own noise, logarithmic where large; floor over height and K, logarithmic.
+    """
+    freedom = dof.clamp(*DOF_RANGE)[:, None, None]
+    filled = _without_zero_lag(estimate)
+    signal = filled - floor[:, None, None]
+    near = signal[:, LAGS - 1 : LAGS + 2, LAGS - 1 : LAGS + 2].mean((-2, -1))
+    # Where there is no signal its height is a few times its error.
+    height = torch.maximum(near, 3.0 * floor * (freedom[:, 0, 0] * 4.0).rsqrt()).clamp_min(1e-30)[:, None, None]
+    relative = signal / height
+    root = relative.sign() * relative.abs().sqrt()
+    significance = torch.asinh(signal * freedom.sqrt() / filled.clamp_min(1e-3 * height)) / 3.0
+    pictures = functional.pad(torch.stack((root, significance), 1), (1, 0, 1, 0))
+    inner = pictures[:, :, 32:96, 32:96]
+    numbers = torch.stack((torch.log10(floor / height[:, 0, 0] + 1e-3), 0.5 * torch.log10(freedom[:, 0, 0]) - 1.0), 1)
+    planes = numbers[:, :, None, None].expand(-1, -1, 32, 32)
+    return torch.cat((functional.pixel_unshuffle(pictures, 4), functional.pixel_unshuffle(inner, 2), planes), 1)
+
+
+def paper_picture(estimate: torch.Tensor) -> torch.Tensor:
+    """The paper's input: the estimate over its largest lag but zero, (n, 1, 128, 128)."""
+    filled = _without_zero_lag(estimate)
+    return functional.pad(filled / filled.amax((-2, -1), keepdim=True).clamp_min(1e-30), (1, 0, 1, 0))[:, None]
+
+
+def _without_zero_lag(estimate: torch.Tensor) -> torch.Tensor:
+    """Zero lag replaced by the mean of its four neighbours."""
+    filled = estimate.clone()
+    filled[:, LAGS, LAGS] = 0.5 * (estimate[:, LAGS, LAGS + 1] + estimate[:, LAGS + 1, LAGS])
+    return filled

@@ -1,0 +1,78 @@
+"""Losses that neither a shift nor a half turn of the object changes.
+
+The four of the paper's section 5.B, negative Pearson correlation of autocorrelations, and the registered one, which
+compares objects: an autocorrelation alone is deceived by a bright point beside a faint copy of the object.
+"""
+
+from __future__ import annotations
+
+import torch
+
+from invert.registration import OBJECT
+
+_GRID = 2 * OBJECT
+
+
+def spectrum(albedo: torch.Tensor) -> torch.Tensor:
+    """F(r) of albedos (n, 64, 64), zero-padded so that lags do not wrap; (n, 128, 65)."""
+    return torch.fft.rfft2(albedo, s=(_GRID, _GRID))
+
+
+def _lags(transform: torch.Tensor) -> torch.Tensor:
+    """r*r of each, from F(r), over its value at zero lag."""
+    lags = torch.fft.irfft2(transform.real.square() + transform.imag.square(), s=(_GRID, _GRID))
+    return lags / lags[:, :1, :1].clamp_min(1e-12)
+
+
+def registered_pearson(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """Pearson correlation with the truth after the best shift and half turn, (n,), of (n, 64, 64) each."""
+    ours, theirs = spectrum(albedo), spectrum(truth)
+    # A half turn conjugates the spectrum.
+    maps = torch.fft.irfft2(torch.stack((ours * theirs.conj(), ours * theirs), 1), s=(_GRID, _GRID))
+    count = albedo[0].numel()
+    product = maps.flatten(1).amax(1) / count - albedo.mean((-2, -1)) * truth.mean((-2, -1))
+    variance = albedo.var((-2, -1), correction=0) * truth.var((-2, -1), correction=0)
+    return product / (variance + 1e-12).sqrt()
+
+
+def registered_loss(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """1 - registered correlation, plus a fifth of the relative autocorrelation error; (n,)."""
+    return 1.0 - registered_pearson(albedo, truth) + 0.2 * autocorrelation_l1(albedo, truth)
+
+
+def autocorrelation_l1(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """||r^*r^ - r*r||_1 over ||r*r||_1, the paper's choice; (n,)."""
+    ours, theirs = _lags(spectrum(albedo)), _lags(spectrum(truth))
+    return (ours - theirs).abs().sum((-2, -1)) / theirs.sum((-2, -1))
+
+
+def autocorrelation_l2(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    ours, theirs = _lags(spectrum(albedo)), _lags(spectrum(truth))
+    return (ours - theirs).square().sum((-2, -1)).add(1e-12).sqrt() / theirs.square().sum((-2, -1)).sqrt()
+
+
+def autocorrelation_pearson(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """1 - Pearson correlation of the autocorrelations; (n,)."""
+    both = torch.stack((_lags(spectrum(albedo)), _lags(spectrum(truth))))
+    both = both - both.mean((-2, -1), keepdim=True)
+    return 1.0 - (both[0] * both[1]).sum((-2, -1)) / both.square().sum((-2, -1)).prod(0).add(1e-12).sqrt()
+
+
+def _moduli(albedo: torch.Tensor) -> torch.Tensor:
+    transform = spectrum(albedo)
+    energy = albedo.square().sum((-2, -1)).clamp_min(1e-9)[:, None, None]
+    return ((transform.real.square() + transform.imag.square() + 1e-9) / energy).sqrt()
+
+
+def modulus_l1(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    ours, theirs = _moduli(albedo), _moduli(truth)
+    return (ours - theirs).abs().sum((-2, -1)) / theirs.sum((-2, -1))
+
+
+def modulus_l2(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    ours, theirs = _moduli(albedo), _moduli(truth)
+    return (ours - theirs).square().sum((-2, -1)).add(1e-12).sqrt() / theirs.square().sum((-2, -1)).sqrt()
+
+
+LOSSES = {"registered": registered_loss, "autocorrelation-l1": autocorrelation_l1, "autocorrelation-l2": autocorrelation_l2,
+          "modulus-l1": modulus_l1, "modulus-l2": modulus_l2, "pearson": autocorrelation_pearson}

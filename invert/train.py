@@ -1,0 +1,253 @@
+"""`python -m invert.train DATASET -o WEIGHTS.safetensors`: train a network; resumes exactly.
+
+Every step's data depend on the seed and the step alone, so a run that was stopped goes on as if it had not been, and
+several GPUs (torchrun) see together what one would.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+
+from invert.features import features, paper_picture
+from invert.losses import LOSSES, registered_pearson
+from invert.training_data import Batch, at_noise, paper_noise, varied
+from invert.unet import CorrelographyUnet
+from invert.weights import NETWORKS, read_weights, save_weights
+from radiometry.errors import ArgumentParser, InputError, check_device, check_seed, run_command
+
+VALIDATION = ((80 / 255, 256.0), (80 / 255, 64.0), (80 / 255, 16.0), (5 / 255, 1e4), (1.5, 64.0))
+"""Floors (over the largest lag but zero) and K at which progress is measured."""
+
+JUDGE_WEIGHT = 0.5
+WARM_UP = 200
+
+
+def parser() -> ArgumentParser:
+    p = ArgumentParser(prog="python -m invert.train", description="Train a network on a dataset's targets.")
+    p.add_argument("dataset", help="dataset made by python -m data_gen; only its targets are used")
+    p.add_argument("-o", "--output", required=True, type=Path, help="weights, .safetensors; a checkpoint is kept beside them")
+    p.add_argument("--network", choices=tuple(NETWORKS), default="unet")
+    p.add_argument("--width", type=int, default=64, help="channels of the widest picture")
+    p.add_argument("--loss", choices=tuple(LOSSES), default="registered")
+    p.add_argument("--noise", choices=("varied", "paper"), default="varied")
+    p.add_argument("--steps", type=int, default=6000)
+    p.add_argument("--batch", type=int, default=32)
+    p.add_argument("--learning-rate", type=float, default=1e-3)
+    p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
+    return p
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Load targets, train, and leave weights with their card, curve and checkpoint."""
+    options = parser().parse_args(argv)
+    _check(options)
+    from tqdm import tqdm
+
+    from data_gen.dataset import load_targets, manifest
+
+    rank, world = _join_processes(options.device)
+    targets, held_out = load_targets(options.dataset)
+    training = Training(options, rank, world)
+    training.resume()
+    validation = _validation_batches(held_out, options.seed)
+    with tqdm(total=options.steps, initial=training.step, unit="step", disable=None if rank == 0 else True) as bar:
+        while training.step < options.steps:
+            loss = training.advance(targets)
+            bar.update()
+            bar.set_postfix(loss=f"{loss:.3f}", refresh=False)
+            if training.step % 250 == 0 or training.step == options.steps:
+                training.note(loss, validation)
+                if rank == 0:
+                    training.checkpoint()
+                    bar.write(training.last_line())
+    if rank == 0:
+        training.finish(manifest(options.dataset))
+
+
+class Training:
+    """State of a run: network, its moving average, optimiser, step, curve.
+
+    `rank` of `world` processes works on its part of each batch.
+    """
+
+    def __init__(self, options: Any, rank: int = 0, world: int = 1) -> None:
+        self.options, self.rank, self.world = options, rank, world
+        torch.manual_seed(options.seed)
+        self.network = NETWORKS[options.network](options.width).to(device=options.device, memory_format=torch.channels_last)
+        self.parallel = nn.parallel.DistributedDataParallel(self.network) if world > 1 else self.network
+        self.average = {name: value.clone() for name, value in self.network.state_dict().items()}
+        self.optimiser = torch.optim.AdamW(self.network.parameters(), options.learning_rate, (0.9, 0.99), weight_decay=0.01)
+        self.step, self.curve = 0, []
+        self.seconds = self.cpu_seconds = 0.0
+
+    def advance(self, targets: torch.Tensor) -> float:
+        """One step of the optimiser; returns the loss."""
+        begin, begin_cpu = time.perf_counter(), time.process_time()
+        options = self.options
+        generator = _generator(options.seed, self.step)
+        draw = varied if options.noise == "varied" else paper_noise
+        batch = _part(draw(targets, options.batch, generator), self.rank, self.world, options.device)
+        for group in self.optimiser.param_groups:
+            group["lr"] = options.learning_rate * _schedule(self.step, options.steps)
+        self.parallel.train()
+        albedo, judged = predict(self.parallel, batch)
+        shown = batch.truth.amax((-2, -1)) > 0.0
+        loss = LOSSES[options.loss](albedo[shown], batch.truth[shown]).mean()
+        if isinstance(self.network, CorrelographyUnet):
+            with torch.no_grad():
+                achieved = registered_pearson(albedo, batch.truth).clamp(0.0, 1.0) * shown
+            loss = loss + JUDGE_WEIGHT * nn.functional.binary_cross_entropy_with_logits(judged, achieved)
+        self.optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        self.optimiser.step()
+        decay = min(0.999, (1.0 + self.step) / (10.0 + self.step))
+        with torch.no_grad():
+            for name, value in self.network.state_dict().items():
+                if value.is_floating_point():
+                    self.average[name].lerp_(value, 1.0 - decay)
+                else:
+                    self.average[name].copy_(value)
+        self.step += 1
+        self.seconds += time.perf_counter() - begin
+        self.cpu_seconds += time.process_time() - begin_cpu
+        return float(loss.detach())
+
+    def note(self, loss: float, validation: list[Batch]) -> None:
+        """Measure the averaged network and add a point to the curve."""
+        trained = {name: value.clone() for name, value in self.network.state_dict().items()}
+        self.network.load_state_dict(self.average)
+        self.network.eval()
+        pearson = []
+        with torch.no_grad():
+            for batch in validation:
+                moved = _part(batch, 0, 1, self.options.device)
+                pearson.append(float(registered_pearson(predict(self.network, moved)[0], moved.truth).mean()))
+        self.network.load_state_dict(trained)
+        self.curve.append({"step": self.step, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds, "loss": loss, "pearson": pearson})
+
+    def last_line(self) -> str:
+        point = self.curve[-1]
+        figures = " ".join(f"{value:.3f}" for value in point["pearson"])
+        return f"step {point['step']}, {point['seconds']:.0f} s: loss {point['loss']:.3f}, validation correlation {figures}"
+
+    @property
+    def _checkpoint_path(self) -> Path:
+        return self.options.output.with_suffix(".checkpoint.safetensors")
+
+    def checkpoint(self) -> None:
+        """Everything that going on needs, under one name, whole or not at all."""
+        tensors = {f"network.{name}": value for name, value in self.network.state_dict().items()}
+        tensors |= {f"average.{name}": value for name, value in self.average.items()}
+        for index, state in self.optimiser.state_dict()["state"].items():
+            tensors |= {f"optimiser.{index}.{name}": torch.as_tensor(value) for name, value in state.items()}
+        save_weights(self._checkpoint_path, tensors,
+                     {"run": self._run(), "step": self.step, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds,
+                      "curve": self.curve})
+
+    def resume(self) -> None:
+        """Go on from a checkpoint beside the weights, if there is one of the same run."""
+        if not self._checkpoint_path.is_file():
+            return
+        tensors, card = read_weights(self._checkpoint_path)
+        if card.get("run") != self._run():
+            raise InputError("checkpoint", f"one of the run {self._run()}", f"{card.get('run')} in {self._checkpoint_path}",
+                             "delete it or write to another name")
+        parts: dict[str, dict[str, torch.Tensor]] = {"network": {}, "average": {}, "optimiser": {}}
+        for name, value in tensors.items():
+            kind, _, rest = name.partition(".")
+            parts[kind][rest] = value
+        self.network.load_state_dict(parts["network"])
+        self.average = {name: value.to(self.options.device) for name, value in parts["average"].items()}
+        states: dict[int, dict[str, torch.Tensor]] = {}
+        for name, value in parts["optimiser"].items():
+            index, _, rest = name.partition(".")
+            states.setdefault(int(index), {})[rest] = value
+        self.optimiser.load_state_dict({**self.optimiser.state_dict(), "state": states})
+        self.step, self.curve = card["step"], card["curve"]
+        self.seconds, self.cpu_seconds = card["seconds"], card["cpu_seconds"]
+
+    def _run(self) -> dict[str, Any]:
+        names = ("dataset", "network", "width", "loss", "noise", "steps", "batch", "learning_rate", "seed")
+        return {name: getattr(self.options, name) for name in names}
+
+    def finish(self, dataset: dict[str, Any]) -> None:
+        """Write the averaged weights in half precision, with their card, and the curve."""
+        from invert.training_report import save_curve
+
+        half = {name: value.half() if value.is_floating_point() else value for name, value in self.average.items()}
+        card = {"network": self.options.network, "width": self.options.width, "run": self._run(),
+                "seconds": round(self.seconds), "cpu_seconds": round(self.cpu_seconds), "dataset": dataset,
+                "validation": [list(level) for level in VALIDATION], "pearson": self.curve[-1]["pearson"],
+                "torch": torch.__version__}
+        save_weights(self.options.output, half, card)
+        save_curve(self.options.output.with_suffix(".png"), self.curve)
+        self.options.output.with_suffix(".json").write_text(json.dumps({**card, "curve": self.curve}, indent=2) + "\n")
+
+
+def predict(network: nn.Module, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
+    """Albedos and logits of the expected correlation; bfloat16 inside, float32 outside."""
+    plain = network.module if isinstance(network, nn.parallel.DistributedDataParallel) else network
+    if isinstance(plain, CorrelographyUnet):
+        seen = features(batch.estimate, batch.floor, batch.dof)
+    else:
+        seen = paper_picture(batch.estimate)
+    with torch.autocast(batch.estimate.device.type, dtype=torch.bfloat16):
+        return network(seen.to(memory_format=torch.channels_last))
+
+
+def _validation_batches(held_out: torch.Tensor, seed: int, count: int = 64) -> list[Batch]:
+    generator = torch.Generator().manual_seed(seed)
+    chosen = held_out[torch.randperm(len(held_out), generator=generator)[:count]].float() / 255.0
+    return [at_noise(chosen, floor, dof, generator) for floor, dof in VALIDATION]
+
+
+def _part(batch: Batch, rank: int, world: int, device: str) -> Batch:
+    return Batch(*(getattr(batch, name)[rank::world].to(device) for name in ("estimate", "floor", "dof", "truth")))
+
+
+def _schedule(step: int, steps: int) -> float:
+    """Warm-up, then a half cosine down to a hundredth."""
+    return min(1.0, (step + 1) / WARM_UP) * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * step / steps)))
+
+
+def _generator(seed: int, step: int) -> torch.Generator:
+    return torch.Generator().manual_seed((seed << 32) + step)
+
+
+def _join_processes(device: str) -> tuple[int, int]:
+    """Rank and number of processes when started by torchrun."""
+    world = int(os.environ.get("WORLD_SIZE", "1"))
+    if world > 1:
+        torch.distributed.init_process_group("nccl" if device == "cuda" else "gloo")
+        if device == "cuda":
+            torch.cuda.set_device(int(os.environ["LOCAL_RANK"]))
+    return int(os.environ.get("RANK", "0")), world
+
+
+def _check(options: Any) -> None:
+    check_seed(options.seed)
+    check_device(options.device)
+    for name in ("steps", "batch", "width"):
+        if getattr(options, name) < 1:
+            raise InputError(f"--{name}", "a whole number above zero", getattr(options, name), "choose another")
+    if options.width % 16:
+        raise InputError("--width", "a multiple of 16", options.width, "choose another")
+    if options.output.suffix != ".safetensors":
+        raise InputError("-o", "a name that ends in .safetensors", options.output, "rename it")
+    if not options.output.parent.is_dir():
+        raise InputError("-o", "an existing folder", options.output.parent, "create it")
+
+
+if __name__ == "__main__":
+    run_command(main)

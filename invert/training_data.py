@@ -1,0 +1,88 @@
+"""Training batches: targets with noise drawn afresh, a function of the seed and the step alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch.nn import functional
+
+from radiometry.autocorrelation import LAGS
+from radiometry.noise_level import OUTERMOST, RING
+from radiometry.noise_model import draw_estimate, window_smoothed
+
+EMPTY_SHARE = 0.04
+"""Share of samples that show nothing but noise, from which the network learns to doubt itself."""
+
+_OUTER = int((RING > OUTERMOST).sum()) // 2
+_RADIUS_SQUARED = torch.from_numpy(np.hypot(*np.mgrid[-LAGS : LAGS + 1, -LAGS : LAGS + 1]).astype(np.float32) / LAGS).square()
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Estimates (n, 127, 127) with the noise level as it would be read from each, (n,), and truths (n, 64, 64).
+
+    A truth of zeros stands for an estimate without signal.
+    """
+
+    estimate: torch.Tensor
+    floor: torch.Tensor
+    dof: torch.Tensor
+    truth: torch.Tensor
+
+
+def at_noise(truth: torch.Tensor, floor: torch.Tensor | float, dof: torch.Tensor | float, generator: torch.Generator) -> Batch:
+    """Estimates of truths at a noise level, b in units of the largest lag but zero: the authors' measure (80 of 255)."""
+    n = len(truth)
+    floor = torch.as_tensor(floor).expand(n).float()
+    dof = torch.as_tensor(dof).expand(n).float()
+    return Batch(draw_estimate(_signal(truth) + floor[:, None, None], dof, generator), floor, dof, truth)
+
+
+def varied(targets: torch.Tensor, count: int, generator: torch.Generator) -> Batch:
+    """Random targets (uint8 pool (N, 64, 64)), flipped and transposed, at noise of every level and of several kinds."""
+    def chance(share: float) -> torch.Tensor:
+        return (torch.rand(count, generator=generator) < share)[:, None, None]
+
+    def uniform(low: float, high: float) -> torch.Tensor:
+        return low + (high - low) * torch.rand(count, generator=generator)
+
+    truth = targets[torch.randint(len(targets), (count,), generator=generator)].float() / 255.0
+    truth = torch.where(chance(0.5), truth.mT, truth)
+    truth = torch.where(chance(0.5), truth.flip(-1), truth)
+    truth = torch.where(chance(0.5), truth.flip(-2), truth)
+    truth = torch.where(chance(0.25), functional.max_pool2d(truth, 3, 1, 1), truth)  # thicker lines
+    truth = torch.where(chance(EMPTY_SHARE), torch.zeros(()), truth)
+    floor = torch.exp(uniform(np.log(0.005), np.log(4.0)))
+    dof = torch.exp(uniform(np.log(8.0), np.log(1e4)))
+    dof = torch.where(chance(0.1)[:, 0, 0], torch.exp(uniform(np.log(1e4), np.log(1e6))), dof)
+    # The camera's own transfer, where it is not known; a floor that is not flat.
+    signal = _signal(truth) * torch.exp(-_RADIUS_SQUARED * (uniform(0.0, 2.0)[:, None, None] * chance(0.5)))
+    slope = uniform(-0.15, 0.15)[:, None, None] * chance(0.15)
+    spectrum = signal + floor[:, None, None] * (1.0 + slope * (_RADIUS_SQUARED - 0.7))
+    estimate = draw_estimate(spectrum, dof, generator)
+    # Read noise that lines of pixels share fills the row or column through zero lag; where it stands out it gets mended.
+    for row, mended, weak in ((True, 0.3, 0.15), (False, 0.1, 0.1)):
+        view = estimate if row else estimate.mT
+        line = view[:, LAGS]
+        beside = 0.5 * (view[:, LAGS - 1] + view[:, LAGS + 1])
+        excess = (uniform(0.0, 0.2) * floor)[:, None] * torch.rand(count, 2 * LAGS + 1, generator=generator).add(0.5)
+        excess = excess + excess.flip(-1)
+        line = torch.where(chance(weak)[:, 0], line + 0.5 * excess, line)
+        view[:, LAGS] = torch.where(chance(mended)[:, 0], beside, line)
+    read_error = torch.randn(2, count, generator=generator)
+    return Batch(estimate, floor * (1.0 + read_error[0] * (dof * _OUTER).rsqrt()), dof * (1.0 + 0.04 * read_error[1]), truth)
+
+
+def paper_noise(targets: torch.Tensor, count: int, generator: torch.Generator) -> Batch:
+    """The paper's section 5.A: b = 70 of 255 and gamma / N = 0.015 for every sample."""
+    truth = targets[torch.randint(len(targets), (count,), generator=generator)].float() / 255.0
+    return at_noise(truth, 70.0 / 255.0, 1.0 / 0.015, generator)
+
+
+def _signal(truth: torch.Tensor) -> torch.Tensor:
+    """H (r*r) behind the patch window, largest lag but zero 1; zero where the truth is."""
+    signal = window_smoothed(truth)
+    beside = torch.maximum(signal[:, LAGS, LAGS + 1], signal[:, LAGS + 1, LAGS])
+    return signal / beside.clamp_min(1e-12)[:, None, None]

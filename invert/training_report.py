@@ -1,0 +1,26 @@
+"""The curve of a training run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from radiometry.output import atomic
+
+
+def save_curve(path: Path, curve: list[dict[str, Any]]) -> None:
+    """Validation correlation of each noise level against training time."""
+    from matplotlib.figure import Figure
+
+    from invert.train import VALIDATION
+
+    figure = Figure(figsize=(6, 4), layout="constrained")
+    axes = figure.add_subplot()
+    for index, (floor, dof) in enumerate(VALIDATION):
+        axes.plot([point["seconds"] / 60.0 for point in curve], [point["pearson"][index] for point in curve],
+                  label=f"b {255 * floor:.0f}/255, K {dof:g}")
+    axes.set_xlabel("minutes")
+    axes.set_ylabel("registered correlation, validation")
+    axes.legend(fontsize=8)
+    with atomic(path) as partial:
+        figure.savefig(partial, format="png", dpi=110)

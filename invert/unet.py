@@ -1,0 +1,109 @@
+"""Networks from autocorrelation to albedo: this project's U-net, and the paper's as the baseline.
+
+The paper's: section 5.D, after Ronneberger et al., MICCAI 2015, doi:10.1007/978-3-319-24574-4_28.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+from torch.nn import functional
+
+from invert.features import CHANNELS
+
+
+class ResidualBlock(nn.Module):
+    """Two 3 x 3 convolutions behind group norms, added to their input."""
+
+    def __init__(self, inputs: int, outputs: int) -> None:
+        super().__init__()
+        self.norm1, self.conv1 = nn.GroupNorm(8, inputs), nn.Conv2d(inputs, outputs, 3, padding=1)
+        self.norm2, self.conv2 = nn.GroupNorm(8, outputs), nn.Conv2d(outputs, outputs, 3, padding=1)
+        self.skip = nn.Conv2d(inputs, outputs, 1) if inputs != outputs else nn.Identity()
+        nn.init.zeros_(self.conv2.weight)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        y = self.conv1(functional.silu(self.norm1(x)))
+        return self.skip(x) + self.conv2(functional.silu(self.norm2(y)))
+
+
+class Attention(nn.Module):
+    """Self-attention over all places of a feature map: phase retrieval is not local."""
+
+    def __init__(self, channels: int, heads: int = 4) -> None:
+        super().__init__()
+        self.heads = heads
+        self.norm, self.qkv = nn.GroupNorm(8, channels), nn.Conv2d(channels, 3 * channels, 1)
+        self.out = nn.Conv2d(channels, channels, 1)
+        nn.init.zeros_(self.out.weight)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        n, channels, height, width = x.shape
+        parts = self.qkv(self.norm(x)).reshape(n, 3, self.heads, channels // self.heads, height * width)
+        query, key, value = parts.transpose(-1, -2).unbind(1)
+        mixed = functional.scaled_dot_product_attention(query, key, value)
+        return x + self.out(mixed.transpose(-1, -2).reshape(n, channels, height, width))
+
+
+class CorrelographyUnet(nn.Module):
+    """Features of an estimate (n, CHANNELS, 32, 32) to albedo (n, 64, 64), zero or more, and the correlation with the
+    truth that it expects of itself (n,), as a logit.
+
+    Most work is done at a half and less of the albedo's resolution, because what an autocorrelation tells is global.
+    """
+
+    def __init__(self, width: int = 64) -> None:
+        super().__init__()
+        w1, w2, w3 = width, 2 * width, 4 * width
+        self.stem = nn.Conv2d(CHANNELS, w1, 3, padding=1)
+        self.down1 = nn.Sequential(ResidualBlock(w1, w1), ResidualBlock(w1, w1))
+        self.pool1 = nn.Conv2d(w1, w2, 2, stride=2)
+        self.down2 = nn.Sequential(ResidualBlock(w2, w2), ResidualBlock(w2, w2), Attention(w2))
+        self.pool2 = nn.Conv2d(w2, w3, 2, stride=2)
+        self.middle = nn.Sequential(ResidualBlock(w3, w3), Attention(w3), ResidualBlock(w3, w3), Attention(w3),
+                                    ResidualBlock(w3, w3))
+        self.expand2 = nn.Conv2d(w3, 4 * w2, 1)
+        self.up2 = nn.Sequential(ResidualBlock(2 * w2, w2), Attention(w2), ResidualBlock(w2, w2))
+        self.expand1 = nn.Conv2d(w2, 4 * w1, 1)
+        self.up1 = nn.Sequential(ResidualBlock(2 * w1, w1), ResidualBlock(w1, w1), ResidualBlock(w1, w1))
+        self.expand0 = nn.Conv2d(w1, 4 * (w1 // 2), 1)
+        self.fine = ResidualBlock(w1 // 2, w1 // 2)
+        self.draw = nn.Sequential(nn.GroupNorm(8, w1 // 2), nn.SiLU(), nn.Conv2d(w1 // 2, 1, 3, padding=1))
+        self.judge = nn.Sequential(nn.Linear(w3 + w1, w2), nn.SiLU(), nn.Linear(w2, 1))
+
+    def forward(self, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        level1 = self.down1(self.stem(features))
+        level2 = self.down2(self.pool1(level1))
+        middle = self.middle(self.pool2(level2))
+        up2 = self.up2(torch.cat((functional.pixel_shuffle(self.expand2(middle), 2), level2), 1))
+        up1 = self.up1(torch.cat((functional.pixel_shuffle(self.expand1(up2), 2), level1), 1))
+        albedo = functional.softplus(self.draw(self.fine(functional.pixel_shuffle(self.expand0(up1), 2)))[:, 0].float())
+        seen = torch.cat((middle.mean((-2, -1)), up1.mean((-2, -1))), 1)
+        return albedo, self.judge(seen.detach())[:, 0].float()
+
+
+class PaperUnet(nn.Module):
+    """The paper's U-net: 12 convolutional layers of 64 to 512 channels, batch norm; (n, 1, 128, 128) to (n, 64, 64)."""
+
+    def __init__(self, width: int = 64) -> None:
+        super().__init__()
+        w = [width, 2 * width, 4 * width, 8 * width]
+
+        def convolution(inputs: int, outputs: int) -> nn.Module:
+            return nn.Sequential(nn.Conv2d(inputs, outputs, 3, padding=1, bias=False), nn.BatchNorm2d(outputs),
+                                 nn.ReLU(inplace=True))
+
+        self.down = nn.ModuleList(nn.Sequential(convolution(inputs, outputs), convolution(outputs, outputs))
+                                  for inputs, outputs in zip([1, *w[:3]], w, strict=True))
+        self.up = nn.ModuleList(convolution(coarse + fine, fine) for coarse, fine in zip(w[:0:-1], w[-2::-1], strict=True))
+        self.draw = nn.Conv2d(width, 1, 3, padding=1)
+
+    def forward(self, picture: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        x, skipped = picture, []
+        for index, block in enumerate(self.down):
+            x = block(functional.max_pool2d(x, 2) if index else x)
+            skipped.append(x)
+        for block, beside in zip(self.up, skipped[-2::-1], strict=True):
+            x = block(torch.cat((functional.interpolate(x, scale_factor=2.0, mode="nearest"), beside), 1))
+        albedo = functional.relu(self.draw(x))[:, 0, 32:96, 32:96].float()
+        return albedo, albedo.new_zeros(len(albedo))

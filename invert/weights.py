@@ -1,0 +1,64 @@
+"""Networks on disk: safetensors with a card in the header; never a pickle."""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import nn
+
+from invert.unet import CorrelographyUnet, PaperUnet
+from radiometry.errors import InputError
+from radiometry.output import atomic
+
+SHIPPED = Path(__file__).with_name("weights") / "unet.safetensors"
+
+NETWORKS: dict[str, type[nn.Module]] = {"unet": CorrelographyUnet, "paper": PaperUnet}
+
+
+def save_weights(path: Path, tensors: dict[str, torch.Tensor], card: dict[str, Any]) -> None:
+    """Write tensors with a card (strict JSON) in the header, whole or not at all."""
+    text = json.dumps(card, allow_nan=False)
+    with atomic(path) as partial:
+        save_file({name: value.contiguous() for name, value in tensors.items()}, partial, metadata={"card": text})
+
+
+def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
+    """Tensors and card of a file; InputError where it is damaged or another's."""
+    if not path.is_file():
+        raise InputError("--weights", "a .safetensors file", f"no {path}", "check the path")
+    try:
+        with safe_open(path, framework="pt") as stored:
+            card = json.loads((stored.metadata() or {})["card"])
+            tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118 - no mapping
+    except (SafetensorError, KeyError, ValueError, OSError) as error:
+        raise InputError("--weights", "weights that python -m invert.train wrote", f"{path} ({type(error).__name__})",
+                         "train again or use the shipped ones") from None
+    return tensors, card
+
+
+@lru_cache(maxsize=4)
+def load_network(path: Path, device: str = "cpu") -> tuple[nn.Module, dict[str, Any]]:
+    """A network ready to be used, and its card."""
+    tensors, card = read_weights(path)
+    kind, width = card.get("network"), card.get("width")
+    if kind not in NETWORKS or not isinstance(width, int) or not 8 <= width <= 512:
+        raise InputError("--weights", f"a network of kind {', '.join(NETWORKS)}", f"{kind!r} in {path}", "use other weights")
+    with torch.device("meta"):
+        network = NETWORKS[kind](width)
+    wanted = {name: value.shape for name, value in network.state_dict().items()}
+    found = {name: value.shape for name, value in tensors.items()}
+    if wanted != found:
+        names = sorted(name for name in {**wanted, **found} if wanted.get(name) != found.get(name))
+        raise InputError("--weights", f"the tensors of {kind} of width {width}",
+                         f"{len(names)} others, {names[0]} first, in {path}", "use weights of this version")
+    if not all(bool(torch.isfinite(value).all()) for value in tensors.values()):
+        raise InputError("--weights", "finite weights", f"NaN or infinity in {path}", "train again")
+    network.load_state_dict({name: value.float() if value.is_floating_point() else value for name, value in tensors.items()},
+                            assign=True)
+    return network.to(device=device, memory_format=torch.channels_last).eval(), card
