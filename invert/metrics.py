@@ -1,36 +1,44 @@
-"""How good a reconstruction is: registered correlation with a truth, and which character it shows."""
+"""How good a reconstruction is: scores against a truth after registration, and agreement with the estimate without one."""
 
 from __future__ import annotations
 
-import string
-from functools import lru_cache
-from itertools import product
-from pathlib import Path
+from dataclasses import asdict, dataclass
 
-import matplotlib
 import numpy as np
-import torch
-from PIL import Image, ImageDraw, ImageFont
+from scipy import ndimage
+from skimage.metrics import structural_similarity
+from skimage.registration import phase_cross_correlation
 
-from invert.registration import correlation_maps, registered
+from invert.registration import on_grid, registered
+from radiometry.autocorrelation import LAGS, autocorrelate, window_smooth
+from radiometry.noise_level import INDEPENDENT, RING
 
-CHARACTERS = string.ascii_uppercase + string.digits + "abdefghnqrty"
-"""Capitals, digits and the small letters that are not a smaller copy of their capital."""
-
-_SIDE = 64
-_MARGIN = 32
-_TURNS_DEG = (-30, -20, -10, 0, 10, 20, 30)
-_SHEARS = (-0.4, -0.2, 0.0, 0.2, 0.4)
-_STRETCHES = (0.6, 1.0, 1.7, 2.5)
-_SIZES = (0.85, 1.0)
-_COMPRESSION = 0.7
+SUCCESS = 0.8
+"""Registered Pearson correlation from which a reconstruction counts as a success."""
 
 
-def on_grid(image: np.ndarray, side: int = 2 * _SIDE) -> torch.Tensor:
-    """Zero-pad an image so that a circular shift of it is a plain one; float32 (side, side)."""
-    padded = torch.zeros(side, side)
-    padded[: image.shape[0], : image.shape[1]] = torch.as_tensor(np.ascontiguousarray(image, np.float32))
-    return padded
+@dataclass(frozen=True)
+class Scores:
+    """Scores of one reconstruction, registered and brought to the truth's brightness by least squares.
+
+    Attributes:
+        pearson: correlation over the truth's window.
+        ssim: structural similarity (Wang et al., doi:10.1109/TIP.2003.819861), Gaussian window of 1.5 pixels.
+        psnr_db: peak signal-to-noise ratio; the peak is the truth's.
+        iou: intersection over union of the truth's pixels above half its maximum and the image's brightest ones, as many.
+        edge_f1: F1 score of the outlines of those two sets, one pixel of tolerance.
+        success: whether the correlation reaches `SUCCESS`.
+    """
+
+    pearson: float
+    ssim: float
+    psnr_db: float
+    iou: float
+    edge_f1: float
+    success: bool
+
+    def as_dict(self) -> dict[str, float | bool]:
+        return asdict(self)
 
 
 def aligned_pearson(image: np.ndarray, truth: np.ndarray) -> tuple[float, np.ndarray]:
@@ -42,79 +50,75 @@ def aligned_pearson(image: np.ndarray, truth: np.ndarray) -> tuple[float, np.nda
         the correlation over the truth's own window, and the image moved onto it.
     """
     moved = registered(on_grid(image)[None], on_grid(truth))[0][0, : truth.shape[0], : truth.shape[1]].numpy()
-    if np.ptp(moved) == 0.0 or np.ptp(truth) == 0.0:
-        return 0.0, moved
-    return float(np.corrcoef(moved.ravel(), truth.ravel())[0, 1]), moved
+    return _pearson(moved, truth), moved
 
 
-@lru_cache(maxsize=4)
-def glyphs(characters: str = CHARACTERS) -> np.ndarray:
-    """Characters of DejaVu Sans as white on black, float32 (n, 256, 256), centred."""
-    font = ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", 150)
-    drawn = []
-    for character in characters:
-        canvas = Image.new("L", (256, 256))
-        ImageDraw.Draw(canvas).text((128, 128), character, fill=255, font=font, anchor="mm")
-        drawn.append(np.asarray(canvas, np.float32) / 255.0)
-    return np.stack(drawn)
+def aligned(image: np.ndarray, truth: np.ndarray) -> tuple[float, np.ndarray]:
+    """As `aligned_pearson`, then moved by a fraction of a pixel where that correlates better."""
+    pearson, moved = aligned_pearson(image, truth)
+    if pearson == 0.0:
+        return pearson, moved
+    shift = phase_cross_correlation(truth, moved, upsample_factor=10, normalization=None)[0]
+    finer = ndimage.shift(moved, np.clip(shift, -1.0, 1.0), order=3)
+    better = _pearson(finer, truth)
+    return (better, finer) if better > pearson else (pearson, moved)
 
 
-def identify(image: np.ndarray, *, mirrored: bool = False, characters: str = CHARACTERS) -> list[tuple[str, float]]:
-    """Rank characters by their best registered correlation with a reconstruction.
+def score(image: np.ndarray, truth: np.ndarray) -> Scores:
+    """Scores of a reconstruction (64, 64) against the truth (64, 64); an empty image scores zero."""
+    if np.ptp(truth) == 0.0:
+        raise ValueError("a truth without contrast cannot be compared with")
+    pearson, moved = aligned(image.astype(np.float64), truth.astype(np.float64))
+    peak = float(truth.max())
+    fitted = moved * float((moved * truth).sum() / max((moved * moved).sum(), 1e-30))
+    ssim = structural_similarity(fitted, truth.astype(np.float64), data_range=peak, gaussian_weights=True, sigma=1.5,
+                                 use_sample_covariance=False)
+    error = max(float(((fitted - truth) ** 2).mean()), 1e-30)
+    shown = truth > 0.5 * peak
+    drawn = _brightest(fitted, int(shown.sum()))
+    return Scores(pearson, float(ssim), 10.0 * float(np.log10(peak**2 / error)), _iou(drawn, shown), _edge_f1(drawn, shown),
+                  pearson >= SUCCESS)
 
-    Each template takes every pose of a tilted, roughly upright object: turned by up to 30 degrees,
-    sheared, stretched along the picture's rows, and scaled to the reconstruction's spread; then it
-    is registered over all shifts and the 180-degree turn. Brightness is compressed (power 0.7): a
-    character is one material, its light seldom even.
 
-    Args:
-        image: reconstruction (64, 64).
-        mirrored: also try mirrored templates, for captures whose axes are the wall's, not the object's.
+def _pearson(image: np.ndarray, truth: np.ndarray) -> float:
+    if np.ptp(image) == 0.0 or np.ptp(truth) == 0.0:
+        return 0.0
+    return float(np.corrcoef(image.ravel(), truth.ravel())[0, 1])
 
-    Returns:
-        (character, correlation), best first.
+
+def _brightest(image: np.ndarray, count: int) -> np.ndarray:
+    """The `count` brightest pixels above zero, bool."""
+    threshold = np.partition(image.ravel(), -count)[-count]
+    return (image >= threshold) & (image > 0.0)
+
+
+def _iou(drawn: np.ndarray, shown: np.ndarray) -> float:
+    return float((drawn & shown).sum() / (drawn | shown).sum())
+
+
+def _edge_f1(drawn: np.ndarray, shown: np.ndarray) -> float:
+    ours, theirs = drawn & ~ndimage.binary_erosion(drawn), shown & ~ndimage.binary_erosion(shown)
+    if not ours.any():
+        return 0.0
+    near = np.ones((3, 3), bool)
+    precision = float(ndimage.binary_dilation(theirs, near)[ours].mean())
+    recall = float(ndimage.binary_dilation(ours, near)[theirs].mean())
+    return 2.0 * precision * recall / (precision + recall) if precision + recall else 0.0
+
+
+def agreement(albedo: np.ndarray, estimate: np.ndarray, floor: float, signal_ring: int) -> float:
+    """Pearson correlation of the reconstruction's autocorrelation with the estimate, over the lags that hold signal.
+
+    Says that a reconstruction explains the data, not that it is right: a bright point beside a faint copy of the object
+    explains them too.
     """
-    target = np.clip(image.astype(np.float64), 0.0, None) ** _COMPRESSION
-    if target.sum() == 0.0:
-        return [(character, 0.0) for character in characters]
-    spread = float(torch.sqrt(torch.trace(_covariance(torch.as_tensor(target)))))
-    templates = torch.from_numpy(glyphs(characters))[:, None]
-    covariance = _covariance(templates[:, 0].double())
-    reference = on_grid(target, _SIDE + _MARGIN)
-    best = torch.zeros(len(characters))
-    flips = (1.0, -1.0) if mirrored else (1.0,)
-    for flip, turn, shear, stretch, size in product(flips, _TURNS_DEG, _SHEARS, _STRETCHES, _SIZES):
-        warped = _warp(templates, covariance, _pose(flip, turn, shear, stretch), size * spread)
-        maps = correlation_maps(torch.nn.functional.pad(warped, (0, _MARGIN, 0, _MARGIN)), reference)
-        best = torch.maximum(best, maps.amax((1, 2, 3)))
-    order = best.argsort(descending=True)
-    return [(characters[int(i)], float(best[i])) for i in order]
+    used = INDEPENDENT & (signal_ring >= RING) & (np.hypot(*np.mgrid[-LAGS : LAGS + 1, -LAGS : LAGS + 1]) > 1.5)
+    return _pearson(window_smooth(autocorrelate(albedo))[used], (estimate - floor)[used])
 
 
-def _pose(flip: float, turn_deg: float, shear: float, stretch: float) -> torch.Tensor:
-    """Linear map of a pose, (2, 2) in (column, row) order: flip, then turn, shear, stretch."""
-    angle = np.deg2rad(turn_deg)
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    return torch.as_tensor(np.diag([stretch**0.5, stretch**-0.5]) @ [[1.0, shear], [0.0, 1.0]] @ turn @ np.diag([flip, 1.0]))
+def bootstrap_error(values: np.ndarray, resamples: int = 2000, seed: int = 0) -> float:
+    """Standard error of a mean over test images, by resampling them (Efron, doi:10.1214/aos/1176344552)."""
+    values = np.asarray(values, np.float64)
+    chosen = np.random.default_rng(seed).integers(len(values), size=(resamples, len(values)))
+    return float(values[chosen].mean(1).std())
 
-
-def _covariance(image: torch.Tensor) -> torch.Tensor:
-    """Covariance of an image's mass, pixels squared, (..., 2, 2) in (column, row) order."""
-    n_row, n_column = image.shape[-2:]
-    row = torch.arange(n_row, dtype=image.dtype)[:, None].expand(n_row, n_column)
-    column = torch.arange(n_column, dtype=image.dtype)[None].expand(n_row, n_column)
-    place = torch.stack((column, row)).flatten(1)
-    mass = image.flatten(-2) / image.sum((-2, -1)).unsqueeze(-1)
-    mean = mass @ place.T
-    offset = place - mean.unsqueeze(-1)
-    return torch.einsum("...n,...in,...jn->...ij", mass, offset, offset)
-
-
-def _warp(templates: torch.Tensor, covariance: torch.Tensor, pose: torch.Tensor, size: float) -> torch.Tensor:
-    """Templates (n, 1, 256, 256) in a pose and scaled to a spread of `size` pixels, on (n, 64, 64)."""
-    scale = size / torch.sqrt(torch.diagonal(pose @ covariance @ pose.T, dim1=-2, dim2=-1).sum(-1))
-    inverse = torch.linalg.inv(scale[:, None, None] * pose)
-    # affine_grid maps output coordinates in [-1, 1] (32 pixels) to input ones (128 pixels)
-    theta = torch.cat((inverse * (_SIDE / templates.shape[-1]), torch.zeros(len(templates), 2, 1)), dim=2).float()
-    grid = torch.nn.functional.affine_grid(theta, [len(templates), 1, _SIDE, _SIDE], align_corners=False)
-    return torch.nn.functional.grid_sample(templates, grid, align_corners=False)[:, 0]

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 
 OBJECT = 64
 """Side of a reconstructed albedo, in lags."""
+
+
+def on_grid(image: np.ndarray, side: int = 2 * OBJECT) -> torch.Tensor:
+    """Zero-pad an image so that a circular shift of it is a plain one; float32 (side, side)."""
+    padded = torch.zeros(side, side)
+    padded[: image.shape[0], : image.shape[1]] = torch.as_tensor(np.ascontiguousarray(image, np.float32))
+    return padded
 
 
 def turned(image: torch.Tensor) -> torch.Tensor:

@@ -17,7 +17,7 @@ from typing import Any
 import torch
 from torch import nn
 
-from invert.features import features, paper_picture
+from invert.learned import predict
 from invert.losses import LOSSES, registered_pearson
 from invert.training_data import Batch, at_noise, paper_noise, varied
 from invert.unet import CorrelographyUnet
@@ -100,7 +100,7 @@ class Training:
         for group in self.optimiser.param_groups:
             group["lr"] = options.learning_rate * _schedule(self.step, options.steps)
         self.parallel.train()
-        albedo, judged = predict(self.parallel, batch)
+        albedo, judged = predict(self.parallel, batch.estimate, batch.floor, batch.dof)
         shown = batch.truth.amax((-2, -1)) > 0.0
         loss = LOSSES[options.loss](albedo[shown], batch.truth[shown]).mean()
         if isinstance(self.network, CorrelographyUnet):
@@ -132,9 +132,11 @@ class Training:
         with torch.no_grad():
             for batch in validation:
                 moved = _part(batch, 0, 1, self.options.device)
-                pearson.append(float(registered_pearson(predict(self.network, moved)[0], moved.truth).mean()))
+                albedo, _ = predict(self.network, moved.estimate, moved.floor, moved.dof)
+                pearson.append(float(registered_pearson(albedo, moved.truth).mean()))
         self.network.load_state_dict(trained)
-        self.curve.append({"step": self.step, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds, "loss": loss, "pearson": pearson})
+        self.curve.append({"step": self.step, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds, "loss": loss,
+                           "pearson": pearson})
 
     def last_line(self) -> str:
         point = self.curve[-1]
@@ -193,17 +195,6 @@ class Training:
         save_weights(self.options.output, half, card)
         save_curve(self.options.output.with_suffix(".png"), self.curve)
         self.options.output.with_suffix(".json").write_text(json.dumps({**card, "curve": self.curve}, indent=2) + "\n")
-
-
-def predict(network: nn.Module, batch: Batch) -> tuple[torch.Tensor, torch.Tensor]:
-    """Albedos and logits of the expected correlation; bfloat16 inside, float32 outside."""
-    plain = network.module if isinstance(network, nn.parallel.DistributedDataParallel) else network
-    if isinstance(plain, CorrelographyUnet):
-        seen = features(batch.estimate, batch.floor, batch.dof)
-    else:
-        seen = paper_picture(batch.estimate)
-    with torch.autocast(batch.estimate.device.type, dtype=torch.bfloat16):
-        return network(seen.to(memory_format=torch.channels_last))
 
 
 def _validation_batches(held_out: torch.Tensor, seed: int, count: int = 64) -> list[Batch]:

@@ -7,7 +7,7 @@ import pytest
 
 from invert.__main__ import main as invert
 from invert.capture import read_autocorrelation
-from invert.metrics import identify
+from invert.identification import identify
 from radiometry.noise_level import read_noise_level
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from invert.metrics import aligned_pearson, identify, on_grid
-from invert.registration import centred, consensus, registered, turned
+from invert.identification import identify
+from invert.metrics import aligned_pearson
+from invert.registration import centred, consensus, on_grid, registered, turned
 from invert.spectrum import GRID
 
 

@@ -1,0 +1,111 @@
+"""An evaluation as tables, the paper's Fig. 9 layout, and accuracy against time."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from invert.metrics import bootstrap_error
+from radiometry.output import atomic, save_json
+
+SCORES = ("pearson", "ssim", "iou", "edge_f1", "psnr_db", "success", "agreement", "recognised")
+
+
+def write_report(output: Path, results: list[dict[str, Any]], cells: Path) -> None:
+    """Write table.md, results.json, one picture a test set and pareto.png."""
+    summary = [_summary(result) for result in results]
+    with atomic(output / "table.md") as partial:
+        partial.write_text(_tables(summary))
+    for test_set in dict.fromkeys(entry["set"] for entry in summary):
+        chosen = [result for result in results if result["asked"]["set"] == test_set]
+        _save_panels(output / f"{test_set.replace(' ', '_')}.png", chosen, cells)
+    _save_pareto(output / "pareto.png", summary)
+    save_json(output / "results.json", {"summary": summary})
+
+
+def _summary(result: dict[str, Any]) -> dict[str, Any]:
+    """Means over the cases of a cell, each with its bootstrap error."""
+    rows, asked = result["rows"], result["asked"]
+    scores = {}
+    for name in SCORES:
+        if name in rows[0]:
+            values = np.array([row[name] for row in rows], float)
+            scores[name] = {"mean": float(values.mean()), "error": bootstrap_error(values)}
+    return {"set": asked["set"], "level": asked["level"], "method": asked["method"], "cases": len(rows),
+            "seconds": float(np.median([row["seconds"] for row in rows])), **scores}
+
+
+def _tables(summary: list[dict[str, Any]]) -> str:
+    """One Markdown table a test set and score: methods down, levels across."""
+    parts = []
+    for test_set in dict.fromkeys(entry["set"] for entry in summary):
+        entries = [entry for entry in summary if entry["set"] == test_set]
+        levels = list(dict.fromkeys(entry["level"] for entry in entries))
+        by_method: dict[str, dict[str, Any]] = defaultdict(dict)
+        for entry in entries:
+            by_method[entry["method"]][entry["level"]] = entry
+        parts.append(f"## {test_set}, {entries[0]['cases']} images a level\n")
+        for name in SCORES:
+            if name not in entries[0]:
+                continue
+            parts.append(f"**{name}**\n\n| method | {' | '.join(levels)} |\n|---|{'---|' * len(levels)}")
+            for method, row in by_method.items():
+                cells = [f"{row[level][name]['mean']:.3g} ± {row[level][name]['error']:.1g}" for level in levels]
+                parts.append(f"| {method} | {' | '.join(cells)} |")
+            parts.append("")
+        seconds = ", ".join(f"{method} {np.median([entry['seconds'] for entry in row.values()]):.2g}"
+                            for method, row in by_method.items())
+        parts.append(f"Seconds an image: {seconds}.\n")
+    return "\n".join(parts)
+
+
+def _save_panels(path: Path, results: list[dict[str, Any]], cells: Path) -> None:
+    """The first case of each level: truth above, one row a method."""
+    from matplotlib.figure import Figure
+
+    from invert.metrics import aligned_pearson
+
+    levels = list(dict.fromkeys(result["asked"]["level"] for result in results))
+    methods = list(dict.fromkeys(result["asked"]["method"] for result in results))
+    figure = Figure(figsize=(1.5 * len(levels) + 0.4, 1.6 * (len(methods) + 1)), layout="constrained")
+    grid = figure.subplots(len(methods) + 1, len(levels), squeeze=False)
+    for axes in grid.flat:
+        axes.set_xticks([])
+        axes.set_yticks([])
+    for result in results:
+        column, row = levels.index(result["asked"]["level"]), methods.index(result["asked"]["method"]) + 1
+        truth = np.load(cells / f"{result['file']}-truth.npy", allow_pickle=False)[0]
+        pearson, moved = aligned_pearson(np.load(cells / f"{result['file']}.npy", allow_pickle=False)[0], truth)
+        grid[0, column].imshow(truth, cmap="gray", interpolation="nearest")
+        grid[0, column].set_title(result["asked"]["level"], fontsize=8)
+        grid[row, column].imshow(moved, cmap="gray", interpolation="nearest", vmin=0.0)
+        grid[row, column].set_xlabel(f"{pearson:.2f}", fontsize=8)
+        grid[row, 0].set_ylabel(result["asked"]["method"], fontsize=8)
+    grid[0, 0].set_ylabel("truth", fontsize=8)
+    with atomic(path) as partial:
+        figure.savefig(partial, format="png", dpi=100)
+
+
+def _save_pareto(path: Path, summary: list[dict[str, Any]]) -> None:
+    """Mean correlation over each set's levels against seconds an image."""
+    from matplotlib.figure import Figure
+
+    sets = list(dict.fromkeys(entry["set"] for entry in summary))
+    figure = Figure(figsize=(4.2 * len(sets), 3.6), layout="constrained")
+    for axes, test_set in zip(figure.subplots(1, len(sets), squeeze=False)[0], sets, strict=True):
+        for method in dict.fromkeys(entry["method"] for entry in summary):
+            chosen = [entry for entry in summary if (entry["set"], entry["method"]) == (test_set, method)]
+            if chosen:
+                seconds = float(np.median([entry["seconds"] for entry in chosen]))
+                pearson = float(np.mean([entry["pearson"]["mean"] for entry in chosen]))
+                axes.plot(seconds, pearson, "o")
+                axes.annotate(method, (seconds, pearson), fontsize=8, xytext=(3, 3), textcoords="offset points")
+        axes.set_xscale("log")
+        axes.set_xlabel("seconds an image")
+        axes.set_ylabel("registered correlation, mean over levels")
+        axes.set_title(test_set, fontsize=9)
+    with atomic(path) as partial:
+        figure.savefig(partial, format="png", dpi=100)

@@ -1,0 +1,133 @@
+"""Test sets of an evaluation: measurements with their truths, at levels of noise or exposure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from invert.capture import read_autocorrelation
+from invert.methods import retrieve
+from invert.spectrum import Measurement, read_measurement
+from invert.training_data import at_noise
+from radiometry.errors import InputError
+
+NOISE_LEVELS = ((80.0, 64.0), (80.0, 16.0), (80.0, 256.0), (80.0, 1e4), (5.0, 64.0), (5.0, 1e4), (200.0, 64.0), (200.0, 256.0))
+"""Floor (of 255 at the largest lag but zero) and K; the authors' training point first."""
+
+EXPOSURES_S = tuple(2.0**-power for power in range(2, 10))
+LETTERS = ("F", "7", "L", "R", "5", "t")
+UNSEEN = "AEGHJKMNPRSYZ2345679"
+"""Characters of the out-of-family set: none is drawn for training."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One measurement of an object, and the truth (64, 64), or what stands in for it."""
+
+    name: str
+    measurement: Measurement
+    truth: np.ndarray
+
+
+@dataclass(frozen=True)
+class Level:
+    """All cases of one set at one level."""
+
+    test_set: str
+    label: str
+    cases: list[Case]
+
+
+def edges(images: Path, count: int, seed: int) -> Iterator[Level]:
+    """Canny edges of photographs, one crop each, with noise drawn from the noise model."""
+    from data_gen.edges import edge_targets, find_photographs, read_luminance
+
+    random = np.random.default_rng(seed)
+    photographs = find_photographs(images)
+    truths: list[np.ndarray] = []
+    for index in random.permutation(len(photographs.names)):
+        found = edge_targets(read_luminance(photographs.folder / photographs.names[index]), 1, random)
+        if found is not None and len(truths) < count:
+            truths.append(found[0].astype(np.float32) / np.float32(255.0))
+    yield from _modelled("edges", np.stack(truths), seed)
+
+
+def shapes(count: int, seed: int) -> Iterator[Level]:
+    """Letters and digits in random poses and weights, which no training target shows, with noise from the noise model."""
+    from data_gen.shapes import glyph
+
+    random = np.random.default_rng(seed)
+    truths = np.stack([glyph(UNSEEN[number % len(UNSEEN)], random) for number in range(count)])
+    yield from _modelled("shapes", truths.astype(np.float32) / np.float32(255.0), seed)
+
+
+def _modelled(name: str, truths: np.ndarray, seed: int) -> Iterator[Level]:
+    for floor, dof in NOISE_LEVELS:
+        generator = torch.Generator().manual_seed(seed)
+        batch = at_noise(torch.from_numpy(truths), floor / 255.0, dof, generator)
+        yield Level(name, f"b {floor:.0f}, K {dof:g}",
+                    [Case(str(number), read_measurement(estimate.numpy()), truth)
+                     for number, (estimate, truth) in enumerate(zip(batch.estimate, truths, strict=True))])
+
+
+def rendered(count: int, seed: int) -> Iterator[Level]:
+    """Two rendered frames of `scenes/corner_letter` with each of its letters, over exposures; `count` captures each."""
+    from radiometry.autocorrelation import estimate_autocorrelation
+    from radiometry.prediction import predict
+    from scenes import scene_path
+    from sim.frame import Simulation
+    from sim.geometry import read_geometry
+    from sim.scene_file import load_scene
+
+    geometries = {letter: read_geometry(load_scene(scene_path("corner_letter"), {"albedo": f"{letter}.png"})[0])
+                  for letter in LETTERS}
+    for exposure_s in EXPOSURES_S:
+        cases = []
+        for letter, geometry in geometries.items():
+            prediction = predict(geometry)
+            simulation = Simulation(geometry.exposed(exposure_s))
+            truth = geometry.hidden_object.cell_means(prediction.pitch_m, 64)
+            for repeat in range(count):
+                frames = (simulation.frame(seed + repeat, number) for number in range(2))
+                lags, _ = estimate_autocorrelation((frame.numpy() for frame in frames), prediction.grid)
+                cases.append(Case(letter, read_measurement(lags, transfer=prediction.transfer), truth))
+        yield Level("rendered", f"1/{1.0 / exposure_s:.0f} s", cases)
+
+
+def measured(folder: Path) -> Iterator[Level]:
+    """Published captures: the exposure series of a 7, and letters over the patches of two frames.
+
+    No truth is known; in its place stands what many-start classical retrieval makes of the longest exposure, or of
+    fifty frames.
+    """
+    files = sorted(folder.glob("*.png"))
+    series = sorted((file for file in files if "usec" in file.name), key=_microseconds, reverse=True)
+    letters = {file.name.split("_")[0]: file for file in sorted(folder.glob("*_n50_*.png"))}
+    if not series or not letters:
+        raise InputError("--measured", "a folder of published autocorrelations", f"none in {folder}", "check the path")
+    longest = _reference(series[0])
+    for file in series:
+        yield Level("measured 7", f"{_microseconds(file) / 1e3:.4g} ms", [Case("7", _published(file), longest)])
+    references = {letter: _reference(file) for letter, file in letters.items()}
+    yield Level("measured letters", "50 frames",
+                [Case(letter, _published(file), references[letter]) for letter, file in letters.items()])
+    for patches in (25, 10, 5, 3, 2, 1):
+        found = {letter: next(folder.glob(f"{letter}_n2_*npatch{patches}.png"), None) for letter in letters}
+        yield Level("measured letters", f"2 frames, K {patches}",
+                    [Case(letter, _published(file), references[letter]) for letter, file in found.items() if file])
+
+
+def _published(file: Path) -> Measurement:
+    return read_measurement(*read_autocorrelation(file))
+
+
+def _reference(file: Path) -> np.ndarray:
+    return retrieve(_published(file), "classical", "best", 0, "cpu").albedo
+
+
+def _microseconds(file: Path) -> float:
+    return float(file.name.split("usec")[0].split("_")[-1])
