@@ -54,13 +54,10 @@ def test_fractions_of_a_pixel_are_registered(truth):
     assert np.abs(back - smooth).max() < 0.03
 
 
-def test_overlap_of_known_rectangles():
-    truth, image = np.zeros((64, 64)), np.zeros((64, 64))
-    truth[10:20, 10:30] = 1.0
-    image[10:20, 10:20] = 1.0
-    image[25:35, 12:22] = 0.9  # as many pixels, half of them elsewhere
-    found = score(image, truth)
-    assert found.iou == pytest.approx(100 / 300)
+def test_overlap_and_outlines_of_known_shapes(truth):
+    image = truth.copy()
+    image[31:35, 25:36], image[44:48, 30:41] = 0.0, 0.6  # 44 of 289 pixels moved
+    assert score(image, truth).iou == pytest.approx(245 / 333)
     thin = np.zeros((64, 64))
     thin[12, 5:60], thin[12:50, 30] = 1.0, 1.0
     beside = np.roll(thin, 1, 0) + 1e-6
