@@ -88,8 +88,9 @@ def _pearson(image: np.ndarray, truth: np.ndarray) -> float:
 
 def _brightest(image: np.ndarray, count: int) -> np.ndarray:
     """The `count` brightest pixels above zero, bool."""
-    threshold = np.partition(image.ravel(), -count)[-count]
-    return (image >= threshold) & (image > 0.0)
+    chosen = np.zeros(image.size, bool)
+    chosen[np.argsort(-image.ravel(), kind="stable")[:count]] = True
+    return chosen.reshape(image.shape) & (image > 0.0)
 
 
 def _iou(drawn: np.ndarray, shown: np.ndarray) -> float:
