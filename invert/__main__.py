@@ -8,14 +8,14 @@ from pathlib import Path
 
 from radiometry.errors import ArgumentParser, InputError, check_device, run_command
 
-METHOD_CHOICES = ("classical", "hio", "raar", "er", "altmin", "twf", "taf", "mtwf", "admm-tv")
+METHOD_CHOICES = ("unet", "classical", "hio", "raar", "er", "altmin", "twf", "taf", "mtwf", "admm-tv")
 
 
 def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m invert", description="Reconstruct a hidden object's albedo.")
     p.add_argument("inputs", nargs="+", help="frames of one capture, a folder of them, or autocorrelation pictures")
     p.add_argument("-o", "--output", required=True, help="folder for albedo, report.png and result.json")
-    p.add_argument("--method", choices=METHOD_CHOICES, default="classical")
+    p.add_argument("--method", choices=METHOD_CHOICES, default="unet")
     p.add_argument("--quality", choices=("fast", "balanced", "best"), default="balanced")
     p.add_argument("--autocorrelation", action="store_true", help="inputs are 127 x 127 estimates, one result each")
     p.add_argument("--pixel-pitch-m", type=float, help="pixel pitch on the wall; wanted for lengths in metres only")
@@ -24,6 +24,7 @@ def parser() -> ArgumentParser:
     p.add_argument("--patch", default="auto", help="patch size in pixels, or auto (300 um a lag, or an eighth of the frame)")
     p.add_argument("--dark", type=Path, help="dark frame to subtract")
     p.add_argument("--truth", type=Path, help="known albedo (.npy or picture, one pixel a lag) to compare with")
+    p.add_argument("--weights", type=Path, help="another network, .safetensors, for --method unet")
     p.add_argument("--seed", type=int, default=0)
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     return p
@@ -61,15 +62,16 @@ def _invert(estimate, truth, read_s: float, folder: Path, options) -> None:
     """Read the noise, retrieve the albedo, write the result."""
     from tqdm import tqdm
 
-    from invert.methods import method_options, retrieve
+    from invert.methods import iterations, retrieve
     from invert.result import write_result
     from invert.spectrum import read_measurement
 
     begin = time.perf_counter()
     measurement = read_measurement(estimate.lags, estimate.quantisation, estimate.transfer)
-    iterations = method_options(options.method, options.quality).iterations
-    with tqdm(total=iterations, desc=options.method, unit="it", disable=None, leave=False) as bar:
-        result = retrieve(measurement, options.method, options.quality, options.seed, options.device, bar.update)
+    steps = iterations(options.method, options.quality)
+    with tqdm(total=steps, desc=options.method, unit="it", disable=None, leave=False) as bar:
+        result = retrieve(measurement, options.method, options.quality, options.seed, options.device, bar.update,
+                          options.weights)
     seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
     settings = {"method": options.method, "quality": options.quality, "seed": options.seed}
     summary = write_result(folder, estimate, measurement, result, truth, settings, seconds)
@@ -85,6 +87,8 @@ def _check(options) -> int | None:
         raise InputError("inputs", "autocorrelations of different names", "one name twice",
                          "rename one; results go to folders of these names")
     check_device(options.device)
+    if options.weights is not None and options.method != "unet":
+        raise InputError("--weights", "--method unet beside it", options.method, "leave it out")
     if options.autocorrelation and (options.patch != "auto" or options.dark is not None):
         raise InputError("--autocorrelation", "estimates as they are", "--patch or --dark, which go with frames",
                          "leave them out")

@@ -113,8 +113,8 @@ def _check(options: Any) -> dict[str, dict[str, Any]]:
     methods: dict[str, dict[str, Any]] = {}
     for text in options.methods:
         name, _, quality = text.partition(":")
-        if name not in METHODS or (quality or "balanced") not in QUALITIES:
-            raise InputError("--methods", f"NAME[:QUALITY] of {', '.join(METHODS)} and {', '.join(QUALITIES)}", text,
+        if name not in ("unet", *METHODS) or (quality or "balanced") not in QUALITIES:
+            raise InputError("--methods", f"NAME[:QUALITY] of unet, {', '.join(METHODS)} and {', '.join(QUALITIES)}", text,
                              "correct it")
         methods[text] = {"method": name, "quality": quality or "balanced"}
     for text in options.weights:

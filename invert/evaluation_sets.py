@@ -71,7 +71,7 @@ def _modelled(name: str, truths: np.ndarray, seed: int) -> Iterator[Level]:
         batch = at_noise(torch.from_numpy(truths), floor / 255.0, dof, generator)
         yield Level(name, f"b {floor:.0f}, K {dof:g}",
                     [Case(str(number), read_measurement(estimate.numpy()), truth)
-                     for number, (estimate, truth) in enumerate(zip(batch.estimate, truths, strict=True))])
+                     for number, (estimate, truth) in enumerate(zip(batch.seen.estimate, truths, strict=True))])
 
 
 def rendered(count: int, seed: int) -> Iterator[Level]:

@@ -1,31 +1,63 @@
-"""What the networks see of an estimate: the signal, its significance, and the noise level."""
+"""What the networks see: the signal, its significance, the noise level, and a classical reconstruction if there is one."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, fields
 
 import torch
 from torch.nn import functional
 
+from invert.registration import OBJECT
 from radiometry.autocorrelation import LAGS
 
-CHANNELS = 2 * (16 + 4) + 2
-"""All lags four by four, the inner ones (as far as the albedo reaches) two by two, for two pictures; two numbers."""
+CHANNELS = 2 * (16 + 4) + 2 + 4 + 1
+"""All lags four by four, the inner ones (as far as the albedo reaches) two by two, for two pictures; two numbers; the
+classical reconstruction two by two, and the agreement of its starts."""
 
 DOF_RANGE = (1.0, 1e6)
 
 
-def features(estimate: torch.Tensor, floor: torch.Tensor, dof: torch.Tensor) -> torch.Tensor:
-    """Features of estimates, free of their unit; zero lag is never looked at.
+@dataclass(frozen=True)
+class Observation:
+    """What is known of each of n objects.
 
-    Args:
+    Attributes:
         estimate: (n, 127, 127), zero lag at [63, 63], floor included.
         floor, dof: noise level of each, (n,).
+        classical: what classical retrieval makes of it, (n, 64, 64), largest value 1; zeros where it was not tried.
+        agreement: of its starts with one another, (n,), 0 where it was not tried.
+    """
+
+    estimate: torch.Tensor
+    floor: torch.Tensor
+    dof: torch.Tensor
+    classical: torch.Tensor
+    agreement: torch.Tensor
+
+    @classmethod
+    def alone(cls, estimate: torch.Tensor, floor: torch.Tensor, dof: torch.Tensor) -> Observation:
+        """Estimates without a classical reconstruction."""
+        n = len(estimate)
+        return cls(estimate, floor, dof, estimate.new_zeros(n, OBJECT, OBJECT), estimate.new_zeros(n))
+
+    def __len__(self) -> int:
+        return len(self.estimate)
+
+    def part(self, which: slice, device: str) -> Observation:
+        """Some of the objects, on a device."""
+        return Observation(*(getattr(self, field.name)[which].to(device) for field in fields(self)))
+
+
+def features(seen: Observation) -> torch.Tensor:
+    """Features of observations, free of the estimate's unit; zero lag is never looked at.
 
     Returns:
         (n, CHANNELS, 32, 32): the signal over its height near zero lag, under a square root; the signal over its
-        own noise, logarithmic where large; floor over height and K, logarithmic.
+        own noise, logarithmic where large; floor over height and K, logarithmic; the classical reconstruction.
     """
-    freedom = dof.clamp(*DOF_RANGE)[:, None, None]
-    filled = _without_zero_lag(estimate)
+    floor = seen.floor
+    freedom = seen.dof.clamp(*DOF_RANGE)[:, None, None]
+    filled = _without_zero_lag(seen.estimate)
     signal = filled - floor[:, None, None]
     near = signal[:, LAGS - 1 : LAGS + 2, LAGS - 1 : LAGS + 2].mean((-2, -1))
     # Where there is no signal its height is a few times its error.
@@ -35,9 +67,11 @@ def features(estimate: torch.Tensor, floor: torch.Tensor, dof: torch.Tensor) -> 
     significance = torch.asinh(signal * freedom.sqrt() / filled.clamp_min(1e-3 * height)) / 3.0
     pictures = functional.pad(torch.stack((root, significance), 1), (1, 0, 1, 0))
     inner = pictures[:, :, 32:96, 32:96]
-    numbers = torch.stack((torch.log10(floor / height[:, 0, 0] + 1e-3), 0.5 * torch.log10(freedom[:, 0, 0]) - 1.0), 1)
+    numbers = torch.stack((torch.log10(floor / height[:, 0, 0] + 1e-3), 0.5 * torch.log10(freedom[:, 0, 0]) - 1.0,
+                           seen.agreement), 1)
     planes = numbers[:, :, None, None].expand(-1, -1, 32, 32)
-    return torch.cat((functional.pixel_unshuffle(pictures, 4), functional.pixel_unshuffle(inner, 2), planes), 1)
+    return torch.cat((functional.pixel_unshuffle(pictures, 4), functional.pixel_unshuffle(inner, 2), planes,
+                      functional.pixel_unshuffle(seen.classical[:, None], 2)), 1)
 
 
 def paper_picture(estimate: torch.Tensor) -> torch.Tensor:

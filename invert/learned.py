@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
+import numpy as np
 import torch
 from torch import nn
 
-from invert.features import features, paper_picture
+from invert.features import Observation, features, paper_picture
 from invert.spectrum import Measurement
 from invert.unet import PaperUnet
 
@@ -25,22 +27,29 @@ UNBOUNDED_DOF = 1e6
 """K of an estimate without measurable noise."""
 
 
-def predict(network: nn.Module, estimate: torch.Tensor, floor: torch.Tensor,
-            dof: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Albedos (n, 64, 64) of estimates (n, 127, 127), and logits of the correlation with the truth that the network expects."""
+def predict(network: nn.Module, seen: Observation) -> tuple[torch.Tensor, torch.Tensor]:
+    """Albedos (n, 64, 64), and logits of the correlation with the truth that the network expects of each."""
     plain = network.module if isinstance(network, nn.parallel.DistributedDataParallel) else network
-    seen = paper_picture(estimate) if isinstance(plain, PaperUnet) else features(estimate, floor, dof)
-    with torch.autocast(estimate.device.type, dtype=torch.bfloat16):
-        return network(seen.to(memory_format=torch.channels_last))
+    picture = paper_picture(seen.estimate) if isinstance(plain, PaperUnet) else features(seen)
+    with torch.autocast(picture.device.type, dtype=torch.bfloat16):
+        return network(picture.to(memory_format=torch.channels_last))
+
+
+def observation(measurement: Measurement, classical: np.ndarray | None = None, agreement: float = 0.0) -> Observation:
+    """What the network is shown of one measurement."""
+    one = Observation.alone(torch.from_numpy(measurement.estimate)[None], torch.tensor([measurement.noise.floor]).float(),
+                            torch.tensor([measurement.noise.dof or UNBOUNDED_DOF]).float())
+    if classical is None:
+        return one
+    return replace(one, classical=torch.from_numpy(classical)[None], agreement=torch.tensor([agreement]))
 
 
 @torch.no_grad()
-def looks(network: nn.Module, measurement: Measurement, poses: int, device: str) -> tuple[torch.Tensor, float]:
-    """Albedos (poses, 64, 64) from the estimate in so many poses, each turned back, and the correlation expected of one."""
-    estimate = torch.from_numpy(measurement.estimate).to(device)
-    posed = torch.stack([pose(estimate) for pose, _ in POSES[:poses]])
-    floor = torch.full((poses,), measurement.noise.floor, device=device)
-    dof = torch.full((poses,), measurement.noise.dof or UNBOUNDED_DOF, device=device)
-    albedo, expected = predict(network, posed, floor, dof)
+def looks(network: nn.Module, seen: Observation, poses: int) -> tuple[torch.Tensor, float]:
+    """Albedos (poses, 64, 64) from one observation in so many poses, each turned back, and the correlation expected of one."""
+    posed = Observation(torch.cat([pose(seen.estimate) for pose, _ in POSES[:poses]]), seen.floor.expand(poses),
+                        seen.dof.expand(poses), torch.cat([pose(seen.classical) for pose, _ in POSES[:poses]]),
+                        seen.agreement.expand(poses))
+    albedo, expected = predict(network, posed)
     turned_back = torch.stack([back(one) for (_, back), one in zip(POSES, albedo, strict=False)])
     return turned_back, float(expected.sigmoid().mean())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from invert.admm_tv import AdmmTvOptions, admm_tv
 from invert.altmin import AltMinOptions, altmin
 from invert.error_reduction import ErrorReductionOptions, error_reduction
 from invert.hio import HioOptions, hio
+from invert.learned import looks, observation
 from invert.mtwf import MTWF_OPTIONS, mtwf
 from invert.projections import Progress
 from invert.raar import RaarOptions, raar
@@ -19,6 +21,7 @@ from invert.registration import OBJECT, centred, consensus
 from invert.spectrum import Measurement, fourier_modulus
 from invert.taf import TafOptions, taf
 from invert.twf import TwfOptions, twf
+from invert.weights import SHIPPED, load_network
 
 DETECTION_LIMIT = 6.0
 """Standard deviations above the floor below which no object is claimed."""
@@ -41,11 +44,21 @@ QUALITIES = {"fast": (4, 0.3), "balanced": (16, 1.0), "best": (64, 1.0)}
 """Starts, and share of a method's iterations."""
 
 
+NETWORK_LOOKS = {"fast": (1, None), "balanced": (4, "fast"), "best": (4, "balanced")}
+"""Poses in which the network looks, and the quality of the classical reconstruction that it is shown, None for none."""
+
+BELIEVED = 0.2
+"""Correlation with the truth that a network must expect of its picture to claim an object."""
+
+
 @dataclass(frozen=True)
 class Reconstruction:
     """Albedo (64, 64), float32, largest value 1 (all zero when no object was found), and how far to trust it.
 
-    `confidence` is the agreement of the best starts with one another, 0 to 1.
+    Attributes:
+        confidence: of a network, the correlation with the truth that it expects; of any other method, the agreement of the
+            best starts with one another; 0 to 1.
+        residual: relative squared error of the Fourier modulus, least over the starts; None for a network.
     """
 
     albedo: np.ndarray
@@ -54,18 +67,35 @@ class Reconstruction:
     residual: float | None
 
 
+NOTHING = Reconstruction(np.zeros((OBJECT, OBJECT), np.float32), False, 0.0, None)
+
+
 def method_options(method: str, quality: str) -> Any:
-    """A method's options at a quality."""
+    """A solver's options at a quality."""
     options = METHODS[method][1]
     starts, share = QUALITIES[quality]
     return replace(options, starts=starts, iterations=round(share * options.iterations))
 
 
+def iterations(method: str, quality: str) -> int:
+    """How often a retrieval will report progress."""
+    if method == "unet":
+        classical = NETWORK_LOOKS[quality][1]
+        return method_options("classical", classical).iterations if classical else 1
+    return method_options(method, quality).iterations
+
+
 def retrieve(measurement: Measurement, method: str, quality: str, seed: int, device: str,
-             progress: Progress = lambda: None) -> Reconstruction:
-    """Run a method by name; nothing is reconstructed from a measurement without a detectable object."""
+             progress: Progress = lambda: None, weights: Path | None = None) -> Reconstruction:
+    """Run a method by name; nothing is reconstructed from a measurement without a detectable object.
+
+    Args:
+        weights: another network than the shipped one, for `unet`.
+    """
     if measurement.detection < DETECTION_LIMIT or measurement.peak <= 0.0:
-        return Reconstruction(np.zeros((OBJECT, OBJECT), np.float32), False, 0.0, None)
+        return NOTHING
+    if method == "unet":
+        return _by_network(measurement, quality, seed, device, progress, weights or SHIPPED)
     modulus = fourier_modulus(measurement).to(device)
     # r*r that ends at a ring belongs to an object as wide as the ring's radius, plus one.
     box = min(OBJECT, measurement.noise.signal_ring + 3) if method == "classical" else OBJECT
@@ -74,7 +104,27 @@ def retrieve(measurement: Measurement, method: str, quality: str, seed: int, dev
     image, agreement = consensus(found.images, found.residual)
     if method != "classical":
         image = found.images[found.residual.argmin()]
+    return _normalised(image, agreement, float(found.residual.min()))
+
+
+def _by_network(measurement: Measurement, quality: str, seed: int, device: str, progress: Progress,
+                weights: Path) -> Reconstruction:
+    """One look, or the registered mean of looks in several poses at the estimate and its classical reconstruction."""
+    network, _ = load_network(weights, device)
+    poses, classical_quality = NETWORK_LOOKS[quality]
+    seen = observation(measurement)
+    if classical_quality:
+        classical = retrieve(measurement, "classical", classical_quality, seed, device, progress)
+        seen = observation(measurement, classical.albedo, classical.confidence)
+    images, expected = looks(network, seen.part(slice(None), device), poses)
+    if expected < BELIEVED:
+        return replace(NOTHING, confidence=expected)
+    padded = torch.nn.functional.pad(images, (0, OBJECT, 0, OBJECT))
+    return _normalised(consensus(padded, torch.zeros(poses))[0], expected, None)
+
+
+def _normalised(image: torch.Tensor, confidence: float, residual: float | None) -> Reconstruction:
+    """The object in the middle of its window, largest value 1."""
     albedo = centred(image.clamp_min(0.0)).cpu().numpy()
     top = float(albedo.max())
-    return Reconstruction((albedo / top if top > 0.0 else albedo).astype(np.float32), top > 0.0, agreement,
-                          float(found.residual.min()))
+    return Reconstruction((albedo / top if top > 0.0 else albedo).astype(np.float32), top > 0.0, confidence, residual)

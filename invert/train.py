@@ -19,9 +19,10 @@ from torch import nn
 
 from invert.learned import predict
 from invert.losses import LOSSES, registered_pearson
-from invert.training_data import Batch, at_noise, paper_noise, varied
+from invert.training_data import Batch, at_noise, joined, paper_noise, varied, warm
 from invert.unet import CorrelographyUnet
-from invert.weights import NETWORKS, read_weights, save_weights
+from invert.warm_starts import load_warm_starts
+from invert.weights import NETWORKS, load_network, read_weights, save_weights
 from radiometry.errors import ArgumentParser, InputError, check_device, check_seed, run_command
 
 VALIDATION = ((80 / 255, 256.0), (80 / 255, 64.0), (80 / 255, 16.0), (5 / 255, 1e4), (1.5, 64.0))
@@ -39,6 +40,8 @@ def parser() -> ArgumentParser:
     p.add_argument("--width", type=int, default=64, help="channels of the widest picture")
     p.add_argument("--loss", choices=tuple(LOSSES), default="registered")
     p.add_argument("--noise", choices=("varied", "paper"), default="varied")
+    p.add_argument("--warm", nargs="+", help="stores of python -m invert.warm_starts; half of each batch comes from them")
+    p.add_argument("--start-from", type=Path, help="weights of an earlier run to begin with")
     p.add_argument("--steps", type=int, default=6000)
     p.add_argument("--batch", type=int, default=32)
     p.add_argument("--learning-rate", type=float, default=1e-3)
@@ -88,19 +91,21 @@ class Training:
         self.average = {name: value.clone() for name, value in self.network.state_dict().items()}
         self.optimiser = torch.optim.AdamW(self.network.parameters(), options.learning_rate, (0.9, 0.99), weight_decay=0.01)
         self.step, self.curve = 0, []
+        self.earlier: dict[str, Any] | None = None
+        self.warm = load_warm_starts(options.warm) if options.warm else None
+        if options.start_from:
+            self.start_from(options.start_from)
         self.seconds = self.cpu_seconds = 0.0
 
     def advance(self, targets: torch.Tensor) -> float:
         """One step of the optimiser; returns the loss."""
         begin, begin_cpu = time.perf_counter(), time.process_time()
         options = self.options
-        generator = _generator(options.seed, self.step)
-        draw = varied if options.noise == "varied" else paper_noise
-        batch = _part(draw(targets, options.batch, generator), self.rank, self.world, options.device)
+        batch = self._draw(targets).part(slice(self.rank, None, self.world), options.device)
         for group in self.optimiser.param_groups:
             group["lr"] = options.learning_rate * _schedule(self.step, options.steps)
         self.parallel.train()
-        albedo, judged = predict(self.parallel, batch.estimate, batch.floor, batch.dof)
+        albedo, judged = predict(self.parallel, batch.seen)
         shown = batch.truth.amax((-2, -1)) > 0.0
         loss = LOSSES[options.loss](albedo[shown], batch.truth[shown]).mean()
         if isinstance(self.network, CorrelographyUnet):
@@ -123,6 +128,15 @@ class Training:
         self.cpu_seconds += time.process_time() - begin_cpu
         return float(loss.detach())
 
+    def _draw(self, targets: torch.Tensor) -> Batch:
+        """The batch of this step: with warm starts, half of it has them."""
+        count, generator = self.options.batch, _generator(self.options.seed, self.step)
+        if self.options.noise == "paper":
+            return paper_noise(targets, count, generator)
+        if self.warm is None:
+            return varied(targets, count, generator)
+        return joined(varied(targets, count - count // 2, generator), warm(self.warm, count // 2, generator))
+
     def note(self, loss: float, validation: list[Batch]) -> None:
         """Measure the averaged network and add a point to the curve."""
         trained = {name: value.clone() for name, value in self.network.state_dict().items()}
@@ -131,8 +145,8 @@ class Training:
         pearson = []
         with torch.no_grad():
             for batch in validation:
-                moved = _part(batch, 0, 1, self.options.device)
-                albedo, _ = predict(self.network, moved.estimate, moved.floor, moved.dof)
+                moved = batch.part(slice(None), self.options.device)
+                albedo, _ = predict(self.network, moved.seen)
                 pearson.append(float(registered_pearson(albedo, moved.truth).mean()))
         self.network.load_state_dict(trained)
         self.curve.append({"step": self.step, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds, "loss": loss,
@@ -179,9 +193,18 @@ class Training:
         self.step, self.curve = card["step"], card["curve"]
         self.seconds, self.cpu_seconds = card["seconds"], card["cpu_seconds"]
 
+    def start_from(self, path: Path) -> None:
+        """Begin with the weights of an earlier run of the same kind of network."""
+        earlier, self.earlier = load_network(path)
+        if self.earlier["network"] != self.options.network or self.earlier["width"] != self.options.width:
+            raise InputError("--start-from", f"a {self.options.network} of width {self.options.width}",
+                             f"a {self.earlier['network']} of width {self.earlier['width']}", "give others")
+        self.network.load_state_dict(earlier.state_dict())
+        self.average = {name: value.clone() for name, value in self.network.state_dict().items()}
+
     def _run(self) -> dict[str, Any]:
-        names = ("dataset", "network", "width", "loss", "noise", "steps", "batch", "learning_rate", "seed")
-        return {name: getattr(self.options, name) for name in names}
+        names = ("dataset", "network", "width", "loss", "noise", "steps", "batch", "learning_rate", "seed", "warm")
+        return {**{name: getattr(self.options, name) for name in names}, "start_from": self.earlier}
 
     def finish(self, dataset: dict[str, Any]) -> None:
         """Write the averaged weights in half precision, with their card, and the curve."""
@@ -201,10 +224,6 @@ def _validation_batches(held_out: torch.Tensor, seed: int, count: int = 64) -> l
     generator = torch.Generator().manual_seed(seed)
     chosen = held_out[torch.randperm(len(held_out), generator=generator)[:count]].float() / 255.0
     return [at_noise(chosen, floor, dof, generator) for floor, dof in VALIDATION]
-
-
-def _part(batch: Batch, rank: int, world: int, device: str) -> Batch:
-    return Batch(*(getattr(batch, name)[rank::world].to(device) for name in ("estimate", "floor", "dof", "truth")))
 
 
 def _schedule(step: int, steps: int) -> float:

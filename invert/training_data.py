@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
 from torch.nn import functional
 
+from invert.features import Observation
 from radiometry.autocorrelation import LAGS
 from radiometry.noise_level import OUTERMOST, RING
 from radiometry.noise_model import draw_estimate, window_smoothed
@@ -21,15 +22,16 @@ _RADIUS_SQUARED = torch.from_numpy(np.hypot(*np.mgrid[-LAGS : LAGS + 1, -LAGS : 
 
 @dataclass(frozen=True)
 class Batch:
-    """Estimates (n, 127, 127) with the noise level as it would be read from each, (n,), and truths (n, 64, 64).
+    """Observations, the noise level as it would be read from each, and truths (n, 64, 64).
 
     A truth of zeros stands for an estimate without signal.
     """
 
-    estimate: torch.Tensor
-    floor: torch.Tensor
-    dof: torch.Tensor
+    seen: Observation
     truth: torch.Tensor
+
+    def part(self, which: slice, device: str) -> Batch:
+        return Batch(self.seen.part(which, device), self.truth[which].to(device))
 
 
 def at_noise(truth: torch.Tensor, floor: torch.Tensor | float, dof: torch.Tensor | float, generator: torch.Generator) -> Batch:
@@ -37,7 +39,8 @@ def at_noise(truth: torch.Tensor, floor: torch.Tensor | float, dof: torch.Tensor
     n = len(truth)
     floor = torch.as_tensor(floor).expand(n).float()
     dof = torch.as_tensor(dof).expand(n).float()
-    return Batch(draw_estimate(_signal(truth) + floor[:, None, None], dof, generator), floor, dof, truth)
+    estimate = draw_estimate(_signal(truth) + floor[:, None, None], dof, generator)
+    return Batch(Observation.alone(estimate, floor, dof), truth)
 
 
 def varied(targets: torch.Tensor, count: int, generator: torch.Generator) -> Batch:
@@ -72,7 +75,28 @@ def varied(targets: torch.Tensor, count: int, generator: torch.Generator) -> Bat
         line = torch.where(chance(weak)[:, 0], line + 0.5 * excess, line)
         view[:, LAGS] = torch.where(chance(mended)[:, 0], beside, line)
     read_error = torch.randn(2, count, generator=generator)
-    return Batch(estimate, floor * (1.0 + read_error[0] * (dof * _OUTER).rsqrt()), dof * (1.0 + 0.04 * read_error[1]), truth)
+    read_floor, read_dof = floor * (1.0 + read_error[0] * (dof * _OUTER).rsqrt()), dof * (1.0 + 0.04 * read_error[1])
+    return Batch(Observation.alone(estimate, read_floor, read_dof), truth)
+
+
+def warm(stored: dict[str, torch.Tensor], count: int, generator: torch.Generator) -> Batch:
+    """Random stored estimates with their classical reconstructions (see `invert.warm_starts`), flipped and transposed."""
+    chosen = torch.randint(len(stored["albedo"]), (count,), generator=generator)
+    pictures = [stored[name][chosen].float() * scale
+                for name, scale in (("estimate", 1.0), ("albedo", 1.0 / 255.0), ("classical", 1.0 / 255.0))]
+    for turn in (lambda x: x.mT, lambda x: x.flip(-1), lambda x: x.flip(-2)):
+        turned = (torch.rand(count, generator=generator) < 0.5)[:, None, None]
+        pictures = [torch.where(turned, turn(picture), picture) for picture in pictures]
+    estimate, truth, classical = pictures
+    seen = Observation(estimate, *(stored[name][chosen] for name in ("floor", "dof")), classical, stored["agreement"][chosen])
+    return Batch(seen, truth)
+
+
+def joined(first: Batch, second: Batch) -> Batch:
+    """Two batches as one."""
+    seen = Observation(*(torch.cat((getattr(first.seen, field.name), getattr(second.seen, field.name)))
+                         for field in fields(Observation)))
+    return Batch(seen, torch.cat((first.truth, second.truth)))
 
 
 def paper_noise(targets: torch.Tensor, count: int, generator: torch.Generator) -> Batch:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from radiometry.errors import ArgumentParser, InputError, check_device, check_seed, positive, run_command
 
+KERNELS = ("fraunhofer", "fresnel", "nufft", "direct")
 VERSION_UNKNOWN = "uninstalled"
 SATURATION_WORTH_A_WARNING = 1e-3
 
@@ -22,9 +23,11 @@ def parser() -> ArgumentParser:
     p.add_argument("--seed", type=int, default=0)
     p.add_argument("--plan", action="store_true", help="print what would be modelled, as JSON, and render nothing")
     p.add_argument("--mean", action="store_true", help="write expected photoelectrons, before any noise")
-    p.add_argument("--accuracy", choices=("statistical",), default="statistical", help="what the tolerance bounds")
-    p.add_argument("--propagator", choices=("auto", "fraunhofer"), default="auto")
-    p.add_argument("--tolerance", type=float, default=1e-2, help="relative error of the expected autocorrelation")
+    p.add_argument("--accuracy", choices=("statistical", "field"), default="statistical",
+                   help="what the tolerance bounds: the expected autocorrelation, or this realisation's field")
+    p.add_argument("--propagator", choices=("auto", *KERNELS), default="auto")
+    p.add_argument("--tolerance", type=float, default=1e-2, help="relative error allowed")
+    p.add_argument("--precision", choices=("float32", "float64"), help="of the propagation; whatever the tolerance needs")
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     return p
 
@@ -34,19 +37,20 @@ def main(argv: Sequence[str] | None = None) -> None:
     options = parser().parse_args(argv)
     _check(options)
     from sim.geometry import read_geometry
-    from sim.plan import make_plan
+    from sim.plan import Settings, make_plan
     from sim.scene_file import load_scene, parse_definitions
 
     definitions = parse_definitions(options.definitions)
     scene, digest = load_scene(options.scene, definitions)
     geometry = read_geometry(scene)
-    plan = make_plan(geometry, options.frames, options.tolerance)
+    settings = Settings(options.accuracy, options.tolerance, options.propagator, options.precision)
+    plan = make_plan(geometry, options.frames, settings)
     if options.plan:
         print(json.dumps(plan, indent=2, allow_nan=False))
         return
     for warning in plan["warnings"]:
         print(f"warning: {warning}", file=sys.stderr)
-    _render(geometry, plan, digest, definitions, options)
+    _render(geometry, settings, plan, digest, definitions, options)
 
 
 def _check(options) -> None:
@@ -59,7 +63,7 @@ def _check(options) -> None:
     check_device(options.device)
 
 
-def _render(geometry, plan, digest: str, definitions: dict[str, str], options) -> None:
+def _render(geometry, settings, plan, digest: str, definitions: dict[str, str], options) -> None:
     """Draw every frame into a hidden folder, then move all at once: a stopped run leaves an older capture whole."""
     from tqdm import tqdm
 
@@ -71,7 +75,7 @@ def _render(geometry, plan, digest: str, definitions: dict[str, str], options) -
     folder = output_folder(options.output)
     staging = staging_folder(folder)
     begin = time.perf_counter()
-    simulation = Simulation(geometry, options.device)
+    simulation = Simulation(geometry, settings, options.device)
     render_s = write_s = saturated = 0.0
     for number in tqdm(range(options.frames), desc="frames", unit="frame", disable=None):
         started = time.perf_counter()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
 from copy import copy
 
 import mitsuba as mi
@@ -14,17 +14,22 @@ from radiometry.throughput import closed_form
 from sim.camera import expose, mean_image, transfer_function
 from sim.geometry import Geometry, read_geometry
 from sim.illumination import illuminate
-from sim.plan import check
+from sim.object_samples import sample_object
+from sim.plan import Settings, check, choose_propagator
+from sim.propagation.direct import direct
 from sim.propagation.fraunhofer import fraunhofer
+from sim.propagation.fresnel import fresnel
+from sim.propagation.nufft import nufft
 
 
 class Simulation:
     """Everything about a scene that all its frames share; `frame(seed, number)` draws one.
 
-    Raises InputError when the object or the wall cannot be modelled as `statistical` accuracy asks.
+    Raises InputError when the object or the wall cannot be modelled as the settings ask.
     """
 
-    def __init__(self, geometry: Geometry, device: str = "cpu") -> None:
+    def __init__(self, geometry: Geometry, settings: Settings | None = None, device: str = "cpu") -> None:
+        self.settings = settings or Settings()
         self.device = torch.device(device)
         self._transfer = transfer_function(geometry).to(self.device)
         self._look_at(geometry)
@@ -32,15 +37,8 @@ class Simulation:
     def _look_at(self, geometry: Geometry) -> None:
         check(geometry)
         self.geometry = geometry
-        pitch = geometry.object_pitch_m
-        self._grid = tuple(min(math.ceil(extent / step) + 1, n) for extent, step, n in
-                           zip(geometry.hidden_object.extent_m, pitch, geometry.frame_shape, strict=True))
-        seen = geometry.hidden_object.sample(pitch, self._grid)
-        mean_cosine = geometry.light_path.object_cosine_in
-        # The paper's Eq. (5) with power albedo: the field is multiplied by its square root.
-        brightness = seen.albedo * (seen.cosine_in / mean_cosine if mean_cosine else 1.0)
-        self._amplitude = np.sqrt(brightness, dtype=np.float32)
-        self._brightness_sum = float(brightness.sum(dtype=np.float64))
+        self._samples = sample_object(geometry)
+        self.propagator = choose_propagator(geometry, self._samples, self.settings)
         self.budget = closed_form(geometry.light_path)
 
     def showing(self, cells: np.ndarray, pitch_m: float) -> Simulation:
@@ -58,15 +56,31 @@ class Simulation:
         """Expected photoelectrons of one pixel, over all speckle realisations."""
         return self.budget.photoelectrons_per_pixel_s * self.geometry.electronics.exposure_s
 
+    def wall_field(self, seed: int, number: int, progress: Callable[[int], object] = lambda parts: None) -> torch.Tensor:
+        """Complex field on the wall (H, W) of one frame, its mean square the samples' brightness."""
+        samples, wall = self._samples, self._samples.wall
+        lit = illuminate(self.geometry, samples.grid, _stream(seed, number, 0))
+        chosen = self.propagator
+        if chosen.propagator == "fraunhofer":
+            return fraunhofer(torch.from_numpy(samples.on_grid(lit)).to(self.device), wall.shape)
+        scatterers = samples.lit(lit)
+        if chosen.propagator == "fresnel":
+            return fresnel(scatterers, samples.place, samples.grid, wall, self.device.type)
+        if chosen.propagator == "nufft":
+            field = nufft(scatterers, wall, tolerance=chosen.predicted_error, precision=chosen.precision, progress=progress)
+        else:
+            field = direct(scatterers, wall, precision=chosen.precision, device=self.device.type,
+                           visible=self.geometry.hidden_object.visible_from(self.geometry.detector_centre, wall.centre_m),
+                           progress=progress)
+        return torch.from_numpy(field).to(self.device, torch.complex64)
+
     def expected(self, seed: int, number: int) -> torch.Tensor:
         """Expected photoelectrons of one frame's speckle, before any noise: float32 (H, W)."""
-        if self._brightness_sum == 0.0:
+        if len(self._samples.amplitude) == 0:
             return torch.zeros(self.geometry.frame_shape)
-        generator = _stream(seed, number, 0)
-        field = illuminate(self.geometry, self._grid, generator) * self._amplitude
-        wall = fraunhofer(torch.from_numpy(field).to(self.device), self.geometry.frame_shape)
+        wall = self.wall_field(seed, number)
         image = mean_image(wall.real.square() + wall.imag.square(), self._transfer)
-        return image.mul_(self.mean_photoelectrons / self._brightness_sum).cpu()
+        return image.mul_(self.mean_photoelectrons / self._samples.brightness).cpu()
 
     def frame(self, seed: int, number: int) -> torch.Tensor:
         """One stored frame in electrons, float32 (H, W).

@@ -11,6 +11,7 @@ import numpy as np
 
 from radiometry.errors import InputError
 from sim.plugins.phase_screen import PhaseScreen
+from sim.propagation.direct import Visibility
 
 MEASURING_GRID = 512
 """Samples along the longer side of the object when its area and cosines are measured."""
@@ -23,11 +24,13 @@ def is_hidden_object(shape: mi.Shape) -> bool:
 @dataclass(frozen=True)
 class Samples:
     """Visible surface on a grid, each array (rows, columns): power albedo (0 where nothing is seen or
-    where light from the virtual source does not arrive), cosines towards source and detector."""
+    where light from the virtual source does not arrive), cosines towards source and detector, and depth
+    behind the object's centre along the line of sight."""
 
     albedo: np.ndarray
     cosine_in: np.ndarray
     cosine_out: np.ndarray
+    depth_m: np.ndarray
 
 
 class HiddenObject:
@@ -67,7 +70,8 @@ class HiddenObject:
         row = (np.arange(shape[0]) - 0.5 * (shape[0] - 1)) * pitch_m[0]
         column = (np.arange(shape[1]) - 0.5 * (shape[1] - 1)) * pitch_m[1]
         offset = row[:, None, None] * self.down + column[None, :, None] * self.right
-        start = self.centre + offset - (self.depth_m + max(self.extent_m)) * self.line_of_sight
+        back = self.depth_m + max(self.extent_m)
+        start = self.centre + offset - back * self.line_of_sight
         origin = mi.Point3f(np.ascontiguousarray(start.reshape(-1, 3).T, np.float32))
         hit = scene.ray_intersect(mi.Ray3f(origin, mi.Vector3f(*self.line_of_sight.tolist())))
         mine = dr.zeros(mi.Bool, dr.width(origin))
@@ -86,12 +90,35 @@ class HiddenObject:
         def grid(values: mi.Float) -> np.ndarray:
             return np.asarray(values, np.float32).reshape(shape)
 
-        return Samples(grid(albedo), grid(dr.select(lit, cosine_in, 0.0)), grid(dr.select(lit, cosine_out, 0.0)))
+        return Samples(grid(albedo), grid(dr.select(lit, cosine_in, 0.0)), grid(dr.select(lit, cosine_out, 0.0)),
+                       grid(dr.select(lit, hit.t - back, 0.0)))
 
     def cell_means(self, pitch_m: float, side: int, subsamples: int = 8) -> np.ndarray:
         """Albedo averaged over each cell of a square grid, float32 (side, side): the integral of r is kept."""
         fine = self.sample((pitch_m / subsamples, pitch_m / subsamples), (side * subsamples, side * subsamples)).albedo
         return fine.reshape(side, subsamples, side, subsamples).mean((1, 3))
+
+    def visible_from(self, detector: np.ndarray, wall_centre_m: np.ndarray) -> Visibility | None:
+        """Ray tests between places on the wall and samples of the object; None where nothing can stand between them.
+
+        Args:
+            detector: the frame's centre in the world, `wall_centre_m` from the object's centre.
+        """
+        scene, origin = self._scene, detector - wall_centre_m
+        named = ("virtual_source", "virtual_detector")
+        if all(is_hidden_object(shape) or shape.id() in named for shape in scene.shapes()) and self.depth_m == 0.0:
+            return None
+
+        def visible(places: np.ndarray, samples: np.ndarray) -> np.ndarray:
+            way = samples[None] - places[:, None]
+            length = np.linalg.norm(way, axis=-1, keepdims=True)
+            start = (origin + places)[:, None] + 1e-4 * way
+            ray = mi.Ray3f(mi.Point3f(np.ascontiguousarray(start.reshape(-1, 3).T, np.float32)),
+                           mi.Vector3f(np.ascontiguousarray((way / length).reshape(-1, 3).T, np.float32)))
+            ray.maxt = mi.Float(np.ascontiguousarray((length * (1.0 - 1e-3)).ravel(), np.float32))
+            return ~np.asarray(scene.ray_test(ray)).reshape(way.shape[:2])
+
+        return visible
 
     def _measure(self) -> tuple[float, float, float]:
         """Albedo-weighted area of the surface, and mean cosines in and out weighted by it."""
@@ -145,7 +172,7 @@ class FlatObject:
         albedo = np.zeros(shape, np.float32)
         albedo[np.ix_(*inside)] = self._cells[np.ix_(*(place[held] for place, held in zip(places, inside, strict=True)))]
         cosines = [np.where(albedo > 0.0, np.float32(cosine), np.float32(0.0)) for cosine in self.mean_cosines()]
-        return Samples(albedo, *cosines)
+        return Samples(albedo, *cosines, np.zeros(shape, np.float32))
 
     def albedo_area_m2(self) -> float:
         """Integral of the albedo over the surface."""
@@ -153,6 +180,9 @@ class FlatObject:
 
     def mean_cosines(self) -> tuple[float, float]:
         return self._like.mean_cosines()
+
+    def visible_from(self, detector: np.ndarray, wall_centre_m: np.ndarray) -> Visibility | None:
+        return self._like.visible_from(detector, wall_centre_m)
 
 
 def _perpendicular(vector: np.ndarray, line: np.ndarray) -> np.ndarray:

@@ -6,15 +6,37 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+
+from radiometry.autocorrelation import automatic_patch_size, patch_grid
 from radiometry.errors import InputError
 from radiometry.noise_budget import NoiseTerms
 from radiometry.prediction import predict
 from radiometry.throughput import closed_form, pupil_fraction
 from sim.geometry import Geometry
 from sim.illumination import grain_m
+from sim.object_samples import ObjectSamples, sample_object
+from sim.propagation.choose import Option, choose, options
+from sim.propagation.sampling import Scatterers
 
-FFT_SECONDS_PER_PIXEL = 9e-8
-"""One frame (FFTs, blur, Poisson draw) per pixel on two cores; only a prediction of time, never a result."""
+CAMERA_SECONDS_PER_PIXEL = 7e-8
+"""Blur and Poisson draw of one frame per pixel on two cores; only a prediction of time, never a result."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is asked of the propagation.
+
+    Attributes:
+        accuracy: what `tolerance` bounds: `statistical`, the expected autocorrelation; `field`, this realisation's field.
+        propagator: a kernel's name, or `auto`.
+        precision: `float32`, `float64`, or None for either.
+    """
+
+    accuracy: str = "statistical"
+    tolerance: float = 1e-2
+    propagator: str = "auto"
+    precision: str | None = None
 
 
 @dataclass(frozen=True)
@@ -57,6 +79,22 @@ def check_exposure(geometry: Geometry) -> None:
                          "lower exposure, power or dark_current")
 
 
+def propagators(geometry: Geometry, samples: ObjectSamples, settings: Settings) -> list[Option]:
+    """All kernels for a scene with their predicted errors and costs, cheapest first."""
+    if len(samples.amplitude) == 0:
+        return [Option("fraunhofer", "float32", 0.0, 0.0, 0, "nothing reflects")]
+    bare = Scatterers(samples.position_m, samples.amplitude.astype(np.float64))
+    facts = (geometry.wavelength_m, geometry.distance_m, geometry.pixel_pitch_m)
+    patch = automatic_patch_size(geometry.frame_shape, facts)
+    lag_m = patch_grid(geometry.frame_shape, patch).lag_pitch_m(*facts)
+    return options(samples.wall, samples.axes, bare, lag_m, settings.accuracy, settings.tolerance, settings.precision)
+
+
+def choose_propagator(geometry: Geometry, samples: ObjectSamples, settings: Settings) -> Option:
+    """The kernel that a scene's frames are made with."""
+    return choose(propagators(geometry, samples, settings), settings.propagator, settings.tolerance)
+
+
 def check(geometry: Geometry) -> None:
     """Raise InputError where the scene cannot be modelled as `statistical` accuracy asks."""
     check_sampling(geometry)
@@ -66,17 +104,13 @@ def check(geometry: Geometry) -> None:
 
 def effects(geometry: Geometry, terms: NoiseTerms) -> list[Effect]:
     """All effects of the scene, modelled or not."""
-    hidden, z = geometry.hidden_object, geometry.distance_m
-    half_frame = 0.5 * geometry.pixel_pitch_m * max(geometry.frame_shape)
-    lag = max(hidden.extent_m)
+    lag = max(geometry.hidden_object.extent_m)
     source = geometry.spot
     phase_rms = 4.0 * math.pi * source.height_rms_m / geometry.wavelength_m
     scattering = phase_rms * geometry.wavelength_m / (2.0 * math.pi * source.correlation_length_m)
     lobe = 0.5 * (0.5 * lag / geometry.source_distance_m / scattering) ** 2 if scattering else math.inf
     electronics = geometry.electronics
     return [
-        Effect("fraunhofer", True, "one FFT; statistically exact for a flat object with its own random phase, "
-               "its depth and the wall's tilt left out", hidden.depth_m / z + 0.5 * (half_frame / z) ** 2),
         Effect("phase_screen", True, f"rough virtual source (phase rms {phase_rms:.3g} rad), independent samples", lobe),
         Effect("source_grain", True, f"grain of {grain_m(geometry) * 1e6:.3g} um on the object", 0.0),
         Effect("pupil_and_pixel", True, "H, incoherent blur by pupil and pixel", 0.0),
@@ -99,28 +133,37 @@ def _set_or_zero(value: float) -> str:
     return f"the speckle_camera sets it to {value:g}" if value else "the speckle_camera leaves it at zero"
 
 
-def make_plan(geometry: Geometry, frames: int, tolerance: float) -> dict[str, Any]:
-    """The plan as JSON: effects, warnings, prediction of time and memory, light budget.
+def make_plan(geometry: Geometry, frames: int, settings: Settings | None = None) -> dict[str, Any]:
+    """The plan as JSON: kernels, effects, warnings, prediction of time and memory, light budget.
 
     Raises InputError where the scene cannot be modelled at all.
     """
     check(geometry)
+    settings = settings or Settings()
     pixels = math.prod(geometry.frame_shape)
+    samples = sample_object(geometry)
+    kernels = propagators(geometry, samples, settings)
+    kernel = choose(kernels, settings.propagator, settings.tolerance)
     prediction = predict(geometry)
     listed = effects(geometry, prediction.terms)
     budget = closed_form(geometry.light_path)
-    warnings = [f"{effect.name}: predicted error {effect.predicted_error:.2g} exceeds the tolerance {tolerance:g}"
-                for effect in listed if effect.predicted_error > tolerance]
+    warnings = [f"{effect.name}: predicted error {effect.predicted_error:.2g} exceeds the tolerance "
+                f"{settings.tolerance:g}" for effect in listed if effect.predicted_error > settings.tolerance]
+    if kernel.predicted_error > settings.tolerance:
+        warnings.insert(0, f"propagator {kernel.propagator}: predicted {settings.accuracy} error {kernel.predicted_error:.2g} "
+                        f"exceeds the tolerance {settings.tolerance:g}; use --propagator auto")
     warnings += scene_warnings(geometry, prediction.pitch_m)
     return {
-        "accuracy": "statistical",
-        "tolerance": tolerance,
-        "propagator": "fraunhofer",
+        **asdict(settings),
+        "propagator": kernel.propagator,
+        "precision": kernel.precision,
+        "propagators": [option.as_dict() for option in kernels],
+        "scatterers": len(samples.amplitude),
         "effects": [asdict(effect) for effect in listed],
-        "predicted_error": math.fsum(effect.predicted_error for effect in listed),
+        "predicted_error": kernel.predicted_error + math.fsum(effect.predicted_error for effect in listed),
         "warnings": warnings,
-        "seconds": frames * pixels * FFT_SECONDS_PER_PIXEL,
-        "bytes": 40 * pixels,
+        "seconds": frames * (kernel.seconds + pixels * CAMERA_SECONDS_PER_PIXEL),
+        "bytes": kernel.bytes + 24 * pixels,
         "frames": frames,
         "throughput": budget.as_dict(),
         "ideal_floor_over_peak": prediction.shot_floor_over_peak,

@@ -104,11 +104,11 @@ def test_an_occluder_darkens_the_object(tmp_path, letter_simulation):
 
 def test_light_straight_from_the_source_is_reported(tmp_path, letter_simulation):
     assert letter_simulation("F").geometry.baffled
-    assert make_plan(letter_simulation("F").geometry, 2, 1e-2)["warnings"] == []
+    assert make_plan(letter_simulation("F").geometry, 2)["warnings"] == []
     no_baffle = (r'<shape type="rectangle" id="baffle">.*?</shape>', "")
     open_scene = read_geometry(edited(tmp_path, no_baffle))
     assert not open_scene.baffled
-    assert any("baffle" in warning for warning in make_plan(open_scene, 2, 1e-2)["warnings"])
+    assert any("baffle" in warning for warning in make_plan(open_scene, 2)["warnings"])
     looks_at = '<lookat origin="0.1039558, 0, 0.4890738" target='
     facing = (looks_at + '"0, 0, 0"', looks_at + '"0, 0.6, 0.62"')
     assert read_geometry(edited(tmp_path, facing)).direct_light == 0.0
@@ -120,7 +120,7 @@ def test_what_a_scene_holds_in_vain_is_reported(tmp_path):
     turned = ('<rotate z="1" angle="180"/>', '<rotate y="1" angle="180"/>')
     wide = ('<scale x="0.005" y="0.005"/>', '<scale x="0.012" y="0.012"/>')
     for change, word in ((("</scene>", light), "ambient"), (turned, "none of its light"), (wide, "64 lags")):
-        warnings = make_plan(read_geometry(edited(tmp_path, change)), 2, 1e-2)["warnings"]
+        warnings = make_plan(read_geometry(edited(tmp_path, change)), 2)["warnings"]
         assert any(word in warning for warning in warnings), word
 
 

@@ -8,6 +8,7 @@ pytest.importorskip("mitsuba")
 
 from sim.camera import expose
 from sim.illumination import grain_m, illuminate
+from sim.object_samples import sample_object
 from sim.plugins.speckle_camera import Electronics
 from sim.propagation.fraunhofer import fraunhofer
 
@@ -24,9 +25,10 @@ def test_fraunhofer_matches_the_sum(random):
 def wall_intensity(simulation, number: int) -> np.ndarray:
     """Intensity before pupil and pixel, mean 1 over realisations."""
     generator = np.random.default_rng(number)
-    field = illuminate(simulation.geometry, simulation._grid, generator) * simulation._amplitude
+    samples = sample_object(simulation.geometry)
+    field = samples.on_grid(illuminate(simulation.geometry, samples.grid, generator))
     wall = fraunhofer(torch.from_numpy(field), simulation.geometry.frame_shape)
-    return (wall.abs() ** 2).numpy() / simulation._brightness_sum
+    return (wall.abs() ** 2).numpy() / samples.brightness
 
 
 def test_speckle_is_fully_developed(letter_simulation):
@@ -49,7 +51,7 @@ def test_grain_on_the_wall_is_the_brief_s(letter_simulation):
         image = wall_intensity(simulation, number)
         spectrum = np.abs(np.fft.fft2(image - 1.0)) ** 2
         areas.append(np.mean([spectrum[r, c] for r, c in ((1, 0), (0, 1), (1, 1), (1, -1), (2, 0), (0, 2), (2, 1), (1, 2))]))
-    albedo = simulation._amplitude.astype(np.float64) ** 2
+    albedo = sample_object(geometry).amplitude.astype(np.float64) ** 2
     cell = np.prod(geometry.object_pitch_m)
     expected = (geometry.wavelength_m * geometry.distance_m) ** 2 * (albedo**2).sum() / albedo.sum() ** 2 / cell
     measured = np.mean(areas) / image.size * geometry.pixel_pitch_m**2

@@ -1,0 +1,227 @@
+"""`python -m benchmarks.speed_accuracy [-o docs]`: every kernel against the direct sum in float64.
+
+Sweeps standoff 0.05 to 100 m, depth 0 to 20 mm and tilt 0 to 60 degrees; the object is 1 cm across, or a third of the field of
+view where that is smaller, and depth shrinks with it. Writes speed_accuracy.json, a table and the Pareto picture.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import sim  # noqa: F401 - sets the Mitsuba variant, and with it Dr.Jit's backend
+from sim.propagation.choose import Option, choose, options
+from sim.propagation.direct import direct
+from sim.propagation.fraunhofer import fraunhofer
+from sim.propagation.fresnel import fresnel
+from sim.propagation.nufft import nufft
+from sim.propagation.sampling import Scatterers, Wall
+
+WAVELENGTH_M, PIXEL_M, SHAPE = 532e-9, 6.9e-6, (514, 616)
+STANDOFFS_M = (0.05, 0.2, 0.5, 1.0, 3.0, 10.0, 100.0)
+DEPTHS_M = (0.0, 2e-3, 2e-2)
+TILTS_DEG = (0.0, 20.0, 60.0)
+TOLERANCES = {"statistical": (1e-2, 1e-3), "field": (1e-2, 1e-3, 1e-4, 1e-6)}
+
+
+@dataclass(frozen=True)
+class Object:
+    """A rough, tilted, stepped plate on the grid that a frame resolves."""
+
+    scatterers: Scatterers
+    wall: Wall
+    place: tuple[np.ndarray, np.ndarray]
+    grid: tuple[int, int]
+
+    @property
+    def axes(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.wall.down, self.wall.right
+
+
+def make_object(standoff_m: float, depth_m: float, tilt_deg: float, seed: int = 0, shape: tuple[int, int] = SHAPE) -> Object:
+    random = np.random.default_rng(seed)
+    pitch = [WAVELENGTH_M * standoff_m / (PIXEL_M * n) for n in shape]
+    size = min(0.01, 0.33 * WAVELENGTH_M * standoff_m / PIXEL_M)
+    across = size * np.cos(np.deg2rad(tilt_deg))
+    grid = (max(2, round(size / pitch[0])), max(2, round(across / pitch[1])))
+    row, column = np.nonzero(random.random(grid) < 0.3)
+    y, x = ((index - 0.5 * (n - 1)) * step for index, n, step in zip((row, column), grid, pitch, strict=True))
+    depth = np.tan(np.deg2rad(tilt_deg)) * x + depth_m * size / 0.01 * (random.integers(0, 5, len(x)) / 4.0 - 0.5)
+    waves = random.standard_normal(len(x)) + 1j * random.standard_normal(len(x))
+    wall = Wall(standoff_m * np.eye(3)[2], np.eye(3)[0], np.eye(3)[1], shape, PIXEL_M, WAVELENGTH_M)
+    return Object(Scatterers(np.stack([x, y, depth], 1), waves), wall, (row, column), grid)
+
+
+def propagate(name: str, precision: str, thing: Object, tolerance: float) -> np.ndarray:
+    import torch
+
+    if name == "fraunhofer":
+        field = np.zeros(thing.grid, np.complex64)
+        field[thing.place] = thing.scatterers.amplitude
+        return fraunhofer(torch.from_numpy(field), thing.wall.shape).numpy()
+    if name == "fresnel":
+        return fresnel(thing.scatterers, thing.place, thing.grid, thing.wall).numpy()
+    if name == "nufft":
+        return nufft(thing.scatterers, thing.wall, tolerance=tolerance, precision=precision)
+    return direct(thing.scatterers, thing.wall, precision=precision)
+
+
+def field_distance(field: np.ndarray, reference: np.ndarray) -> float:
+    """Relative L2 distance after one global phase."""
+    overlap = np.vdot(field, reference)
+    return float(np.linalg.norm(field * (overlap / abs(overlap)) - reference) / np.linalg.norm(reference))
+
+
+def expected_lags(thing: Object, name: str, lag_m: float) -> np.ndarray:
+    """Expected autocorrelation by brute force over tiles: the kernel's own fringe frequencies, by finite differences."""
+    from sim.propagation.sampling import path_difference
+
+    total, wall = 0.0, thing.wall
+    power = np.abs(thing.scatterers.amplitude) ** 2
+    for row in np.linspace(0.0, 1.0, 8) * (wall.shape[0] - 1):
+        for column in np.linspace(0.0, 1.0, 8) * (wall.shape[1] - 1):
+            if name in ("fraunhofer", "fresnel"):
+                place = thing.scatterers.position_m[:, 1::-1]
+            else:
+                ends = [wall.pixels(np.array(row + a), np.array(column + b)) for a, b in ((-4, 0), (4, 0), (0, -4), (0, 4))]
+                paths = [path_difference(end, thing.scatterers.position_m) for end in ends]
+                slope = wall.distance_m / (8.0 * wall.pitch_m)
+                place = -slope * np.stack([paths[1] - paths[0], paths[3] - paths[2]], 1)
+            image, _, _ = np.histogram2d(*((place[:, axis] / lag_m + 32.0) for axis in (0, 1)), bins=256, range=[[0, 64]] * 2,
+                                         weights=power)
+            total = total + np.fft.irfft2(np.abs(np.fft.rfft2(image, s=(512, 512))) ** 2)
+    total = np.fft.rfft2(total)
+    row, column = np.fft.fftfreq(512)[:, None], np.fft.rfftfreq(512)
+    return np.fft.irfft2(total * np.sinc(4 * row) ** 2 * np.sinc(4 * column) ** 2)  # as a lag cell sees it
+
+
+def sweep() -> Iterator[dict[str, Any]]:
+    for standoff in STANDOFFS_M:
+        for depth in DEPTHS_M:
+            for tilt in TILTS_DEG:
+                yield measure(standoff, depth, tilt)
+
+
+def measure(standoff_m: float, depth_m: float, tilt_deg: float) -> dict[str, Any]:
+    """Predicted and measured error and time of every kernel, and what `auto` chose at each tolerance."""
+    thing = make_object(standoff_m, depth_m, tilt_deg)
+    reference = direct(thing.scatterers, thing.wall, precision="float64")
+    lag_m = WAVELENGTH_M * standoff_m / (257 * PIXEL_M)
+    exact_lags = expected_lags(thing, "direct", lag_m)
+    kernels, chosen = [], []
+    for accuracy, tolerances in TOLERANCES.items():
+        for tolerance in tolerances:
+            listed = options(thing.wall, thing.axes, thing.scatterers, lag_m, accuracy, tolerance, None)
+            measured = [(option, *_timed(option, thing, reference, exact_lags, accuracy, lag_m)) for option in listed
+                        if np.isfinite(option.seconds)]
+            kernels += [{"accuracy": accuracy, **option.as_dict(), "error": error, "measured_seconds": seconds}
+                        for option, error, seconds in measured]
+            auto = choose(listed, "auto", tolerance)
+            error, seconds = next((error, seconds) for option, error, seconds in measured if option is auto)
+            cheapest = min(seconds for _, error, seconds in measured if error <= tolerance)
+            chosen.append({"accuracy": accuracy, "tolerance": tolerance, "propagator": auto.propagator,
+                           "precision": auto.precision, "error": error, "seconds": seconds, "cheapest_seconds": cheapest})
+    return {"standoff_m": standoff_m, "depth_m": depth_m, "tilt_deg": tilt_deg, "scatterers": len(thing.scatterers),
+            "kernels": kernels, "auto": chosen}
+
+
+def _timed(option: Option, thing: Object, reference: np.ndarray, exact_lags: np.ndarray, accuracy: str,
+           lag_m: float) -> tuple[float, float]:
+    tolerance = option.predicted_error
+    propagate(option.propagator, option.precision, thing, tolerance)  # compiles, plans
+    begin = time.perf_counter()
+    field = propagate(option.propagator, option.precision, thing, tolerance)
+    seconds = time.perf_counter() - begin
+    if accuracy == "field":
+        return field_distance(field, reference), seconds
+    lags = expected_lags(thing, option.propagator, lag_m)
+    lags *= (lags * exact_lags).sum() / (lags * lags).sum()
+    return float(np.linalg.norm(lags - exact_lags) / np.linalg.norm(exact_lags)), seconds
+
+
+def whole_frame() -> str:
+    """The reference scene's frame with photon noise over one FFT plus one Poisson draw, and the direct sum's rate."""
+    import torch
+
+    from scenes import scene_path
+    from sim.frame import Simulation
+    from sim.geometry import read_geometry
+    from sim.scene_file import load_scene
+
+    simulation = Simulation(read_geometry(load_scene(scene_path("corner_letter"))[0]))
+    noise, wave = np.random.default_rng(0), torch.randn(*simulation.geometry.frame_shape, dtype=torch.complex64)
+    mean = simulation.expected(0, 0).numpy()
+
+    def fastest(run: Any) -> float:
+        times = []
+        for _ in range(5):
+            begin = time.perf_counter()
+            run()
+            times.append(time.perf_counter() - begin)
+        return min(times)
+
+    frame, fft = fastest(lambda: simulation.frame(0, 0)), fastest(lambda: torch.fft.fft2(wave))
+    poisson = fastest(lambda: noise.poisson(mean))
+    thing = make_object(1.0, 0.0, 0.0)
+    pairs = len(thing.scatterers) * np.prod(thing.wall.shape)
+    rate = {precision: pairs / fastest(lambda kind=precision: direct(thing.scatterers, thing.wall, precision=kind)) / 1e9
+            for precision in ("float32", "float64")}
+    return (f"whole frame, fraunhofer with photon noise: {frame:.3f} s, {frame / (fft + poisson):.2f} times one complex64 FFT "
+            f"({fft:.3f} s) and one Poisson draw ({poisson:.3f} s); direct: {rate['float32']:.2f}e9 pairs/s in float32, "
+            f"{rate['float64']:.2f}e9 in float64")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("-o", "--output", type=Path, default=Path("docs"))
+    output = parser.parse_args().output
+    from tqdm import tqdm
+
+    results = list(tqdm(sweep(), total=len(STANDOFFS_M) * len(DEPTHS_M) * len(TILTS_DEG), unit="scene"))
+    (output / "speed_accuracy.json").write_text(json.dumps(results, indent=1, allow_nan=False) + "\n")
+    print(whole_frame())
+    _report(results)
+    _draw(results, output / "speed_accuracy.png")
+
+
+def _report(results: list[dict[str, Any]]) -> None:
+    auto = [choice for result in results for choice in result["auto"]]
+    exceeded = [choice for choice in auto if choice["error"] > choice["tolerance"]]
+    slow = [choice["seconds"] / choice["cheapest_seconds"] for choice in auto]
+    print(f"auto: {len(auto)} choices, {len(exceeded)} above their tolerance; time over the cheapest that meets it: median "
+          f"{np.median(slow):.2f}, 95 % below {np.quantile(slow, 0.95):.2f}, largest {max(slow):.2f}")
+    print("| kernel | precision | largest error | predicted / measured (where measured 1e-6 to 1) | seconds, median |")
+    print("|---|---|---|---|---|")
+    field = [kernel for result in results for kernel in result["kernels"] if kernel["accuracy"] == "field"]
+    for name, precision in dict.fromkeys((kernel["propagator"], kernel["precision"]) for kernel in field):
+        rows = [kernel for kernel in field if (kernel["propagator"], kernel["precision"]) == (name, precision)]
+        ratios = [row["predicted_error"] / row["error"] for row in rows if 1e-6 < row["error"] < 1.0]
+        span = f"{min(ratios):.2f} to {max(ratios):.2f}" if ratios else "below 1e-6"
+        print(f"| {name} | {precision} | {max(row['error'] for row in rows):.2g} | {span} | "
+              f"{np.median([row['measured_seconds'] for row in rows]):.3g} |")
+
+
+def _draw(results: list[dict[str, Any]], path: Path) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    field = [kernel for result in results for kernel in result["kernels"] if kernel["accuracy"] == "field"]
+    for name, precision in sorted({(kernel["propagator"], kernel["precision"]) for kernel in field}):
+        rows = [kernel for kernel in field if (kernel["propagator"], kernel["precision"]) == (name, precision)]
+        axes.loglog([row["measured_seconds"] for row in rows], [row["error"] for row in rows], ".", label=f"{name} {precision}")
+    axes.set_xlabel(f"seconds, {SHAPE[0]} x {SHAPE[1]} pixels, two cores")
+    axes.set_ylabel("relative L2 field error against direct float64")
+    axes.legend(fontsize=8)
+    figure.savefig(path, dpi=110)
+
+
+if __name__ == "__main__":
+    main()

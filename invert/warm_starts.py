@@ -1,0 +1,97 @@
+"""`python -m invert.warm_starts TARGETS.zarr -o WARM.zarr`: noisy estimates with what classical retrieval makes of each.
+
+Networks that are shown a classical reconstruction beside the estimate are trained on these. Goes on where it was stopped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import torch
+import zarr
+
+from radiometry.autocorrelation import SIDE
+from radiometry.errors import ArgumentParser, InputError, check_seed, run_command
+
+CHUNK = 32
+ARRAYS = {"albedo": ((64, 64), "uint8"), "classical": ((64, 64), "uint8"), "estimate": ((SIDE, SIDE), "float16"),
+          "floor": ((), "float32"), "dof": ((), "float32"), "agreement": ((), "float32")}
+
+QUALITY = "fast"
+"""Quality of the classical retrieval, here and when the network is used."""
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    parser = ArgumentParser(prog="python -m invert.warm_starts", description="Classical reconstructions to train with.")
+    parser.add_argument("targets", help="dataset made by python -m data_gen")
+    parser.add_argument("-o", "--output", required=True)
+    parser.add_argument("--count", type=int, default=12800)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args(argv)
+    check_seed(options.seed)
+    if options.count < CHUNK or options.count % CHUNK:
+        raise InputError("--count", f"a multiple of {CHUNK}", options.count, "choose another")
+    from tqdm import tqdm
+
+    from data_gen.dataset import load_targets
+
+    group = _open(options.output, {"targets": options.targets, "seed": options.seed, "count": options.count})
+    targets, _ = load_targets(options.targets)
+    for chunk in tqdm(range(options.count // CHUNK), unit="chunk", disable=None):
+        if not group["complete"][chunk]:
+            for name, values in _chunk(targets, options.seed, chunk).items():
+                group[name][chunk * CHUNK : (chunk + 1) * CHUNK] = values
+            group["complete"][chunk] = 1
+
+
+def _open(address: str, recipe: dict[str, Any]) -> zarr.Group:
+    group = zarr.open_group(address, mode="a")
+    if group.attrs.asdict() not in ({}, recipe):
+        raise InputError("-o", f"a store begun with {recipe}", group.attrs.asdict(), "choose another address")
+    count = recipe["count"]
+    for name, (shape, kind) in ARRAYS.items():
+        group.require_array(name, shape=(count, *shape), dtype=kind, chunks=(CHUNK, *shape))
+    group.require_array("complete", shape=(count // CHUNK,), dtype="uint8", chunks=(1,))
+    group.attrs.update(recipe)
+    return group
+
+
+def _chunk(targets: torch.Tensor, seed: int, chunk: int) -> dict[str, np.ndarray]:
+    """Estimates at noise of every kind, and their classical reconstructions."""
+    from invert.methods import retrieve
+    from invert.spectrum import read_measurement
+    from invert.training_data import varied
+
+    batch = varied(targets, CHUNK, torch.Generator().manual_seed((seed << 32) + chunk))
+    found = [retrieve(read_measurement(estimate.numpy()), "classical", QUALITY, seed, "cpu")
+             for estimate in batch.seen.estimate]
+    return {
+        "albedo": (255.0 * batch.truth).round().to(torch.uint8).numpy(),
+        "classical": np.stack([np.round(255.0 * result.albedo).astype(np.uint8) for result in found]),
+        "estimate": batch.seen.estimate.half().numpy(),
+        "floor": batch.seen.floor.numpy(),
+        "dof": batch.seen.dof.numpy(),
+        "agreement": np.array([result.confidence for result in found], np.float32),
+    }
+
+
+def load_warm_starts(addresses: Sequence[str]) -> dict[str, torch.Tensor]:
+    """All samples of one store or more, in memory; InputError where one is missing or unfinished."""
+    parts = []
+    for address in addresses:
+        try:
+            group = zarr.open_group(address, mode="r")
+            if not np.asarray(group["complete"]).all():
+                raise InputError("--warm", "a complete store", f"an unfinished one at {address}",
+                                 "run the same python -m invert.warm_starts again")
+            parts.append({name: np.asarray(group[name]) for name in ARRAYS})
+        except (OSError, KeyError):
+            raise InputError("--warm", "a store that python -m invert.warm_starts wrote", f"none at {address}",
+                             "check the address") from None
+    return {name: torch.from_numpy(np.concatenate([part[name] for part in parts])) for name in ARRAYS}
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,64 @@
+"""The hidden object as samples that propagate: where they are, how bright, and the wall they light."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.geometry import Geometry
+from sim.propagation.sampling import Scatterers, Wall
+
+
+@dataclass(frozen=True)
+class ObjectSamples:
+    """Samples of a scene's object at `Geometry.object_pitch_m`, those without light left out.
+
+    Attributes:
+        grid: rows and columns of the whole grid, centred on the object.
+        place: row and column of each sample, (n,) each.
+        position_m: from the object's centre, float64 (n, 3).
+        amplitude: square root of albedo and cosine, the paper's Eq. (5) with power albedo, float32 (n,).
+        axes: the grid's unit vectors (down, right).
+    """
+
+    grid: tuple[int, int]
+    place: tuple[np.ndarray, np.ndarray]
+    position_m: np.ndarray
+    amplitude: np.ndarray
+    wall: Wall
+    axes: tuple[np.ndarray, np.ndarray]
+
+    @property
+    def brightness(self) -> float:
+        """Sum of the samples' powers."""
+        return float(np.square(self.amplitude, dtype=np.float64).sum())
+
+    def lit(self, field: np.ndarray) -> Scatterers:
+        """Scatterers under a field on the grid (rows, columns)."""
+        return Scatterers(self.position_m, field[self.place].astype(np.complex128) * self.amplitude)
+
+    def on_grid(self, field: np.ndarray) -> np.ndarray:
+        """The reflected field on the grid, complex64 (rows, columns)."""
+        reflected = np.zeros(self.grid, np.complex64)
+        reflected[self.place] = field[self.place] * self.amplitude
+        return reflected
+
+
+def sample_object(geometry: Geometry) -> ObjectSamples:
+    """Sample a scene's object as finely as its frame resolves it."""
+    hidden, pitch = geometry.hidden_object, geometry.object_pitch_m
+    grid = tuple(min(math.ceil(extent / step) + 1, n)
+                 for extent, step, n in zip(hidden.extent_m, pitch, geometry.frame_shape, strict=True))
+    seen = hidden.sample(pitch, (grid[0], grid[1]))
+    mean_cosine = geometry.light_path.object_cosine_in
+    brightness = seen.albedo * (seen.cosine_in / mean_cosine if mean_cosine else 1.0)
+    place = np.nonzero(brightness)
+    row, column = ((index - 0.5 * (n - 1)) * step for index, n, step in zip(place, grid, pitch, strict=True))
+    position = (row[:, None] * hidden.down + column[:, None] * hidden.right
+                + seen.depth_m[place].astype(np.float64)[:, None] * hidden.line_of_sight)
+    wall = Wall(geometry.detector_centre - hidden.centre, geometry.right, geometry.down, geometry.frame_shape,
+                geometry.pixel_pitch_m, geometry.wavelength_m)
+    return ObjectSamples((grid[0], grid[1]), place, position, np.sqrt(brightness[place], dtype=np.float32), wall,
+                         (hidden.down, hidden.right))

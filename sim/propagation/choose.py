@@ -1,0 +1,85 @@
+"""Which kernel propagates: the cheapest whose predicted error stays below the tolerance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from radiometry.errors import InputError
+from sim.propagation import direct, nufft, validity
+from sim.propagation.sampling import Scatterers, Wall
+
+FFT_SECONDS_PER_PIXEL = 2e-8
+NUFFT_SECONDS = (0.25, 0.025, 3e-7, 2.5e-8)
+"""Once; of a patch; per term and scatterer of a patch; per term and pixel. On two cores, to rank kernels by."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """One kernel in one precision, with its predicted error, seconds and bytes for a frame; `why` where it cannot be had."""
+
+    propagator: str
+    precision: str
+    predicted_error: float
+    seconds: float
+    bytes: int
+    why: str
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self) | {"predicted_error": self.predicted_error if math.isfinite(self.predicted_error) else None}
+
+
+def options(wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterers: Scatterers, lag_m: float, accuracy: str,
+            tolerance: float, precision: str | None) -> list[Option]:
+    """All kernels for a scene, cheapest first."""
+    pixels = math.prod(wall.shape)
+    found = []
+    statistical = validity.statistical_error(wall, axes, scatterers, lag_m) if accuracy == "statistical" else 0.0
+    for name in ("fraunhofer", "fresnel"):
+        if precision == "float64":
+            continue
+        error = statistical if accuracy == "statistical" else validity.field_error(name, wall, axes, scatterers)
+        why = "flat, delta-correlated object in the far field" if name == "fraunhofer" else "exact phases at the frame's centre"
+        cost = FFT_SECONDS_PER_PIXEL * pixels * (1.0 if name == "fraunhofer" else 1.5)
+        found.append(Option(name, "float32", error, cost, 16 * pixels, why))
+    for kind in ("float32", "float64"):
+        if precision in (None, kind):
+            found.append(_nufft(wall, scatterers, kind, tolerance))
+            pairs = pixels * len(scatterers)
+            found.append(Option("direct", kind, validity.direct_error(wall, scatterers, kind, direct.TILE),
+                                pairs / direct.PAIRS_PER_SECOND[kind], 8 * pixels + 2**28, "every scatterer to every pixel"))
+    return sorted(found, key=lambda option: option.seconds)
+
+
+def _nufft(wall: Wall, scatterers: Scatterers, precision: str, tolerance: float) -> Option:
+    low, high = nufft.TOLERANCE[precision]
+    wanted = min(max(0.3 * tolerance, low), high)
+    try:
+        size, terms = nufft.patch_size(scatterers.position_m, wall, wanted)
+    except InputError:
+        return Option("nufft", precision, math.inf, math.inf, 0, "the sum of products does not converge this close")
+    patches = math.ceil(wall.shape[0] / size) * math.ceil(wall.shape[1] / size)
+    once, each, scatterer, pixel = NUFFT_SECONDS
+    seconds = once + patches * (each + terms * (scatterer * len(scatterers) + pixel * size**2))
+    memory = 16 * terms * (size**2 * 5 + 2 * len(scatterers)) + 16 * math.prod(wall.shape)
+    return Option("nufft", precision, wanted, seconds, memory,
+                  f"{terms} terms in each of {patches} patches of {size} pixels")
+
+
+def choose(listed: list[Option], propagator: str, tolerance: float) -> Option:
+    """The cheapest option within the tolerance, or the forced propagator's most fitting one.
+
+    Raises InputError where none (or not the forced one) can be had at all.
+    """
+    if propagator != "auto":
+        listed = [option for option in listed if option.propagator == propagator and math.isfinite(option.seconds)]
+        if not listed:
+            raise InputError("--propagator", "one that the scene and --precision allow", propagator, "use auto or direct")
+    within = [option for option in listed if option.predicted_error <= tolerance]
+    if not within and propagator == "auto":
+        best = min(option.predicted_error for option in listed)
+        raise InputError("--tolerance", f"{best:.2g} or more", tolerance, "raise it or leave --precision out")
+    return within[0] if within else min(listed, key=lambda option: option.predicted_error)

@@ -1,0 +1,168 @@
+"""Propagation from scatterers in space to patches of the wall by non-uniform FFTs (finufft).
+
+Within a patch of centre c the path difference is p(c, s) + u.g(s) + rest: the first phase goes into the amplitude; the
+second, g = (c - s) / |c - s| - c / |c|, is a non-uniform FFT over the pixels u; and the slow rest, amplitude included,
+is a short sum of products alpha_j(u) beta_j(s), found by a singular value decomposition on Chebyshev nodes of patch and
+object. So the error is the tolerance, whatever depth and tilt. Valid while that sum is short; patches are halved until
+it is. Cost: patches x terms x (scatterers x kernel width^2 + an FFT of the patch).
+Source: Barnett, Magland, af Klinteberg, SIAM J. Sci. Comput. 41, C479 (2019), doi:10.1137/18M120885X.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from radiometry.errors import InputError
+from sim.propagation.sampling import Scatterers, Wall, kernel, path_difference, phasor
+
+LARGEST_PATCH, SMALLEST_PATCH = 513, 33
+MOST_TERMS = 20
+_NODES_PATCH, _NODES_OBJECT = 10, 9
+TOLERANCE = {"float32": (1e-5, 1e-2), "float64": (1e-11, 1e-2)}
+"""Smallest and largest tolerance in each precision."""
+
+
+_Basis = tuple[np.ndarray, list[np.ndarray]]
+
+
+@dataclass(frozen=True)
+class _Expansion:
+    """alpha on a patch's pixels (terms, P, P), beta on the scatterers (terms, n), error of the sum at random pairs."""
+
+    alpha: np.ndarray
+    beta: np.ndarray
+    error: float
+
+
+def nufft(scatterers: Scatterers, wall: Wall, *, tolerance: float = 1e-6, precision: str = "float64",
+          progress: Callable[[int], object] = lambda patches: None) -> np.ndarray:
+    """Field on the wall, complex64 or complex128 (H, W), relative L2 error at most `tolerance`.
+
+    Raises InputError for a tolerance that the precision cannot hold, and where even the smallest patch needs too long a sum.
+    """
+    import finufft
+
+    low, high = TOLERANCE[precision]
+    if not low <= tolerance <= high:
+        raise InputError("--tolerance", f"between {low:g} and {high:g} for nufft in {precision}", tolerance,
+                         "choose another, or --precision float64")
+    object_basis = _object_basis(scatterers.position_m)
+    size, terms = patch_size(scatterers.position_m, wall, tolerance)
+    height, width = wall.shape
+    kind = np.complex64 if precision == "float32" else np.complex128
+    plan = finufft.Plan(1, (size, size), n_trans=terms, eps=max(0.2 * tolerance, 1e-14), isign=1, dtype=kind)
+    field = np.empty(wall.shape, kind)
+    for row in range(0, height, size):
+        for column in range(0, width, size):
+            centre = wall.pixels(np.array(row + 0.5 * (size - 1)), np.array(column + 0.5 * (size - 1)))
+            expansion = _expand(centre, size, wall, scatterers.position_m, object_basis, terms)
+            if expansion.error > 5.0 * tolerance:
+                raise InputError("--tolerance", f"{expansion.error:.2g} or more in this scene", tolerance,
+                                 "use --propagator direct")
+            gradient = 2.0 * np.pi / wall.wavelength_m * wall.pitch_m * _gradient(centre, scatterers.position_m)
+            places = [np.ascontiguousarray(gradient @ axis, kind(0).real.dtype) for axis in (wall.down, wall.right)]
+            plan.setpts(*places)
+            first = scatterers.amplitude * phasor(path_difference(centre, scatterers.position_m), wall.wavelength_m)
+            waves = plan.execute(np.ascontiguousarray(expansion.beta * first, kind)).reshape(terms, size, size)
+            patch = (expansion.alpha * waves).sum(0)
+            field[row : row + size, column : column + size] = patch[: height - row, : width - column]
+            progress(1)
+    return field
+
+
+def patch_size(position_m: np.ndarray, wall: Wall, tolerance: float) -> tuple[int, int]:
+    """Side of the patches (odd) and number of terms that meet a tolerance at the frame's corners and centre.
+
+    Raises InputError where even the smallest patch needs more than `MOST_TERMS`.
+    """
+    few = position_m[:: max(1, len(position_m) // 500)]
+    basis = _object_basis(few)
+    rows, columns = (np.array([0.0, 0.5, 1.0]) * (pixels - 1.0) for pixels in wall.shape)
+    places = [(rows[1], columns[1]), *((row, column) for row in rows[::2] for column in columns[::2])]
+    size = LARGEST_PATCH
+    while size >= SMALLEST_PATCH:
+        terms = 0
+        for row, column in places:
+            centre = wall.pixels(np.array(row), np.array(column))
+            value = _decompose(centre, size, wall, basis[0])[1]
+            tail = np.sqrt(np.append(np.cumsum(value[::-1] ** 2)[::-1], 0.0) / (value**2).sum())
+            terms = max(terms, int(np.argmax(tail < 0.3 * tolerance)))
+            if terms > MOST_TERMS or _expand(centre, size, wall, few, basis, terms).error > tolerance:
+                break
+        else:
+            return size, terms
+        size = (size // 2) | 1
+    raise InputError("--propagator", "a scene whose phases nufft can expand", "one too close or too deep for it",
+                     "use --propagator direct")
+
+
+def _gradient(centre: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """Derivative of the path difference by the pixel's place, (n, 3)."""
+    ray = centre - position
+    return ray / np.linalg.norm(ray, axis=1)[:, None] - centre / np.linalg.norm(centre)
+
+
+def _decompose(centre: np.ndarray, size: int, wall: Wall, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Singular value decomposition of the slow rest between nodes of the patch and of the object."""
+    u = _chebyshev(_NODES_PATCH) * 0.5 * size * wall.pitch_m
+    offsets = (u[:, None, None] * wall.down + u[None, :, None] * wall.right).reshape(-1, 3)
+    return np.linalg.svd(_slow(centre, offsets, nodes, wall), full_matrices=False)
+
+
+def _expand(centre: np.ndarray, size: int, wall: Wall, position: np.ndarray, basis: _Basis, terms: int) -> _Expansion:
+    left, value, right = _decompose(centre, size, wall, basis[0])
+    alpha = (left[:, :terms] * value[:terms]).reshape(_NODES_PATCH, _NODES_PATCH, terms)
+    fine = _interpolation(_NODES_PATCH, (np.arange(size) - 0.5 * (size - 1)) / (0.5 * size))
+    pixels = np.einsum("pa,abt,qb->tpq", fine, alpha, fine, optimize=True)
+    beta = _at_scatterers(right[:terms], basis[1])
+    random = np.random.default_rng(size)
+    rows, columns, chosen = (random.integers(n, size=64) for n in (size, size, len(position)))
+    middle = 0.5 * (size - 1)
+    places = ((rows - middle)[:, None] * wall.down + (columns - middle)[:, None] * wall.right) * wall.pitch_m
+    exact = np.diagonal(_slow(centre, places, position[chosen], wall))
+    ours = (pixels[:, rows, columns] * beta[:, chosen]).sum(0)
+    return _Expansion(pixels, beta, float(np.linalg.norm(ours - exact) / np.linalg.norm(exact)))
+
+
+def _slow(centre: np.ndarray, offsets: np.ndarray, position: np.ndarray, wall: Wall) -> np.ndarray:
+    """K without the phase at the patch's centre and its linear change, (offsets, scatterers)."""
+    linear = path_difference(centre, position)[None] + offsets @ _gradient(centre, position).T
+    return kernel(wall, (centre + offsets)[:, None], position[None]) * phasor(-linear, wall.wavelength_m)
+
+
+def _chebyshev(count: int) -> np.ndarray:
+    """Nodes of the first kind on (-1, 1)."""
+    return np.cos(np.pi * (np.arange(count) + 0.5) / count)
+
+
+def _interpolation(count: int, x: np.ndarray) -> np.ndarray:
+    """Values at x (n,) in [-1, 1] of the Lagrange polynomials of the Chebyshev nodes, (n, count)."""
+    order = np.arange(count)
+    at_nodes = np.cos(order[:, None] * np.arccos(_chebyshev(count))[None])
+    at_x = np.cos(order[None] * np.arccos(np.clip(x, -1.0, 1.0))[:, None])
+    weight = np.where(order == 0, 1.0, 2.0) / count
+    return (at_x * weight) @ at_nodes
+
+
+def _object_basis(position: np.ndarray) -> _Basis:
+    """Chebyshev nodes (N, 3) in the object's bounding box, and per axis their Lagrange polynomials at the scatterers."""
+    low, high = position.min(0), position.max(0)
+    middle, half = 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-12)
+    counts = [_NODES_OBJECT if extent > 1e-9 else 1 for extent in half]
+    axes = [middle[axis] + half[axis] * _chebyshev(count) for axis, count in enumerate(counts)]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    return nodes, [_interpolation(count, (position[:, axis] - middle[axis]) / half[axis]) for axis, count in enumerate(counts)]
+
+
+def _at_scatterers(at_nodes: np.ndarray, values: list[np.ndarray], chunk: int = 4096) -> np.ndarray:
+    """Interpolate (terms, N) from the object's nodes to its scatterers, (terms, n)."""
+    cube = at_nodes.reshape(len(at_nodes), *(value.shape[1] for value in values))
+    parts = []
+    for start in range(0, len(values[0]), chunk):
+        x, y, z = (value[start : start + chunk] for value in values)
+        along_z = (cube.reshape(-1, cube.shape[3]) @ z.T).reshape(*cube.shape[:3], -1)
+        parts.append(((along_z * y.T).sum(2) * x.T).sum(1))
+    return np.concatenate(parts, axis=1)

@@ -1,0 +1,81 @@
+"""What every kernel propagates between: scatterers near the object's centre, and the pixels of the wall.
+
+All kernels return the same quantity. With o the object's centre, s a scatterer, w a pixel, d the distance from o to
+the frame's centre and n the direction from o to there, the field is
+
+    E(w) = sum_s a_s K(w, s),    K = d n.(w - s) / r^2  exp(2 pi i (r - r_o) / lambda),    r = |w - s|, r_o = |w - o|:
+
+the first Rayleigh-Sommerfeld integral (Goodman, Introduction to Fourier Optics, Eq. 3-43) with k r >> 1, its carrier
+at each pixel removed and its scale taken from the frame's centre. The carrier has modulus 1 and is the same for all
+scatterers, so it drops out of the intensity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Scatterers:
+    """Points of the object: positions from its centre, float64 (n, 3), and complex amplitudes (n,)."""
+
+    position_m: np.ndarray
+    amplitude: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.amplitude)
+
+
+@dataclass(frozen=True)
+class Wall:
+    """Pixels of a frame on the wall.
+
+    Attributes:
+        centre_m: from the object's centre to the frame's, (3,).
+        right, down: unit vectors along the frame's rows and columns, (3,).
+        shape: (H, W).
+    """
+
+    centre_m: np.ndarray
+    right: np.ndarray
+    down: np.ndarray
+    shape: tuple[int, int]
+    pitch_m: float
+    wavelength_m: float
+
+    @property
+    def distance_m(self) -> float:
+        return float(np.linalg.norm(self.centre_m))
+
+    def offsets(self) -> tuple[np.ndarray, np.ndarray]:
+        """Distance of each row and of each column from the frame's centre, (H,) and (W,)."""
+        height, width = self.shape
+        return ((np.arange(height) - 0.5 * (height - 1)) * self.pitch_m, (np.arange(width) - 0.5 * (width - 1)) * self.pitch_m)
+
+    def pixels(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
+        """Positions from the object's centre of pixels (row, column), whole or not, broadcast; (..., 3)."""
+        height, width = self.shape
+        down = (np.asarray(row, np.float64) - 0.5 * (height - 1)) * self.pitch_m
+        right = (np.asarray(column, np.float64) - 0.5 * (width - 1)) * self.pitch_m
+        return self.centre_m + down[..., None] * self.down + right[..., None] * self.right
+
+
+def path_difference(pixel_m: np.ndarray, scatterer_m: np.ndarray) -> np.ndarray:
+    """r - r_o in metres without the loss of digits of a plain difference; (..., 3) each, broadcast."""
+    distance = np.linalg.norm(pixel_m - scatterer_m, axis=-1) + np.linalg.norm(pixel_m, axis=-1)
+    return ((scatterer_m - 2.0 * pixel_m) * scatterer_m).sum(-1) / distance
+
+
+def phasor(path_m: np.ndarray, wavelength_m: float) -> np.ndarray:
+    """exp(2 pi i path / lambda), whole turns taken out first."""
+    turns = path_m / wavelength_m
+    return np.exp(2j * np.pi * (turns - np.round(turns)))
+
+
+def kernel(wall: Wall, pixel_m: np.ndarray, scatterer_m: np.ndarray) -> np.ndarray:
+    """K in float64, for pairs of positions (..., 3), broadcast."""
+    ray = pixel_m - scatterer_m
+    along = (ray * wall.centre_m).sum(-1)  # d n.(w - s)
+    return along / (ray * ray).sum(-1) * phasor(path_difference(pixel_m, scatterer_m), wall.wavelength_m)

@@ -1,0 +1,98 @@
+"""Predicted errors of the kernels, from geometry alone: the rule that chooses between them.
+
+*Field* error is the relative L2 error of one realisation's field after one global phase. Scatterers have
+independent phases, so its mean square is that of the kernels themselves over pairs of pixel and scatterer, weighted by
+|a_s|^2: a few thousand pairs predict it.
+
+*Statistical* error is the relative L2 error of the expected autocorrelation. In a patch around c a scatterer adds a plane
+wave whose fringes have the frequency g(c, s) / lambda (see `nufft.py`), so the expected autocorrelation is that of the
+brightness seen at -d g instead of the scatterer's own place.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.propagation.sampling import Scatterers, Wall, kernel, path_difference, phasor
+
+_PIXELS, _SCATTERERS = 9, 400
+ROUNDING = 4e-7
+"""Relative error of a single-precision FFT or sum of this size."""
+
+
+def across(wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterers: Scatterers) -> np.ndarray:
+    """Offsets of scatterers along the object's own axes (down, right), which FFT kernels pair with the frame's; (n, 2)."""
+    return np.stack([scatterers.position_m @ axis for axis in axes], 1)
+
+
+def field_error(name: str, wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterers: Scatterers) -> float:
+    """Predicted field error of `fraunhofer` or `fresnel`.
+
+    Args:
+        axes: the object grid's unit vectors (down, right).
+    """
+    few = _sample(scatterers)
+    row, column = (offset[np.linspace(0, len(offset) - 1, _PIXELS).astype(int)] for offset in wall.offsets())
+    row, column = (part.ravel() for part in np.meshgrid(row, column, indexing="ij"))
+    pixel = wall.centre_m + row[:, None] * wall.down + column[:, None] * wall.right
+    place = across(wall, axes, few)
+    approximate = phasor(-(row[:, None] * place[:, 0] + column[:, None] * place[:, 1]) / wall.distance_m, wall.wavelength_m)
+    if name == "fresnel":
+        approximate = approximate * phasor(path_difference(wall.centre_m, few.position_m), wall.wavelength_m)
+    exact = kernel(wall, pixel[:, None], few.position_m[None])
+    return float(np.hypot(_distance(exact, approximate), ROUNDING))
+
+
+def statistical_error(wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterers: Scatterers, lag_m: float,
+                      tiles: int = 3) -> float:
+    """Predicted error of the expected autocorrelation that `fraunhofer` and `fresnel` give, on lags of pitch `lag_m`."""
+    flat = _lags(across(wall, axes, scatterers), np.abs(scatterers.amplitude) ** 2, lag_m)
+    fractions = (np.arange(tiles) + 0.5) / tiles
+    seen = np.zeros_like(flat)
+    for row in fractions * wall.shape[0]:
+        for column in fractions * wall.shape[1]:
+            ray = wall.pixels(row, column) - scatterers.position_m
+            distance = np.linalg.norm(ray, axis=1)[:, None]
+            middle = wall.pixels(row, column)
+            gradient = ray / distance - middle / np.linalg.norm(middle)
+            place = -wall.distance_m * np.stack([gradient @ wall.down, gradient @ wall.right], 1)
+            brightness = np.abs(scatterers.amplitude) ** 2 * (ray @ wall.centre_m / distance[:, 0] ** 2) ** 2
+            seen += _lags(place, brightness, lag_m) / tiles**2
+    seen *= (seen * flat).sum() / (seen * seen).sum()
+    return float(np.linalg.norm(seen - flat) / np.linalg.norm(flat))
+
+
+def direct_error(wall: Wall, scatterers: Scatterers, precision: str, tile: int) -> float:
+    """Rounding of the direct sum: that of the phase a tile leaves to the precision, and of the sum."""
+    if precision == "float64":
+        return 1e-11
+    reach = float(np.linalg.norm(scatterers.position_m, axis=1).max())
+    phase = 2.0 * np.pi / wall.wavelength_m * 0.7 * tile * wall.pitch_m * reach / wall.distance_m
+    return ROUNDING + 2e-8 * phase
+
+
+def _sample(scatterers: Scatterers) -> Scatterers:
+    """Scatterers drawn at random, those of more power more often, each then of equal power."""
+    power = np.abs(scatterers.amplitude) ** 2
+    chosen = np.random.default_rng(0).choice(len(power), _SCATTERERS, p=power / power.sum())
+    return Scatterers(scatterers.position_m[chosen], np.ones(_SCATTERERS))
+
+
+def _distance(exact: np.ndarray, other: np.ndarray) -> float:
+    """Relative L2 distance of two kernels (pixels, scatterers) after one global phase."""
+    ours, theirs = (np.abs(exact) ** 2).sum(), (np.abs(other) ** 2).sum()
+    overlap = abs((exact.conj() * other).sum())
+    return float(np.sqrt(max(ours + theirs - 2.0 * overlap, 0.0) / ours))
+
+
+def _lags(place: np.ndarray, brightness: np.ndarray, pitch_m: float, side: int = 128) -> np.ndarray:
+    """Autocorrelation of brightness at places (n, 2), shared bilinearly among cells of `pitch_m`."""
+    cell = place / pitch_m + 0.5 * side
+    low = np.clip(np.floor(cell).astype(int), 0, side - 2)
+    part = cell - low
+    image = np.zeros((side, side))
+    for row in (0, 1):
+        for column in (0, 1):
+            weight = np.abs(1 - row - part[:, 0]) * np.abs(1 - column - part[:, 1])
+            np.add.at(image, (low[:, 0] + row, low[:, 1] + column), weight * brightness)
+    return np.fft.irfft2(np.abs(np.fft.rfft2(image, s=(2 * side, 2 * side))) ** 2)
