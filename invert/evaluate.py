@@ -73,8 +73,8 @@ def _cell(cells: Path, level: Any, name: str, settings: dict[str, Any], options:
     from radiometry.output import save_array, save_json
 
     file = cells / "".join(letter if letter.isalnum() else "-" for letter in f"{level.test_set} {level.label} {name}")
-    asked = {"set": level.test_set, "level": level.label, "method": name, "seed": options.seed,
-             "cases": [case.name for case in level.cases], **{key: str(value) for key, value in settings.items()}}
+    asked = {"set": level.test_set, "level": level.label, "seed": options.seed, "cases": [case.name for case in level.cases],
+             **{key: str(value) for key, value in settings.items()}, "method": name}
     if file.with_suffix(".json").is_file() and file.with_suffix(".npy").is_file():
         known = json.loads(file.with_suffix(".json").read_text())
         if known["asked"] == asked:

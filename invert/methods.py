@@ -59,12 +59,14 @@ class Reconstruction:
         confidence: of a network, the correlation with the truth that it expects; of any other method, the agreement of the
             best starts with one another; 0 to 1.
         residual: relative squared error of the Fourier modulus, least over the starts; None for a network.
+        transfer: phase retrieval transfer function of the starts or poses, empty where there was one.
     """
 
     albedo: np.ndarray
     object_found: bool
     confidence: float
     residual: float | None
+    transfer: tuple[float, ...] = ()
 
 
 NOTHING = Reconstruction(np.zeros((OBJECT, OBJECT), np.float32), False, 0.0, None)
@@ -101,10 +103,9 @@ def retrieve(measurement: Measurement, method: str, quality: str, seed: int, dev
     box = min(OBJECT, measurement.noise.signal_ring + 3) if method == "classical" else OBJECT
     generator = torch.Generator(device=device).manual_seed(seed)
     found = METHODS[method][0](modulus, box, generator, method_options(method, quality), progress)
-    image, agreement = consensus(found.images, found.residual)
-    if method != "classical":
-        image = found.images[found.residual.argmin()]
-    return _normalised(image, agreement, float(found.residual.min()))
+    together = consensus(found.images, found.residual)
+    image = together.image if method == "classical" else found.images[found.residual.argmin()]
+    return _normalised(image, together.agreement, float(found.residual.min()), together.transfer)
 
 
 def _by_network(measurement: Measurement, quality: str, seed: int, device: str, progress: Progress,
@@ -120,11 +121,14 @@ def _by_network(measurement: Measurement, quality: str, seed: int, device: str, 
     if expected < BELIEVED:
         return replace(NOTHING, confidence=expected)
     padded = torch.nn.functional.pad(images, (0, OBJECT, 0, OBJECT))
-    return _normalised(consensus(padded, torch.zeros(poses))[0], expected, None)
+    together = consensus(padded, torch.zeros(poses))
+    return _normalised(together.image, expected, None, together.transfer if poses > 1 else ())
 
 
-def _normalised(image: torch.Tensor, confidence: float, residual: float | None) -> Reconstruction:
+def _normalised(image: torch.Tensor, confidence: float, residual: float | None,
+                transfer: tuple[float, ...]) -> Reconstruction:
     """The object in the middle of its window, largest value 1."""
     albedo = centred(image.clamp_min(0.0)).cpu().numpy()
     top = float(albedo.max())
-    return Reconstruction((albedo / top if top > 0.0 else albedo).astype(np.float32), top > 0.0, confidence, residual)
+    return Reconstruction((albedo / top if top > 0.0 else albedo).astype(np.float32), top > 0.0, confidence, residual,
+                          transfer)

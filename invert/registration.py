@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 
@@ -65,8 +67,22 @@ def centred(image: torch.Tensor, side: int = OBJECT) -> torch.Tensor:
     return image[:side, :side]
 
 
-def consensus(images: torch.Tensor, residual: torch.Tensor, best: int = 8) -> tuple[torch.Tensor, float]:
-    """Registered mean of the `best` candidates (starts, H, W) by residual, and their mean agreement (0 to 1).
+@dataclass(frozen=True)
+class Consensus:
+    """Registered mean (H, W) of reconstructions, their mean agreement (0 to 1), and how it falls with spatial frequency.
+
+    `transfer` is the phase retrieval transfer function (Chapman et al., J. Opt. Soc. Am. A 23, 1179, 2006,
+    doi:10.1364/JOSAA.23.001179): |mean of F| over mean of |F|, averaged on rings of 0, 1, 2 ... cycles per `OBJECT` lags. It
+    is 1 where all have one phase, and 1 / sqrt(n) of them where each has its own.
+    """
+
+    image: torch.Tensor
+    agreement: float
+    transfer: tuple[float, ...]
+
+
+def consensus(images: torch.Tensor, residual: torch.Tensor, best: int = 8) -> Consensus:
+    """Of the `best` candidates (starts, H, W) by residual.
 
     The one that agrees most with the others is the reference, not the one of least residual, which with noise is
     often the one that fits it best. Candidates that agree badly with it (below 0.7 of full correlation) are left
@@ -77,4 +93,17 @@ def consensus(images: torch.Tensor, residual: torch.Tensor, best: int = 8) -> tu
     aligned, correlation = registered(chosen, chosen[mutual.sum(1).argmax()])
     count = len(chosen)
     others = (mutual.sum() - mutual.diagonal().sum()) / (count * (count - 1)) if count > 1 else mutual.new_ones(())
-    return aligned[correlation >= 0.7 * correlation.max()].mean(0), float(others.clamp(0.0, 1.0))
+    kept = aligned[correlation >= 0.7 * correlation.max()]
+    return Consensus(kept.mean(0), float(others.clamp(0.0, 1.0)), phase_retrieval_transfer(aligned))
+
+
+def phase_retrieval_transfer(aligned: torch.Tensor) -> tuple[float, ...]:
+    """Of registered images (n, H, W); see `Consensus`."""
+    spectra = torch.fft.rfft2(aligned)
+    ratio = spectra.mean(0).abs() / spectra.abs().mean(0).clamp_min(1e-30)
+    row = torch.fft.fftfreq(aligned.shape[-2], device=aligned.device)[:, None]
+    column = torch.fft.rfftfreq(aligned.shape[-1], device=aligned.device)
+    ring = (torch.hypot(row, column) * OBJECT).round().long().flatten()
+    total = torch.zeros(OBJECT, device=aligned.device).scatter_add_(0, ring, ratio.flatten())
+    count = torch.zeros(OBJECT, device=aligned.device).scatter_add_(0, ring, torch.ones_like(ratio).flatten())
+    return tuple((total / count.clamp_min(1.0))[: OBJECT // 2 + 1].tolist())

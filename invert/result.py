@@ -74,6 +74,7 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
         },
         "pitch_m": estimate.pitch_m,
         "residual": result.residual,
+        "phase_retrieval_transfer": [round(value, 4) for value in result.transfer],
         **estimate.facts,
         **comparison,
         "seconds": seconds,

@@ -12,10 +12,12 @@ from invert.error_reduction import ErrorReductionOptions, error_reduction
 from invert.methods import METHODS, QUALITIES, method_options, retrieve
 from invert.metrics import aligned_pearson
 from invert.projections import box_support, modulus_residual
-from invert.registration import centred
+from invert.registration import centred, registered
 from invert.spectrum import read_measurement
 from invert.taf import amplitude_gradient
 from invert.twf import full_intensity, poisson_gradient
+from radiometry.autocorrelation import autocorrelate, window_smooth
+from radiometry.noise_level import INDEPENDENT
 
 SOLVERS = {name: pair for name, pair in METHODS.items() if name != "classical"}
 
@@ -154,9 +156,52 @@ def test_twenty_windowed_estimates_of_k_1e6(name, wanted):
     assert np.mean(np.array(pearson) >= wanted) >= 0.95, np.round(pearson, 3)
 
 
+def gamma_estimate(random: np.random.Generator, signal: np.ndarray, dof: float) -> np.ndarray:
+    noise = random.gamma(dof, 1.0 / dof, signal.shape)
+    return (signal * np.where(INDEPENDENT, noise, noise[::-1, ::-1])).astype(np.float32)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_extremes(random, name):
+    """Nothing, a delta, nothing above the floor, K of 1, and any unit: a finite picture, or none, never a wrong number."""
+    zero = np.zeros((127, 127), np.float32)
+    delta = zero.copy()
+    delta[63, 63] = 5.0
+    below = gamma_estimate(random, np.ones((127, 127)), 64.0)
+    below[40:87, 40:87] *= 0.5
+    for estimate in (zero, delta, zero + 1.0, below):
+        result = retrieve(read_measurement(estimate), name, "fast", 0, "cpu")
+        assert not result.object_found
+        assert not result.albedo.any()
+    signal = window_smooth(autocorrelate(strokes(random)))
+    one = retrieve(read_measurement(gamma_estimate(random, signal / signal.max() + 0.02, 1.0)), name, "fast", 0, "cpu")
+    assert np.isfinite(one.albedo).all()
+    estimate = gamma_estimate(random, signal / signal.max() + 0.02, 64.0)
+    reference = retrieve(read_measurement(estimate), name, "fast", 0, "cpu")
+    assert reference.object_found
+    for scale in (1e-30, 1e30):
+        scaled = retrieve(read_measurement(estimate * np.float32(scale)), name, "fast", 0, "cpu")
+        # rounding grows along a chaotic iteration: the same object, not the same bits
+        assert aligned_pearson(scaled.albedo, reference.albedo)[0] > 0.9, scale
+
+
+@pytest.mark.parametrize("name", ["hio", "classical", "raar"])
+@pytest.mark.parametrize("side", [8, 256])
+def test_grids_of_16_and_512(random, name, side):
+    """Recovered where there is a picture to recover, whatever the grid."""
+    solve, options = METHODS[name]
+    image = strokes(random, side) if side > 8 else np.pad([[1.0, 0.2], [0.5, 0.9]], 3).astype(np.float32)
+    found = solve(modulus_of(image), side, generator(), replace(options, iterations=400, starts=4))
+    best = found.images[found.residual.argmin()]
+    assert best.shape == (2 * side, 2 * side)
+    aligned_image, correlation = registered(best[None], torch.nn.functional.pad(torch.from_numpy(image), (0, side, 0, side)))
+    assert torch.isfinite(aligned_image).all()
+    assert float(correlation[0]) > (0.95 if side == 8 else 0.6)
+
+
 def test_the_command_offers_every_method_and_quality():
     offered = {action.dest: tuple(action.choices) for action in parser()._actions if action.choices}
-    assert (offered["method"], offered["quality"]) == (tuple(METHODS), tuple(QUALITIES))
+    assert (offered["method"], offered["quality"]) == (("unet", *METHODS), tuple(QUALITIES))
 
 
 def test_qualities_scale_every_method():

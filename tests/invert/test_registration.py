@@ -6,7 +6,7 @@ import torch
 
 from invert.identification import identify
 from invert.metrics import aligned_pearson
-from invert.registration import centred, consensus, on_grid, registered, turned
+from invert.registration import centred, consensus, on_grid, phase_retrieval_transfer, registered, turned
 from invert.spectrum import GRID
 
 
@@ -49,9 +49,27 @@ def test_consensus_averages_what_agrees(random):
     good = [torch.roll(turned(reference) if i % 2 else reference, (i, -2 * i), (0, 1)) for i in range(4)]
     bad = torch.rand(2, GRID, GRID, generator=torch.Generator().manual_seed(0))
     # the one of least residual is wrong: the others outvote it
-    mean, agreement = consensus(torch.stack([*bad, *good]), torch.tensor([0.05, 0.6, 0.1, 0.11, 0.12, 0.13]))
-    assert float(registered(mean[None], reference)[1][0]) > 0.999
-    assert 0.35 < agreement < 0.7
+    together = consensus(torch.stack([*bad, *good]), torch.tensor([0.05, 0.6, 0.1, 0.11, 0.12, 0.13]))
+    assert float(registered(together.image[None], reference)[1][0]) > 0.999
+    assert 0.35 < together.agreement < 0.7
+
+
+def test_transfer_is_one_where_phases_agree_and_falls_where_they_do_not(random):
+    reference = on_grid(lopsided(random))
+    assert min(phase_retrieval_transfer(torch.stack([reference] * 4))) > 0.999
+    n = 64
+    noise = torch.randn(n, GRID, GRID, generator=torch.Generator().manual_seed(2))
+    # mean of n unit phasors: Rayleigh of mean sqrt(pi / (4 n)); weighted by |F|, also Rayleigh, about the same
+    assert np.mean(phase_retrieval_transfer(noise)[4:]) == pytest.approx(1.0 / np.sqrt(n), rel=0.15)
+    sharp, blurred_noise = torch.stack([reference] * n), torch.fft.irfft2(torch.fft.rfft2(noise) * high_pass(), s=(GRID, GRID))
+    transfer = phase_retrieval_transfer(sharp + 3.0 * blurred_noise)
+    assert transfer[2] > 0.95
+    assert transfer[30] < 0.5
+
+
+def high_pass() -> torch.Tensor:
+    row, column = torch.fft.fftfreq(GRID)[:, None], torch.fft.rfftfreq(GRID)
+    return (torch.hypot(row, column) > 0.25).float()
 
 
 def test_a_glyph_is_identified_turned_and_stretched():

@@ -1,0 +1,56 @@
+"""The evaluation command: complete, resumable, honest about what it cannot compare."""
+
+import json
+
+import numpy as np
+import pytest
+
+from invert.evaluate import main
+
+
+@pytest.fixture
+def small(tmp_path) -> list:
+    return ["-o", tmp_path / "out", "--sets", "shapes", "--methods", "hio:fast", "er:fast", "--count", 3, "--levels", 2]
+
+
+def test_tables_pictures_and_json(tmp_path, command, small):
+    code, out, err = command(main, *small)
+    assert code == 0, err
+    table = (tmp_path / "out" / "table.md").read_text()
+    assert "| hio:fast |" in table
+    assert "b 80, K 64" in table
+    summary = json.loads((tmp_path / "out" / "results.json").read_text())["summary"]
+    assert len(summary) == 4
+    first = summary[0]
+    assert 0.0 < first["pearson"]["mean"] <= 1.0
+    assert first["pearson"]["error"] > 0.0
+    for name in ("shapes.png", "pareto.png"):
+        assert (tmp_path / "out" / name).stat().st_size > 5000
+    cell = tmp_path / "out" / "cells"
+    stored = {file: file.stat().st_mtime_ns for file in cell.iterdir()}
+    next(file for file in cell.glob("*er-fast.json")).unlink()
+    assert command(main, *small)[0] == 0
+    redone = [file for file in cell.iterdir() if stored.get(file) != file.stat().st_mtime_ns]
+    assert {"er-fast" in file.name for file in redone} == {True}
+    assert json.loads((tmp_path / "out" / "results.json").read_text())["summary"][1]["pearson"] == summary[1]["pearson"]
+
+
+@pytest.mark.slow
+def test_measured_files_have_references(tmp_path, command, measured):
+    arguments = ("--sets", "measured", "--measured", measured, "--methods", "hio:fast", "--levels", 1)
+    code, _, err = command(main, "-o", tmp_path, *arguments)
+    assert code == 0, err
+    rows = json.loads(next((tmp_path / "cells").glob("*.json")).read_text())["rows"]
+    assert rows[0]["agreement"] > 0.7
+    assert np.load(next((tmp_path / "cells").glob("*-truth.npy"))).shape == (1, 64, 64)
+
+
+@pytest.mark.parametrize(("arguments", "text"), [
+    (["--sets", "edges"], "--images"), (["--sets", "measured"], "--measured"), (["--methods", "magic"], "--methods"),
+    (["--methods", "hio:perfect"], "--methods"), (["--weights", "paper"], "--weights"), (["--count", 0], "--count"),
+    (["--sets", "edges", "--images", "nowhere"], "--images")])
+def test_bad_input(tmp_path, command, arguments, text):
+    code, _, err = command(main, "-o", tmp_path, *arguments)
+    assert code == 2
+    assert text in err
+    assert len(err.strip().splitlines()) == 1
