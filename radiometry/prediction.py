@@ -61,7 +61,6 @@ def noise_terms(geometry: Any, albedo: np.ndarray, cell_m: float) -> NoiseTerms:
     """
     electronics = geometry.electronics
     pixel_area = geometry.pixel_pitch_m**2
-    step = electronics.full_well / (2**electronics.bits - 1) if electronics.bits else 0.0
     # Subjective grain of the wall behind a circular pupil: (lambda z)^2 / A (Goodman, Speckle Phenomena, Eq. 4-75).
     pupil_area = 0.25 * math.pi * geometry.pupil_diameter_m**2
     subjective_grain = (geometry.wavelength_m * geometry.pupil_distance_m) ** 2 / pupil_area
@@ -70,7 +69,7 @@ def noise_terms(geometry: Any, albedo: np.ndarray, cell_m: float) -> NoiseTerms:
         grain_pixels=grain_area(albedo, cell_m**2, geometry.wavelength_m, geometry.distance_m) / pixel_area,
         dark=electronics.dark_current * electronics.exposure_s,
         read=electronics.read_noise**2,
-        quantisation=step**2 / 12.0,
+        quantisation=electronics.step**2 / 12.0,
         detector_grain_pixels=subjective_grain / pixel_area,
     )
 

@@ -28,6 +28,8 @@ def parser() -> ArgumentParser:
     p.add_argument("--propagator", choices=("auto", *KERNELS), default="auto")
     p.add_argument("--tolerance", type=float, default=1e-2, help="relative error allowed")
     p.add_argument("--precision", choices=("float32", "float64"), help="of the propagation; whatever the tolerance needs")
+    p.add_argument("--effect", dest="effects", action="append", default=[], metavar="NAME=on|off|auto",
+                   help="model an effect, or leave it out, whatever the plan says")
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     return p
 
@@ -36,6 +38,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Load, plan, render, write."""
     options = parser().parse_args(argv)
     _check(options)
+    from sim.effects import parse_effects
     from sim.geometry import read_geometry
     from sim.plan import Settings, make_plan
     from sim.scene_file import load_scene, parse_definitions
@@ -43,7 +46,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     definitions = parse_definitions(options.definitions)
     scene, digest = load_scene(options.scene, definitions)
     geometry = read_geometry(scene)
-    settings = Settings(options.accuracy, options.tolerance, options.propagator, options.precision)
+    settings = Settings(options.accuracy, options.tolerance, options.propagator, options.precision,
+                        parse_effects(options.effects))
     plan = make_plan(geometry, options.frames, settings)
     if options.plan:
         print(json.dumps(plan, indent=2, allow_nan=False))

@@ -30,21 +30,32 @@ def mean_image(wall_intensity: torch.Tensor, transfer: torch.Tensor) -> torch.Te
     return torch.fft.irfft2(spectrum, s=wall_intensity.shape).clamp_min_(0.0)
 
 
-def expose(photoelectrons: np.ndarray, electronics: Electronics, generator: np.random.Generator) -> np.ndarray:
+CAMERA = 20200107
+"""Seed of the one camera whose fixed pattern all frames share."""
+
+
+def expose(photoelectrons: np.ndarray, electronics: Electronics, generator: np.random.Generator,
+           shot_noise: bool = True) -> np.ndarray:
     """Draw one stored frame from expected photoelectrons, float32, in electrons.
 
-    Shot noise of signal and dark current together, then read noise, row noise, full well and the
+    Shot noise of signal and dark current together, then read, row, column and fixed-pattern noise, full well and the
     converter; an effect whose parameter is 0 is left out.
     """
-    stored = generator.poisson(photoelectrons + electronics.dark_current * electronics.exposure_s).astype(np.float32)
+    mean = photoelectrons + electronics.dark_current * electronics.exposure_s
+    stored = (generator.poisson(mean) if shot_noise else mean).astype(np.float32)
     if electronics.read_noise:
         stored += np.float32(electronics.read_noise) * generator.standard_normal(stored.shape, np.float32)
     if electronics.row_noise:
         stored += np.float32(electronics.row_noise) * generator.standard_normal((stored.shape[0], 1), np.float32)
+    if electronics.column_noise:
+        stored += np.float32(electronics.column_noise) * generator.standard_normal((1, stored.shape[1]), np.float32)
+    if electronics.fixed_pattern:
+        pattern = np.random.default_rng(CAMERA).standard_normal(stored.shape, np.float32)
+        stored += np.float32(electronics.fixed_pattern) * pattern
     if electronics.full_well:
         # A biased converter keeps read noise below zero: only the top is clipped.
         np.minimum(stored, np.float32(electronics.full_well), out=stored)
     if electronics.bits:
-        step = np.float32(electronics.full_well / (2**electronics.bits - 1))
-        stored = np.round(stored / step) * step
+        step = np.float32(electronics.step)
+        stored = np.minimum(np.round(stored / step), np.float32(2**electronics.bits - 1)) * step
     return stored

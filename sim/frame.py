@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
+from dataclasses import replace
 
 import mitsuba as mi
 import numpy as np
 import torch
 
 from radiometry.errors import InputError
+from radiometry.prediction import predict
 from radiometry.throughput import closed_form
 from sim.camera import expose, mean_image, transfer_function
+from sim.coherence import spectral_lines
+from sim.detector_roughness import exact_image, gamma_image, oversampling
+from sim.effects import decide, remaining_electronics
 from sim.geometry import Geometry, read_geometry
 from sim.illumination import illuminate
 from sim.object_samples import sample_object
@@ -39,7 +44,15 @@ class Simulation:
         self.geometry = geometry
         self._samples = sample_object(geometry)
         self.propagator = choose_propagator(geometry, self._samples, self.settings)
+        self.effects = decide(geometry, self._samples, predict(geometry).terms, self.settings.effects, self.settings.tolerance)
+        self._electronics = remaining_electronics(geometry.electronics, self.effects)
+        self._lines = [(0.0, 1.0)]
+        if self._models("linewidth") and len(self._samples.path_m):
+            self._lines = spectral_lines(self._samples.path_m, geometry.linewidth_hz)
         self.budget = closed_form(geometry.light_path)
+
+    def _models(self, effect: str) -> bool:
+        return self.effects[effect].modelled
 
     def showing(self, cells: np.ndarray, pitch_m: float) -> Simulation:
         """The same simulation with a flat object of albedo cells (n, n) in place of the scene's own."""
@@ -56,14 +69,27 @@ class Simulation:
         """Expected photoelectrons of one pixel, over all speckle realisations."""
         return self.budget.photoelectrons_per_pixel_s * self.geometry.electronics.exposure_s
 
-    def wall_field(self, seed: int, number: int, progress: Callable[[int], object] = lambda parts: None) -> torch.Tensor:
-        """Complex field on the wall (H, W) of one frame, its mean square the samples' brightness."""
-        samples, wall = self._samples, self._samples.wall
-        lit = illuminate(self.geometry, samples.grid, _stream(seed, number, 0))
-        chosen = self.propagator
+    def wall_field(self, seed: int, number: int, polarisation: int = 0, offset_hz: float = 0.0, oversampling: int = 1,
+                   progress: Callable[[int], object] = lambda parts: None) -> torch.Tensor:
+        """Complex field on the wall of one coherent mode of a frame, its mean square the samples' brightness.
+
+        Args:
+            polarisation: 0 or 1, each with random phases of its own.
+            offset_hz: of a spectral line from the laser's frequency.
+            oversampling: samples per pixel and axis.
+
+        Returns:
+            complex64 (oversampling H, oversampling W).
+        """
+        samples, chosen = self._samples, self.propagator
+        height, width = samples.wall.shape
+        wall = replace(samples.wall, shape=(height * oversampling, width * oversampling),
+                       pitch_m=samples.wall.pitch_m / oversampling)
+        screens = _stream(seed, number, 2 * polarisation)
+        lit = illuminate(self.geometry, samples.grid, screens, grain=self._models("source_grain"))
         if chosen.propagator == "fraunhofer":
-            return fraunhofer(torch.from_numpy(samples.on_grid(lit)).to(self.device), wall.shape)
-        scatterers = samples.lit(lit)
+            return fraunhofer(torch.from_numpy(samples.on_grid(lit, offset_hz)).to(self.device), wall.shape)
+        scatterers = samples.lit(lit, offset_hz)
         if chosen.propagator == "fresnel":
             return fresnel(scatterers, samples.place, samples.grid, wall, self.device.type)
         if chosen.propagator == "nufft":
@@ -75,12 +101,30 @@ class Simulation:
         return torch.from_numpy(field).to(self.device, torch.complex64)
 
     def expected(self, seed: int, number: int) -> torch.Tensor:
-        """Expected photoelectrons of one frame's speckle, before any noise: float32 (H, W)."""
+        """Expected photoelectrons of one frame's speckle, before any noise: float32 (H, W).
+
+        Incoherent sum over polarisations and spectral lines.
+        """
         if len(self._samples.amplitude) == 0:
             return torch.zeros(self.geometry.frame_shape)
-        wall = self.wall_field(seed, number)
-        image = mean_image(wall.real.square() + wall.imag.square(), self._transfer)
-        return image.mul_(self.mean_photoelectrons / self._samples.brightness).cpu()
+        exact = self._models("detector_roughness") and self.settings.accuracy == "field"
+        factor = oversampling(self.geometry) if exact else 1
+        polarisations = 2 if self._models("depolarisation") else 1
+        roughness = _stream(seed, number, 3)
+        total = torch.zeros(self.geometry.frame_shape, device=self.device)
+        for polarisation in range(polarisations):
+            for offset_hz, weight in self._lines:
+                wall = self.wall_field(seed, number, polarisation, offset_hz, factor)
+                if exact:
+                    image = exact_image(wall, factor, self.geometry, roughness)
+                else:
+                    image = wall.real.square() + wall.imag.square()
+                total.add_(image, alpha=weight / polarisations)
+        if not exact and self._models("pupil_and_pixel"):
+            total = mean_image(total, self._transfer)
+        if self._models("detector_roughness") and not exact:
+            total = gamma_image(total, self.geometry, roughness)
+        return total.mul_(self.mean_photoelectrons / self._samples.brightness).cpu()
 
     def frame(self, seed: int, number: int) -> torch.Tensor:
         """One stored frame in electrons, float32 (H, W).
@@ -88,12 +132,16 @@ class Simulation:
         Frame `number` of a capture lights another spot of the virtual source, at least a spot
         diameter away, so its speckle is independent; so is its noise.
         """
-        noise = expose(self.expected(seed, number).numpy(), self.geometry.electronics, _stream(seed, number, 1))
+        noise = expose(self.expected(seed, number).numpy(), self._electronics, _stream(seed, number, 1),
+                       self._models("shot_noise"))
         return torch.from_numpy(noise)
 
 
 def _stream(seed: int, number: int, purpose: int) -> np.random.Generator:
-    """Random stream of one purpose (0: screens, 1: photons and electronics) of one frame."""
+    """Random stream of one purpose of one frame.
+
+    0 and 2: phase screens of either polarisation; 1: photons and electronics; 3: the virtual detector's roughness.
+    """
     if seed < 0:
         raise InputError("seed", "zero or a positive whole number", seed, "choose another --seed")
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number, purpose)))

@@ -50,6 +50,9 @@ class Geometry:
     direct_light: float
     """Fraction of the laser's light that one square metre of the virtual detector receives straight
     from the virtual source: zero when a baffle, or the walls' own facing, blocks it."""
+    linewidth_hz: float
+    depolarised: bool
+    """Whether light has lost its polarisation before it reaches the virtual detector."""
     other_emitters: int
     """Emitters beside the laser: ambient light."""
 
@@ -149,6 +152,9 @@ def read_geometry(scene: mi.Scene) -> Geometry:
         electronics=camera.electronics,
         light_path=path,
         baffled=is_blocked(scene, spot_point, detector_centre),
+        linewidth_hz=laser.linewidth_hz,
+        depolarised=any(isinstance(shape.bsdf(), PhaseScreen) and shape.bsdf().depolarising for shape in scene.shapes()
+                        if shape.id() == "virtual_source" or is_hidden_object(shape)),
         other_emitters=len(scene.emitters()) - 1,
         direct_light=_direct_light(scene, path.source_albedo, spot_point, source_normal, detector_centre, detector_normal),
     )

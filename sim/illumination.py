@@ -15,7 +15,7 @@ def grain_m(geometry: Geometry) -> float:
     return geometry.wavelength_m * geometry.source_distance_m / geometry.spot.diameter_m
 
 
-def illuminate(geometry: Geometry, grid: tuple[int, int], generator: np.random.Generator) -> np.ndarray:
+def illuminate(geometry: Geometry, grid: tuple[int, int], generator: np.random.Generator, *, grain: bool = True) -> np.ndarray:
     """Complex field on the object, mean intensity 1, at the samples of `Geometry.object_pitch_m`.
 
     The wall's heights turn the disc of light into a field of random phases 4 pi h / lambda (normal
@@ -25,12 +25,15 @@ def illuminate(geometry: Geometry, grid: tuple[int, int], generator: np.random.G
 
     Args:
         grid: samples (rows, columns) on the object.
+        grain: whether the spot's own speckle lights the object; evenly lit if not.
 
     Returns:
         complex64 (rows, columns); times the object's own delta-correlated random phase.
     """
     pitch = geometry.object_pitch_m
     own_phase = np.exp(1j * generator.uniform(0.0, 2.0 * np.pi, grid).astype(np.float32))
+    if not grain:
+        return own_phase
     if grain_m(geometry) < 0.5 * min(pitch):
         # No two samples share a grain: independent circular Gaussians, whatever the spot's shape.
         gaussian = generator.standard_normal((2, *grid), np.float32) * np.float32(np.sqrt(0.5))

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.coherence import LIGHT_M_PER_S
 from sim.geometry import Geometry
-from sim.propagation.sampling import Scatterers, Wall
+from sim.propagation.sampling import Scatterers, Wall, path_difference, phasor
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,8 @@ class ObjectSamples:
         position_m: from the object's centre, float64 (n, 3).
         amplitude: square root of albedo and cosine, the paper's Eq. (5) with power albedo, float32 (n,).
         axes: the grid's unit vectors (down, right).
+        path_m: way of the light from the spot's centre by each sample to the frame's centre, less that by the object's
+            centre, (n,).
     """
 
     grid: tuple[int, int]
@@ -29,21 +32,25 @@ class ObjectSamples:
     amplitude: np.ndarray
     wall: Wall
     axes: tuple[np.ndarray, np.ndarray]
+    path_m: np.ndarray
 
     @property
     def brightness(self) -> float:
         """Sum of the samples' powers."""
         return float(np.square(self.amplitude, dtype=np.float64).sum())
 
-    def lit(self, field: np.ndarray) -> Scatterers:
-        """Scatterers under a field on the grid (rows, columns)."""
-        return Scatterers(self.position_m, field[self.place].astype(np.complex128) * self.amplitude)
+    def lit(self, field: np.ndarray, offset_hz: float = 0.0) -> Scatterers:
+        """Scatterers under a field on the grid (rows, columns), of light off the laser's frequency by so much."""
+        return Scatterers(self.position_m, field[self.place].astype(np.complex128) * self.amplitude * self._delay(offset_hz))
 
-    def on_grid(self, field: np.ndarray) -> np.ndarray:
+    def on_grid(self, field: np.ndarray, offset_hz: float = 0.0) -> np.ndarray:
         """The reflected field on the grid, complex64 (rows, columns)."""
         reflected = np.zeros(self.grid, np.complex64)
-        reflected[self.place] = field[self.place] * self.amplitude
+        reflected[self.place] = field[self.place] * self.amplitude * self._delay(offset_hz)
         return reflected
+
+    def _delay(self, offset_hz: float) -> np.ndarray | float:
+        return phasor(self.path_m * offset_hz, LIGHT_M_PER_S) if offset_hz else 1.0
 
 
 def sample_object(geometry: Geometry) -> ObjectSamples:
@@ -60,5 +67,6 @@ def sample_object(geometry: Geometry) -> ObjectSamples:
                 + seen.depth_m[place].astype(np.float64)[:, None] * hidden.line_of_sight)
     wall = Wall(geometry.detector_centre - hidden.centre, geometry.right, geometry.down, geometry.frame_shape,
                 geometry.pixel_pitch_m, geometry.wavelength_m)
+    path = path_difference(wall.centre_m, position) + path_difference(geometry.spot.centre - hidden.centre, position)
     return ObjectSamples((grid[0], grid[1]), place, position, np.sqrt(brightness[place], dtype=np.float32), wall,
-                         (hidden.down, hidden.right))
+                         (hidden.down, hidden.right), path)

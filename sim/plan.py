@@ -10,11 +10,10 @@ import numpy as np
 
 from radiometry.autocorrelation import automatic_patch_size, patch_grid
 from radiometry.errors import InputError
-from radiometry.noise_budget import NoiseTerms
 from radiometry.prediction import predict
 from radiometry.throughput import closed_form, pupil_fraction
+from sim.effects import Effect, decide
 from sim.geometry import Geometry
-from sim.illumination import grain_m
 from sim.object_samples import ObjectSamples, sample_object
 from sim.propagation.choose import Option, choose, options
 from sim.propagation.sampling import Scatterers
@@ -31,23 +30,14 @@ class Settings:
         accuracy: what `tolerance` bounds: `statistical`, the expected autocorrelation; `field`, this realisation's field.
         propagator: a kernel's name, or `auto`.
         precision: `float32`, `float64`, or None for either.
+        effects: (name, on) of effects that are forced.
     """
 
     accuracy: str = "statistical"
     tolerance: float = 1e-2
     propagator: str = "auto"
     precision: str | None = None
-
-
-@dataclass(frozen=True)
-class Effect:
-    """One line of the plan. `predicted_error` is what leaving it out (or modelling it this way) costs:
-    the relative error of the expected autocorrelation."""
-
-    name: str
-    modelled: bool
-    why: str
-    predicted_error: float
+    effects: tuple[tuple[str, bool], ...] = ()
 
 
 def check_sampling(geometry: Geometry) -> None:
@@ -102,37 +92,6 @@ def check(geometry: Geometry) -> None:
     check_exposure(geometry)
 
 
-def effects(geometry: Geometry, terms: NoiseTerms) -> list[Effect]:
-    """All effects of the scene, modelled or not."""
-    lag = max(geometry.hidden_object.extent_m)
-    source = geometry.spot
-    phase_rms = 4.0 * math.pi * source.height_rms_m / geometry.wavelength_m
-    scattering = phase_rms * geometry.wavelength_m / (2.0 * math.pi * source.correlation_length_m)
-    lobe = 0.5 * (0.5 * lag / geometry.source_distance_m / scattering) ** 2 if scattering else math.inf
-    electronics = geometry.electronics
-    return [
-        Effect("phase_screen", True, f"rough virtual source (phase rms {phase_rms:.3g} rad), independent samples", lobe),
-        Effect("source_grain", True, f"grain of {grain_m(geometry) * 1e6:.3g} um on the object", 0.0),
-        Effect("pupil_and_pixel", True, "H, incoherent blur by pupil and pixel", 0.0),
-        Effect("shot_noise", True, "Poisson", 0.0),
-        Effect("read_noise", electronics.read_noise > 0.0, _set_or_zero(electronics.read_noise), 0.0),
-        Effect("row_noise", electronics.row_noise > 0.0, _set_or_zero(electronics.row_noise), 0.0),
-        Effect("dark_current", electronics.dark_current > 0.0, _set_or_zero(electronics.dark_current), 0.0),
-        Effect("full_well", electronics.full_well > 0.0, _set_or_zero(electronics.full_well), 0.0),
-        Effect("quantisation", electronics.bits > 0, _set_or_zero(electronics.bits), 0.0),
-        Effect("detector_roughness", False, "subjective speckle of the virtual detector adds this much floor over peak",
-               terms.over_peak()["detector_speckle"] or 0.0),
-        Effect("direct_light", False, "blocked by a shape" if geometry.baffled else "not blocked by any shape", 0.0),
-        Effect("ambient", False, f"{geometry.other_emitters} emitters beside the laser", 0.0),
-        Effect("depolarisation", False, "the walls are taken to keep polarisation", 0.0),
-        Effect("linewidth", False, "the laser is taken to be monochromatic", 0.0),
-    ]
-
-
-def _set_or_zero(value: float) -> str:
-    return f"the speckle_camera sets it to {value:g}" if value else "the speckle_camera leaves it at zero"
-
-
 def make_plan(geometry: Geometry, frames: int, settings: Settings | None = None) -> dict[str, Any]:
     """The plan as JSON: kernels, effects, warnings, prediction of time and memory, light budget.
 
@@ -145,7 +104,9 @@ def make_plan(geometry: Geometry, frames: int, settings: Settings | None = None)
     kernels = propagators(geometry, samples, settings)
     kernel = choose(kernels, settings.propagator, settings.tolerance)
     prediction = predict(geometry)
-    listed = effects(geometry, prediction.terms)
+    listed = [*decide(geometry, samples, prediction.terms, settings.effects, settings.tolerance).values(),
+              Effect("direct_light", False, "blocked by a shape" if geometry.baffled else "not blocked by any shape", 0.0),
+              Effect("ambient", False, f"{geometry.other_emitters} emitters beside the laser", 0.0)]
     budget = closed_form(geometry.light_path)
     warnings = [f"{effect.name}: predicted error {effect.predicted_error:.2g} exceeds the tolerance "
                 f"{settings.tolerance:g}" for effect in listed if effect.predicted_error > settings.tolerance]
@@ -154,7 +115,8 @@ def make_plan(geometry: Geometry, frames: int, settings: Settings | None = None)
                         f"exceeds the tolerance {settings.tolerance:g}; use --propagator auto")
     warnings += scene_warnings(geometry, prediction.pitch_m)
     return {
-        **asdict(settings),
+        "accuracy": settings.accuracy,
+        "tolerance": settings.tolerance,
         "propagator": kernel.propagator,
         "precision": kernel.precision,
         "propagators": [option.as_dict() for option in kernels],

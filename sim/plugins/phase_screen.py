@@ -8,12 +8,14 @@ from radiometry.errors import InputError, positive
 
 
 class PhaseScreen(mi.BSDF):
-    """Parameters (SI): one nested BSDF, `height_rms`, `correlation_length` of the surface heights."""
+    """Parameters (SI): one nested BSDF, `height_rms`, `correlation_length` of the surface heights, and `depolarising`,
+    whether scattered light is unpolarised (false)."""
 
     def __init__(self, props: mi.Properties) -> None:
         mi.BSDF.__init__(self, props)
         self.height_rms_m = positive("phase_screen.height_rms", props["height_rms"], zero_allowed=True)
         self.correlation_length_m = positive("phase_screen.correlation_length", props["correlation_length"])
+        self.depolarising = bool(props.get("depolarising", False))
         nested = [props[name] for name in props.unqueried() if isinstance(props[name], mi.BSDF)]
         if len(nested) != 1:
             raise InputError("phase_screen", "exactly one nested BSDF", len(nested),

@@ -9,6 +9,9 @@ import numpy as np
 
 from radiometry.errors import InputError, positive
 
+PARAMETERS = ("quantum_efficiency", "read_noise", "row_noise", "column_noise", "fixed_pattern", "dark_current", "full_well",
+              "bits", "gain")
+
 
 @dataclass(frozen=True)
 class Electronics:
@@ -16,31 +19,45 @@ class Electronics:
 
     Attributes:
         read_noise: standard deviation per pixel.
-        row_noise: standard deviation of the offset that a whole row shares.
+        row_noise, column_noise: standard deviation of the offset that a whole row or column shares, new in each frame.
+        fixed_pattern: standard deviation of each pixel's offset, the same in all frames of one camera.
         dark_current: electrons per pixel and second.
         full_well: electrons at which a pixel clips.
-        bits: of the converter, whose range is the full well.
+        bits: of the converter, whose range is the full well, or `gain` times its largest number.
+        gain: electrons per number.
     """
 
     exposure_s: float
     quantum_efficiency: float = 1.0
     read_noise: float = 0.0
     row_noise: float = 0.0
+    column_noise: float = 0.0
+    fixed_pattern: float = 0.0
     dark_current: float = 0.0
     full_well: float = 0.0
     bits: int = 0
+    gain: float = 0.0
 
     def __post_init__(self) -> None:
         positive("exposure", self.exposure_s)
-        for name in ("read_noise", "row_noise", "dark_current", "full_well", "bits"):
+        for name in PARAMETERS[1:]:
             positive(name, getattr(self, name), zero_allowed=True)
         if not 0.0 <= self.quantum_efficiency <= 1.0:
             raise InputError("quantum_efficiency", "a ratio between 0 and 1", self.quantum_efficiency, "correct it")
         if self.bits != int(self.bits) or self.bits > 32:
             raise InputError("bits", "a whole number up to 32", self.bits, "correct it")
-        if self.bits and not self.full_well:
-            raise InputError("bits", "a full_well, which is the converter's range", "bits without full_well",
+        if self.bits and not (self.full_well or self.gain):
+            raise InputError("bits", "a full_well or a gain, which gives the converter's range", "bits without either",
                              "add full_well to the speckle_camera")
+        if self.gain and not self.bits:
+            raise InputError("gain", "bits beside it", "gain without bits", "add bits to the speckle_camera")
+
+    @property
+    def step(self) -> float:
+        """Electrons per number of the converter, 0 for none."""
+        if not self.bits:
+            return 0.0
+        return self.gain or self.full_well / (2**self.bits - 1)
 
 
 class SpeckleCamera(mi.Sensor):
@@ -61,7 +78,7 @@ class SpeckleCamera(mi.Sensor):
         self.electronics = Electronics(
             exposure_s=props["exposure"],
             **{name: props.get(name, getattr(Electronics, name))
-               for name in ("quantum_efficiency", "read_noise", "row_noise", "dark_current", "full_well", "bits")},
+               for name in PARAMETERS},
         )
         if "to_world" not in props:
             raise InputError("speckle_camera.to_world", "a transform that aims the camera", "none",

@@ -14,7 +14,7 @@ def small(tmp_path) -> list:
 
 
 def test_tables_pictures_and_json(tmp_path, command, small):
-    code, out, err = command(main, *small)
+    code, _, err = command(main, *small)
     assert code == 0, err
     table = (tmp_path / "out" / "table.md").read_text()
     assert "| hio:fast |" in table

@@ -1,0 +1,55 @@
+"""Partial coherence: a laser's linewidth against the spread of paths, as an incoherent sum of spectral lines.
+
+The spectrum is Gaussian with full width at half maximum `linewidth`; its degree of coherence after a delay tau is
+gamma(tau) = exp(-(pi linewidth tau)^2 / (4 ln 2)) (Goodman, Statistical Optics, Eq. 5.1-26). Two scatterers whose paths differ
+by c tau beat with that contrast, so the lag between them loses 1 - gamma^2 of its autocorrelation.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from radiometry.errors import InputError
+
+LIGHT_M_PER_S = 299792458.0
+MOST_LINES = 129
+_REACH = 3.0
+"""Standard deviations of the spectrum on either side that lines cover."""
+
+
+def coherence(delay_s: np.ndarray, linewidth_hz: float) -> np.ndarray:
+    """Degree of coherence gamma after a delay."""
+    return np.exp(-((np.pi * linewidth_hz * delay_s) ** 2) / (4.0 * np.log(2.0)))
+
+
+def lost_contrast(path_m: np.ndarray, amplitude: np.ndarray, linewidth_hz: float, bins: int = 512) -> float:
+    """1 - contrast^2 of the speckle: the share of its variance that the linewidth takes.
+
+    Args:
+        path_m: way of the light by each scatterer, (n,). amplitude: of each, (n,).
+    """
+    if linewidth_hz == 0.0 or len(path_m) == 0 or np.ptp(path_m) == 0.0:
+        return 0.0
+    share, edge = np.histogram(path_m, bins, weights=amplitude.astype(np.float64) ** 2)
+    share /= share.sum()
+    delay = (edge[:-1, None] - edge[None, :-1]) / LIGHT_M_PER_S
+    return float(1.0 - share @ coherence(delay, linewidth_hz) ** 2 @ share)
+
+
+def spectral_lines(path_m: np.ndarray, linewidth_hz: float) -> list[tuple[float, float]]:
+    """Frequency offsets and weights whose incoherent sum stands for the spectrum.
+
+    Raises InputError where the spread of paths would need more than `MOST_LINES`.
+    """
+    deviation = linewidth_hz / (2.0 * math.sqrt(2.0 * math.log(2.0)))
+    spread_s = float(np.ptp(path_m)) / LIGHT_M_PER_S
+    # The sum repeats after 1 / spacing: keep that beyond the spread by what the spectrum blurs.
+    count = 2 * math.ceil(_REACH * deviation * max(2.0 * spread_s, 1e-30) + 4) + 1
+    if count > MOST_LINES:
+        raise InputError("linewidth", f"at most {linewidth_hz * MOST_LINES / count:.3g} Hz for a spread of paths of "
+                         f"{np.ptp(path_m) * 1e3:.3g} mm", f"{linewidth_hz:.3g} Hz", "the speckle would be gone; lower it")
+    offset = np.linspace(-_REACH, _REACH, count)
+    weight = np.exp(-0.5 * offset**2)
+    return list(zip((offset * deviation).tolist(), (weight / weight.sum()).tolist(), strict=True))

@@ -1,0 +1,63 @@
+"""The virtual detector's own roughness seen through the camera's pupil: subjective speckle on top of the objective one.
+
+Exact: on a finer grid each cell of the field is multiplied by a circular Gaussian (the wall's many heights in it), passes
+the pupil, and its intensity is summed over pixels. Cheaper: the sum over a pixel has Gamma statistics with M degrees of
+freedom, drawn independently for each pixel (Goodman, Speckle Phenomena in Optics, section 4.6); M follows from pupil and
+pixel. The mean of both is the incoherent blur of `camera.mean_image`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+
+from radiometry.transfer import pupil_otf
+from sim.geometry import Geometry
+
+
+def oversampling(geometry: Geometry) -> int:
+    """Cells per pixel and axis that resolve the subjective speckle's intensity; odd, so that one lies in each pixel's middle."""
+    cutoff = geometry.pupil_diameter_m / (geometry.wavelength_m * geometry.pupil_distance_m)
+    return math.ceil(2.0 * geometry.pixel_pitch_m * cutoff) | 1
+
+
+def exact_image(field: torch.Tensor, factor: int, geometry: Geometry, generator: np.random.Generator) -> torch.Tensor:
+    """Intensity collected by each pixel, (H, W), mean over the wall's phases equal to the blurred |field|^2.
+
+    Args:
+        field: complex (factor H, factor W) on the wall.
+        factor: from `oversampling`.
+    """
+    height, width = field.shape
+    pitch = geometry.pixel_pitch_m / factor
+    parts = generator.standard_normal((2, *field.shape), np.float32) * np.float32(math.sqrt(0.5))
+    spectrum = torch.fft.fft2(field * torch.complex(*(torch.from_numpy(part).to(field.device) for part in parts)))
+    row, column = (torch.fft.fftfreq(n, pitch, device=field.device) for n in (height, width))
+    inside = torch.hypot(row[:, None], column[None]) <= 0.5 * geometry.pupil_diameter_m / (
+        geometry.wavelength_m * geometry.pupil_distance_m)
+    image = torch.fft.ifft2(spectrum * inside)
+    intensity = image.real.square() + image.imag.square()
+    half_column = torch.fft.rfftfreq(width, pitch, device=field.device)
+    pixel = torch.sinc(row * geometry.pixel_pitch_m)[:, None] * torch.sinc(half_column * geometry.pixel_pitch_m)
+    collected = torch.fft.irfft2(torch.fft.rfft2(intensity) * pixel, s=(height, width))
+    middle = factor // 2
+    return collected[middle::factor, middle::factor].clamp_min(0.0) * (inside.numel() / inside.sum())
+
+
+def degrees_of_freedom(geometry: Geometry, samples: int = 512) -> float:
+    """M of one pixel: one over the relative variance of subjective speckle that pupil and pixel leave."""
+    cutoff = geometry.pupil_diameter_m / (geometry.wavelength_m * geometry.pupil_distance_m)
+    frequency = (np.arange(samples) + 0.5) / samples * cutoff
+    otf = pupil_otf(np.hypot(frequency[:, None], frequency[None]), geometry.pupil_diameter_m, geometry.wavelength_m,
+                    geometry.pupil_distance_m)
+    pixel = np.sinc(frequency * geometry.pixel_pitch_m) ** 2
+    return float(otf.sum() / (otf * pixel[:, None] * pixel[None]).sum())
+
+
+def gamma_image(mean: torch.Tensor, geometry: Geometry, generator: np.random.Generator) -> torch.Tensor:
+    """A mean image (H, W) under independent Gamma factors of mean 1."""
+    dof = degrees_of_freedom(geometry)
+    factor = generator.standard_gamma(dof, mean.shape, np.float32) / np.float32(dof)
+    return mean * torch.from_numpy(factor).to(mean.device)

@@ -1,0 +1,103 @@
+"""Which effects a scene needs: each modelled where leaving it out would cost more than the tolerance, or as it is told."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from radiometry.errors import InputError
+from radiometry.noise_budget import NoiseTerms
+from sim.coherence import lost_contrast
+from sim.geometry import Geometry
+from sim.illumination import grain_m
+from sim.object_samples import ObjectSamples
+from sim.plugins.speckle_camera import Electronics
+
+ELECTRONIC = {"read_noise": "read_noise", "row_noise": "row_noise", "column_noise": "column_noise",
+              "fixed_pattern": "fixed_pattern", "dark_current": "dark_current", "full_well": "full_well",
+              "quantisation": "bits"}
+"""Effects that a parameter of the speckle_camera switches on, and that parameter."""
+
+OPTICAL = ("source_grain", "pupil_and_pixel", "shot_noise", "detector_roughness", "depolarisation", "linewidth")
+
+FORCEABLE = (*OPTICAL, *ELECTRONIC)
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One line of the plan.
+
+    Attributes:
+        predicted_error: what leaving it out (or modelling it this way) costs, as relative error of the expected
+            autocorrelation or as floor over peak.
+    """
+
+    name: str
+    modelled: bool
+    why: str
+    predicted_error: float
+
+
+def parse_effects(texts: Iterable[str]) -> tuple[tuple[str, bool], ...]:
+    """`--effect NAME=on|off|auto` options as (name, on) of those that are not auto; InputError for any other."""
+    forced: dict[str, bool] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        if name not in FORCEABLE or value not in ("on", "off", "auto"):
+            raise InputError("--effect", f"NAME=on|off|auto, NAME of {', '.join(FORCEABLE)}", text, "correct it")
+        if name in forced:
+            raise InputError(f"--effect {name}", "one setting", "two", "give it once")
+        if value != "auto":
+            forced[name] = value == "on"
+    return tuple(forced.items())
+
+
+def decide(geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced: tuple[tuple[str, bool], ...],
+           tolerance: float) -> dict[str, Effect]:
+    """All effects of a scene, modelled or left out and why.
+
+    Raises InputError where one is forced on that the scene gives no parameter for.
+    """
+    source, electronics = geometry.spot, geometry.electronics
+    phase_rms = 4.0 * math.pi * source.height_rms_m / geometry.wavelength_m
+    scattering = phase_rms * geometry.wavelength_m / (2.0 * math.pi * source.correlation_length_m)
+    half_angle = 0.5 * max(geometry.hidden_object.extent_m) / geometry.source_distance_m
+    speckle = terms.over_peak()["detector_speckle"] or 0.0
+    contrast = lost_contrast(samples.path_m, samples.amplitude, geometry.linewidth_hz)
+    found = [
+        Effect("phase_screen", True, f"rough virtual source (phase rms {phase_rms:.3g} rad), independent samples",
+               0.5 * (half_angle / scattering) ** 2),
+        Effect("source_grain", True, f"grain of {grain_m(geometry) * 1e6:.3g} um on the object", 0.0),
+        Effect("pupil_and_pixel", True, "H, incoherent blur by pupil and pixel", 0.0),
+        Effect("shot_noise", True, "Poisson", 0.0),
+        Effect("detector_roughness", speckle > tolerance, "subjective speckle of the virtual detector, as floor over peak",
+               speckle),
+        Effect("depolarisation", geometry.depolarised, "a wall or the object is set to depolarise: two incoherent modes"
+               if geometry.depolarised else "no phase_screen is set to depolarise", float(geometry.depolarised)),
+        Effect("linewidth", contrast > tolerance, f"{geometry.linewidth_hz:.3g} Hz against the spread of paths", contrast),
+    ]
+    found += [Effect(name, getattr(electronics, parameter) > 0.0, _set_or_zero(getattr(electronics, parameter)), 0.0)
+              for name, parameter in ELECTRONIC.items()]
+    decided = {effect.name: effect for effect in found}
+    for name, on in forced:
+        needs = {"linewidth": geometry.linewidth_hz, **{key: getattr(electronics, value) for key, value in ELECTRONIC.items()}}
+        if on and needs.get(name, 1.0) == 0.0:
+            raise InputError(f"--effect {name}", "a parameter of the scene that sets it", "zero",
+                             f"set {ELECTRONIC.get(name, name)} in the scene")
+        decided[name] = replace(decided[name], modelled=on, why=f"forced {'on' if on else 'off'}; {decided[name].why}")
+    remaining = {name: 0.0 if effect.modelled and name != "phase_screen" else effect.predicted_error
+                 for name, effect in decided.items()}
+    return {name: replace(effect, predicted_error=remaining[name]) for name, effect in decided.items()}
+
+
+def remaining_electronics(electronics: Electronics, decided: dict[str, Effect]) -> Electronics:
+    """The camera without the effects that are left out."""
+    off = {parameter: 0 for name, parameter in ELECTRONIC.items() if not decided[name].modelled}
+    if "full_well" in off:
+        off["bits"] = 0
+    return replace(electronics, **off)
+
+
+def _set_or_zero(value: float) -> str:
+    return f"the speckle_camera sets it to {value:g}" if value else "the speckle_camera leaves it at zero"

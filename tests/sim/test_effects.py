@@ -1,0 +1,175 @@
+"""Effects against closed forms and brute-force sums of modes."""
+
+import numpy as np
+import pytest
+import torch
+
+pytest.importorskip("mitsuba")
+
+from radiometry.errors import InputError
+from scenes import scene_path
+from sim.camera import expose
+from sim.coherence import LIGHT_M_PER_S, coherence, lost_contrast, spectral_lines
+from sim.detector_roughness import degrees_of_freedom, exact_image, gamma_image, oversampling
+from sim.effects import parse_effects
+from sim.frame import Simulation
+from sim.geometry import read_geometry
+from sim.plan import Settings, make_plan
+from sim.plugins.speckle_camera import Electronics
+from sim.scene_file import load_scene
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """scene(("old", "new"), ...) -> Geometry of the reference scene on a small frame, edited."""
+    def make(*changes: tuple[str, str]):
+        text = scene_path("corner_letter").read_text()
+        text = text.replace('value="2464"', 'value="616"').replace('value="2056"', 'value="514"')
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        (tmp_path / "scene.xml").write_text(text)
+        (tmp_path / "F.png").write_bytes(scene_path("corner_letter").with_name("F.png").read_bytes())
+        return read_geometry(load_scene(tmp_path / "scene.xml")[0])
+
+    return make
+
+
+HEIGHT = '<float name="height_rms" value="2e-6"/>'
+DEPOLARISING = (HEIGHT, f'<boolean name="depolarising" value="true"/>{HEIGHT}')
+
+
+def contrast(simulation: Simulation, frames: int = 6) -> float:
+    images = [simulation.expected(11, number) for number in range(frames)]
+    return float(np.mean([float(image.std() / image.mean()) for image in images]))
+
+
+BARE = (("pupil_and_pixel", False),)
+
+
+def test_contrast_is_one_and_one_over_root_two_when_depolarised(scene):
+    assert contrast(Simulation(scene(), Settings(effects=BARE))) == pytest.approx(1.0, abs=0.03)
+    geometry = scene(DEPOLARISING)
+    assert contrast(Simulation(geometry, Settings(effects=BARE))) == pytest.approx(1.0 / np.sqrt(2.0), abs=0.02)
+    off = Simulation(geometry, Settings(effects=(*BARE, ("depolarisation", False))))
+    assert contrast(off) == pytest.approx(1.0, abs=0.03)
+
+
+def test_the_sum_of_lines_is_the_spectrum_s_coherence():
+    """Beat of two scatterers a delay apart, summed over lines, against the Gaussian's closed form."""
+    spread_m, linewidth_hz = 0.02, 9e9
+    lines = spectral_lines(np.array([0.0, spread_m]), linewidth_hz)
+    assert sum(weight for _, weight in lines) == pytest.approx(1.0)
+    for path in np.linspace(0.0, spread_m, 7):
+        beat = sum(weight * np.exp(2j * np.pi * offset * path / LIGHT_M_PER_S) for offset, weight in lines)
+        assert abs(beat - coherence(path / LIGHT_M_PER_S, linewidth_hz)) < 5e-3
+    half = 2.0 * np.log(2.0) / (np.pi * linewidth_hz)  # of a Gaussian line: gamma falls to 1/2 here
+    assert coherence(half, linewidth_hz) == pytest.approx(0.5)
+
+
+def test_linewidth_lowers_contrast_as_the_paths_say(scene):
+    """A plate tilted by 60 degrees under a broad laser: measured contrast against the sum over pairs of scatterers."""
+    tilted = ('<rotate z="1" angle="180"/>', '<rotate z="1" angle="180"/><rotate y="1" angle="60"/>')
+    spot = 'name="spot_diameter" value="5e-3"'
+    geometry = scene(tilted, (spot, f'{spot}/><float name="linewidth" value="2e10"'))
+    settings = Settings(effects=(*BARE, ("source_grain", False)), tolerance=0.05)
+    simulation = Simulation(geometry, settings)
+    samples = simulation._samples
+    power = samples.amplitude.astype(np.float64) ** 2 / samples.brightness
+    chosen = np.random.default_rng(0).choice(len(power), (2, 200_000), p=power / power.sum())
+    delay = (samples.path_m[chosen[0]] - samples.path_m[chosen[1]]) / LIGHT_M_PER_S
+    predicted = float((coherence(delay, 2e10) ** 2).mean())
+    assert 0.2 < predicted < 0.9
+    assert 1.0 - lost_contrast(samples.path_m, samples.amplitude, 2e10) == pytest.approx(predicted, rel=0.01)
+    assert simulation.effects["linewidth"].modelled
+    assert contrast(simulation) ** 2 == pytest.approx(predicted, rel=0.08)
+    narrow = Simulation(scene(tilted), settings)
+    assert not narrow.effects["linewidth"].modelled
+    assert contrast(narrow) == pytest.approx(1.0, abs=0.03)
+
+
+def test_too_broad_a_laser_is_refused():
+    with pytest.raises(InputError, match="at most"):
+        spectral_lines(np.array([0.0, 1.0]), 1e14)
+
+
+def test_roughness_of_the_detector_has_the_pupil_s_statistics(scene):
+    """Even illumination: relative variance 1 / M by brute force; by the Gamma shortcut; mean unchanged."""
+    geometry = scene()
+    factor = oversampling(geometry)
+    assert factor == 3
+    flat = torch.ones(514 * factor, 616 * factor, dtype=torch.complex64)
+    images = [exact_image(flat, factor, geometry, np.random.default_rng(number)) for number in range(3)]
+    measured = np.mean([float(image.var() / image.mean() ** 2) for image in images])
+    dof = degrees_of_freedom(geometry)
+    assert measured == pytest.approx(1.0 / dof, rel=0.02)
+    assert np.mean([float(image.mean()) for image in images]) == pytest.approx(1.0, abs=0.01)
+    gamma = gamma_image(torch.ones(514, 616), geometry, np.random.default_rng(5))
+    assert float(gamma.var()) == pytest.approx(1.0 / dof, rel=0.02)
+    # negative-exponential subjective speckle where one pixel is far smaller than a grain
+    fine = scene(('name="pupil_diameter" value="51.4286e-3"', 'name="pupil_diameter" value="2e-3"'))
+    assert degrees_of_freedom(fine) == pytest.approx(1.0, abs=0.02)
+
+
+def test_exact_and_gamma_roughness_agree_on_rendered_frames(scene):
+    forced = (("detector_roughness", True),)
+    exact = Simulation(scene(), Settings("field", 1e-2, "fresnel", None, forced))
+    short = Simulation(scene(), Settings("statistical", 1e-2, "auto", None, forced))
+    variances = [np.mean([float(simulation.expected(3, n).var() / simulation.expected(3, n).mean() ** 2) for n in range(5)])
+                 for simulation in (exact, short)]
+    assert variances[0] == pytest.approx(variances[1], rel=0.08)
+    plain = contrast(Simulation(scene())) ** 2
+    assert variances[0] > plain + 0.2
+
+
+def test_detector_roughness_is_decided_by_the_tolerance(scene):
+    assert not Simulation(scene()).effects["detector_roughness"].modelled
+    assert Simulation(scene(), Settings(tolerance=1e-3)).effects["detector_roughness"].modelled
+    plan = make_plan(scene(), 2, Settings(tolerance=1e-3, effects=(("detector_roughness", False),)))
+    line = next(effect for effect in plan["effects"] if effect["name"] == "detector_roughness")
+    assert not line["modelled"]
+    assert line["why"].startswith("forced off")
+    assert any("detector_roughness" in warning for warning in plan["warnings"])
+
+
+def test_source_grain_can_be_left_out(scene):
+    grainy = Simulation(scene(), Settings(effects=BARE))
+    even = Simulation(scene(), Settings(effects=(*BARE, ("source_grain", False))))
+    assert not np.allclose(grainy.expected(1, 0), even.expected(1, 0))
+    assert contrast(even) == pytest.approx(1.0, abs=0.03)
+
+
+def test_electronics_one_by_one(random):
+    flat = np.full((400, 300), 50.0)
+    columns = expose(flat, Electronics(1.0, column_noise=7.0), random, shot_noise=False)
+    assert (columns == columns[:1]).all()
+    assert columns[0].std() == pytest.approx(7.0, rel=0.15)
+    patterned = Electronics(1.0, fixed_pattern=4.0)
+    first, second = (expose(flat, patterned, np.random.default_rng(n), shot_noise=False) for n in (1, 2))
+    np.testing.assert_array_equal(first, second)
+    assert first.std() == pytest.approx(4.0, rel=0.02)
+    ramp = np.linspace(0.0, 400.0, 300)[None].repeat(2, 0)
+    gained = expose(ramp, Electronics(1.0, bits=6, gain=5.0), random, shot_noise=False)
+    assert set(np.unique(gained)) == {5.0 * number for number in range(64)}
+    shot = expose(flat, Electronics(1.0), random)
+    assert shot.var() == pytest.approx(50.0, rel=0.02)
+    with pytest.raises(InputError, match="bits"):
+        Electronics(1.0, bits=8)
+    with pytest.raises(InputError, match="gain"):
+        Electronics(1.0, gain=2.0)
+
+
+def test_effects_forced_off_and_on(scene):
+    exposure = '<float name="exposure" value="$exposure"/>'
+    noisy = scene((exposure, f'{exposure}<float name="read_noise" value="30"/>'))
+    quiet = Simulation(noisy, Settings(effects=(("read_noise", False), ("shot_noise", False))))
+    torch.testing.assert_close(quiet.frame(0, 0), quiet.expected(0, 0))
+    assert float((Simulation(noisy).frame(0, 0) - quiet.expected(0, 0)).std()) == pytest.approx(30.0, rel=0.05)
+    with pytest.raises(InputError, match="read_noise"):
+        Simulation(scene(), Settings(effects=(("read_noise", True),)))
+    for text in ("read_noise", "gravity=on", "read_noise=maybe"):
+        with pytest.raises(InputError, match="--effect"):
+            parse_effects([text])
+    with pytest.raises(InputError, match="once"):
+        parse_effects(["linewidth=on", "linewidth=off"])
+    assert parse_effects(["linewidth=on", "read_noise=auto"]) == (("linewidth", True),)
