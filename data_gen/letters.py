@@ -1,4 +1,4 @@
-"""Characters as albedo bitmaps for scenes: `python -m data_gen.letters FOLDER F 7 R`.
+"""Characters as albedo bitmaps or solid meshes for scenes: `python -m data_gen.letters FOLDER F 7 R [--mesh-depth-m D]`.
 
 DejaVu Sans (the font that matplotlib carries) on a 1 cm square of 256 x 256 cells, 8-bit, white is
 albedo 1; strokes are thinned or thickened until 0.2 cm^2 reflect, the area of the paper's figures.
@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import distance_transform_edt
 
-from radiometry.errors import ArgumentParser, InputError, run_command
+from radiometry.errors import ArgumentParser, InputError, positive, run_command
 from radiometry.output import atomic, output_folder
 
 SIDE = 256
@@ -46,17 +46,43 @@ def _on_square(ink: np.ndarray) -> np.ndarray:
     return np.where(np.asarray(square) >= 128, 255, 0).astype(np.uint8)
 
 
+def save_mesh(path: Path, bitmap: np.ndarray, depth_m: float, cells: int = 64) -> None:
+    """A bitmap as a solid, 1 cm high, columns along x and rows along y, its front at z = 0 facing +z (binary PLY)."""
+    import trimesh
+    from skimage.measure import marching_cubes
+
+    coarse = bitmap.reshape(cells, SIDE // cells, cells, SIDE // cells).mean((1, 3)) / 255.0
+    layers = max(2, round(depth_m * cells / 0.01))
+    solid = np.pad(np.repeat(coarse[..., None], layers, axis=2), 1)
+    corner, face, _, _ = marching_cubes(solid, 0.5)
+    row, column, layer = corner.T - 0.5
+    place = np.stack([column, row, np.zeros_like(row)], 1) * (0.01 / cells) - [0.005, 0.005, 0.0]
+    place[:, 2] = (np.clip(layer, 0.0, layers) / layers - 1.0) * depth_m
+    mesh = trimesh.Trimesh(place, face, process=True)
+    if mesh.volume < 0.0:
+        mesh.invert()
+    with atomic(path) as partial:
+        partial.write_bytes(mesh.export(file_type="ply", vertex_normal=False))
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     parser = ArgumentParser(prog="python -m data_gen.letters", description="Draw characters as albedo bitmaps.")
     parser.add_argument("folder")
     parser.add_argument("characters", nargs="+", help="one character each")
+    parser.add_argument("--mesh-depth-m", type=float, help="write solid letters of this depth, G.ply, instead of bitmaps")
     options = parser.parse_args(argv)
+    if options.mesh_depth_m is not None:
+        positive("--mesh-depth-m", options.mesh_depth_m)
     for character in options.characters:
         if len(character) != 1 or not character.isalnum():
             raise InputError("characters", "single letters or digits", character, "separate them by blanks")
     folder = output_folder(options.folder)
     for character in options.characters:
         bitmap = letter(character)
+        if options.mesh_depth_m is not None:
+            save_mesh(folder / f"{character}.ply", bitmap, options.mesh_depth_m)
+            print(f"{character}.ply: {options.mesh_depth_m:g} m deep")
+            continue
         with atomic(folder / f"{character}.png") as partial:
             Image.fromarray(bitmap).save(partial, format="PNG", optimize=True)
         print(f"{character}.png: reflective area {bitmap.mean() / 255:.3f} cm^2 on a 1 cm square")

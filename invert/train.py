@@ -43,6 +43,7 @@ def parser() -> ArgumentParser:
     p.add_argument("--warm", nargs="+", help="stores of python -m invert.warm_starts; half of each batch comes from them")
     p.add_argument("--start-from", type=Path, help="weights of an earlier run to begin with")
     p.add_argument("--steps", type=int, default=6000)
+    p.add_argument("--checkpoint-every", type=int, default=250, metavar="STEPS")
     p.add_argument("--batch", type=int, default=32)
     p.add_argument("--learning-rate", type=float, default=1e-3)
     p.add_argument("--seed", type=int, default=0)
@@ -68,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             loss = training.advance(targets)
             bar.update()
             bar.set_postfix(loss=f"{loss:.3f}", refresh=False)
-            if training.step % 250 == 0 or training.step == options.steps:
+            if training.step % options.checkpoint_every == 0 or training.step == options.steps:
                 training.note(loss, validation)
                 if rank == 0:
                     training.checkpoint()
@@ -248,7 +249,7 @@ def _join_processes(device: str) -> tuple[int, int]:
 def _check(options: Any) -> None:
     check_seed(options.seed)
     check_device(options.device)
-    for name in ("steps", "batch", "width"):
+    for name in ("steps", "batch", "width", "checkpoint_every"):
         if getattr(options, name) < 1:
             raise InputError(f"--{name}", "a whole number above zero", getattr(options, name), "choose another")
     if options.width % 16:

@@ -18,7 +18,7 @@ from sim.geometry import Geometry
 
 
 def oversampling(geometry: Geometry) -> int:
-    """Cells per pixel and axis that resolve the subjective speckle's intensity; odd, so that one lies in each pixel's middle."""
+    """Cells per pixel and axis that resolve the subjective speckle's intensity; odd, so that one is in a pixel's middle."""
     cutoff = geometry.pupil_diameter_m / (geometry.wavelength_m * geometry.pupil_distance_m)
     return math.ceil(2.0 * geometry.pixel_pitch_m * cutoff) | 1
 

@@ -1,0 +1,228 @@
+"""Features, losses, weights and the training loop."""
+
+import json
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from invert.features import CHANNELS, Observation, features, paper_picture
+from invert.learned import POSES, predict
+from invert.losses import LOSSES, registered_pearson
+from invert.metrics import aligned_pearson
+from invert.train import main as train
+from invert.training_data import at_noise, paper_noise, varied
+from invert.unet import CorrelographyUnet, PaperUnet
+from invert.weights import load_network, read_weights, save_weights
+from radiometry.errors import InputError
+from radiometry.noise_level import OUTERMOST, RING
+
+
+def generator(seed: int = 3) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+@pytest.fixture(scope="module")
+def objects() -> torch.Tensor:
+    """Lopsided objects, uint8 (6, 64, 64)."""
+    random = np.random.default_rng(4)
+    pictures = np.zeros((6, 64, 64), np.uint8)
+    for picture in pictures:
+        for _ in range(3):
+            row, column = random.integers(14, 40, 2)
+            height, width = random.integers(3, 14, 2)
+            picture[row : row + height, column : column + width] = random.integers(100, 256)
+    return torch.from_numpy(pictures)
+
+
+@pytest.fixture
+def observed(objects) -> Observation:
+    return at_noise(objects.float() / 255.0, 0.3, 64.0, generator()).seen
+
+
+def test_features_know_no_unit_and_never_see_zero_lag(observed):
+    reference = features(observed)
+    assert reference.shape == (6, CHANNELS, 32, 32)
+    scaled = Observation(observed.estimate * 1e-9, observed.floor * 1e-9, observed.dof, observed.classical, observed.agreement)
+    torch.testing.assert_close(features(scaled), reference, rtol=1e-3, atol=1e-4)
+    struck = observed.estimate.clone()
+    struck[:, 63, 63] = 1e6
+    changed = Observation(struck, observed.floor, observed.dof, observed.classical, observed.agreement)
+    torch.testing.assert_close(features(changed), reference)
+    torch.testing.assert_close(paper_picture(struck), paper_picture(observed.estimate))
+    empty = Observation.alone(torch.zeros(1, 127, 127), torch.zeros(1), torch.ones(1))
+    assert torch.isfinite(features(empty)).all()
+
+
+def test_the_classical_picture_stands_where_the_albedo_does(observed):
+    shown = torch.zeros(6, 64, 64)
+    shown[:, 10, 33] = 1.0
+    with_picture = features(Observation(observed.estimate, observed.floor, observed.dof, shown, torch.ones(6)))
+    changed = (with_picture - features(observed)).abs().amax(0)
+    assert changed[-4:].amax(0).nonzero().tolist() == [[5, 16]]
+    assert changed[:-5].amax() == 0.0
+
+
+@pytest.mark.parametrize("name", LOSSES)
+def test_losses_do_not_feel_shift_turn_or_brightness(objects, name):
+    truth = objects.float() / 255.0
+    moved = 3.0 * torch.roll(truth.flip((-2, -1)), (4, -7), (-2, -1))
+    other = truth.roll(1, 0)
+    assert float(LOSSES[name](moved, truth).max()) < 0.02
+    assert float(LOSSES[name](other, truth).min()) > 0.02
+    guess = torch.rand(6, 64, 64, generator=generator()).requires_grad_(True)
+    LOSSES[name](guess, truth).sum().backward()
+    assert torch.isfinite(guess.grad).all()
+    assert guess.grad.abs().amax((-2, -1)).min() > 0.0
+
+
+def test_registered_pearson_is_the_metric(objects):
+    truth = objects.float() / 255.0
+    guess = torch.roll(truth.flip((-2, -1)), (2, 3), (-2, -1)) + 0.2 * torch.rand(6, 64, 64, generator=generator())
+    guess[:, :8], guess[:, -8:] = 0.0, 0.0
+    ours = registered_pearson(guess, truth)
+    theirs = [aligned_pearson(a.numpy(), b.numpy())[0] for a, b in zip(guess, truth, strict=True)]
+    np.testing.assert_allclose(ours, theirs, atol=0.02)
+
+
+def test_the_registered_loss_is_not_deceived(objects):
+    """A bright point beside a faint copy: nearly the right autocorrelation, and a wrong object."""
+    truth = objects[:1].float() / 255.0
+    deceiver = 0.02 * truth.clone()
+    deceiver[0, 2, 2] = float(0.02 * truth.sum()) * 2.0
+    wrong = torch.rand(1, 64, 64, generator=generator())
+    assert LOSSES["pearson"](deceiver, truth)[0] < LOSSES["pearson"](wrong, truth)[0] + 0.5
+    assert LOSSES["registered"](deceiver, truth)[0] > 0.7
+
+
+def test_batches_depend_on_the_generator_alone(objects):
+    first, second = (varied(objects, 40, generator(9)) for _ in range(2))
+    torch.testing.assert_close(first.seen.estimate, second.seen.estimate, rtol=0, atol=0)
+    estimate = first.seen.estimate
+    torch.testing.assert_close(estimate, estimate.flip((-2, -1)), rtol=1e-5, atol=1e-6)
+    assert (first.truth.amax((-2, -1)) == 0.0).sum() <= 8
+    outer = estimate[:, torch.from_numpy(RING > OUTERMOST)]
+    np.testing.assert_allclose(np.median(outer.mean(1) / first.seen.floor), 1.0, atol=0.1)
+    paper = paper_noise(objects, 200, generator()).seen
+    corner = paper.estimate[:, :20, :20]
+    assert float(corner.mean()) * 255 == pytest.approx(70.0, rel=0.03)
+    assert float(corner.var() / corner.mean() ** 2) == pytest.approx(0.015, rel=0.1)
+
+
+@pytest.mark.parametrize("kind", [CorrelographyUnet, PaperUnet])
+def test_networks_draw_albedos(observed, kind):
+    torch.manual_seed(0)
+    network = kind(16).eval()
+    with torch.no_grad():
+        albedo, expected = predict(network, observed)
+    assert albedo.shape == (6, 64, 64)
+    assert expected.shape == (6,)
+    assert float(albedo.min()) >= 0.0
+    for index in (0, 3):  # independent of the rest of the batch, up to the rounding of bfloat16
+        with torch.no_grad():
+            alone, _ = predict(network, observed.part(slice(index, index + 1), "cpu"))
+        torch.testing.assert_close(alone[0], albedo[index], rtol=0.05, atol=0.02)
+
+
+def test_the_papers_network_is_the_papers():
+    network = PaperUnet(64)
+    layers = [module for module in network.modules() if isinstance(module, torch.nn.Conv2d)]
+    assert len(layers) == 12
+    assert {layer.out_channels for layer in layers[:-1]} == {64, 128, 256, 512}
+
+
+def test_poses_are_undone(objects):
+    for pose, back in POSES:
+        torch.testing.assert_close(back(pose(objects)), objects)
+
+
+def test_weights_keep_their_card_and_refuse_what_is_not_theirs(tmp_path):
+    torch.manual_seed(0)
+    state = CorrelographyUnet(16).state_dict()
+    path = tmp_path / "w.safetensors"
+    save_weights(path, state, {"network": "unet", "width": 16})
+    network, card = load_network(path)
+    assert card["width"] == 16
+    torch.testing.assert_close(network.state_dict()["stem.weight"], state["stem.weight"])
+    (tmp_path / "torn.safetensors").write_bytes(path.read_bytes()[:5000])
+    (tmp_path / "pickle.safetensors").write_bytes(pickle.dumps({"weights": [1.0]}))
+    torch.save(state, tmp_path / "torch.safetensors")
+    save_weights(tmp_path / "other.safetensors", state, {"network": "unet", "width": 32})
+    save_weights(tmp_path / "kind.safetensors", state, {"network": "oracle", "width": 16})
+    save_weights(tmp_path / "nan.safetensors", {**state, "stem.bias": state["stem.bias"] * float("nan")},
+                 {"network": "unet", "width": 16})
+    for name, text in (("torn", "invert.train"), ("pickle", "invert.train"), ("torch", "invert.train"), ("absent", "no "),
+                       ("other", "of this version"), ("kind", "oracle"), ("nan", "NaN")):
+        with pytest.raises(InputError, match=text):
+            load_network(tmp_path / f"{name}.safetensors")
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory) -> Path:
+    from data_gen.__main__ import main
+
+    store = tmp_path_factory.mktemp("targets") / "set.zarr"
+    main([str(store), "--source", "strokes", "--count", "1600", "--workers", "1"])
+    return store
+
+
+def arguments(dataset: Path, output: Path) -> list[str]:
+    return [str(dataset), "-o", str(output), "--width", "16", "--steps", "12", "--batch", "4", "--checkpoint-every", "4"]
+
+
+@pytest.mark.slow
+def test_training_resumes_exactly_after_a_kill(tmp_path, dataset):
+    whole, killed = tmp_path / "whole.safetensors", tmp_path / "killed.safetensors"
+    train(arguments(dataset, whole))
+    process = subprocess.Popen([sys.executable, "-m", "invert.train", *arguments(dataset, killed)],
+                               cwd=Path(__file__).parents[2], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    checkpoint = tmp_path / "killed.checkpoint.safetensors"
+    while not checkpoint.is_file() and process.poll() is None:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert not killed.is_file()
+    assert read_weights(checkpoint)[1]["step"] in (4, 8)
+    train(arguments(dataset, killed))
+    expected, found = read_weights(whole)[0], read_weights(killed)[0]
+    for name, value in expected.items():
+        torch.testing.assert_close(found[name], value, rtol=0, atol=0)
+    card = json.loads((tmp_path / "killed.json").read_text())
+    assert card["run"]["steps"] == 12
+    assert [point["step"] for point in card["curve"]] == [4, 8, 12]
+    assert (tmp_path / "killed.png").stat().st_size > 3000
+
+
+@pytest.mark.slow
+def test_training_learns_and_warm_starts_are_used(tmp_path, dataset, command):
+    from invert.warm_starts import main as warm_starts
+
+    store, output = tmp_path / "warm.zarr", tmp_path / "w.safetensors"
+    assert command(warm_starts, dataset, "-o", store, "--count", 32)[0] == 0
+    assert command(warm_starts, dataset, "-o", store, "--count", 64)[0] == 2
+    base = [dataset, "-o", output, "--width", 16, "--steps", 60, "--batch", 8, "--checkpoint-every", 5]
+    code, _, err = command(train, *base, "--warm", store)
+    assert code == 0, err
+    curve = json.loads((tmp_path / "w.json").read_text())["curve"]
+    assert curve[-1]["loss"] < 0.8 * curve[0]["loss"]
+    code, _, err = command(train, *base, "--warm", store, "--steps", 70)
+    assert code == 2
+    assert "checkpoint" in err
+    again = tmp_path / "again.safetensors"
+    code, _, err = command(train, dataset, "-o", again, "--width", 16, "--steps", 2, "--batch", 4, "--start-from", output)
+    assert code == 0, err
+    assert read_weights(again)[1]["run"]["start_from"]["run"]["steps"] == 60
+
+
+def test_bad_training_arguments(tmp_path, command):
+    for extra, text in ((["--steps", 0], "--steps"), (["--width", 20], "--width"), ([], "none at")):
+        code, _, err = command(train, tmp_path / "none.zarr", "-o", tmp_path / "w.safetensors", *extra)
+        assert code == 2
+        assert text in err
+    assert command(train, tmp_path, "-o", tmp_path / "w.pt")[0] == 2
