@@ -122,3 +122,9 @@ def closed_form(path: LightPath) -> Budget:
         ("quantum efficiency", path.quantum_efficiency),
     )
     return Budget(rows, photon_rate(path.power_w, path.wavelength_m), path.pixels)
+
+
+def detector_to_pixel(path: LightPath) -> float:
+    """Photoelectrons per photon that lands on a pixel's share of the virtual detector."""
+    return (path.detector_albedo * path.detector_cosine_out * path.pupil_cosine * path.transmission * path.quantum_efficiency
+            * pupil_fraction(path.pupil_diameter_m, path.detector_to_pupil_m))

@@ -19,7 +19,7 @@ ELECTRONIC = {"read_noise": "read_noise", "row_noise": "row_noise", "column_nois
               "quantisation": "bits"}
 """Effects that a parameter of the speckle_camera switches on, and that parameter."""
 
-OPTICAL = ("source_grain", "pupil_and_pixel", "shot_noise", "detector_roughness", "depolarisation", "linewidth")
+OPTICAL = ("source_grain", "pupil_and_pixel", "shot_noise", "detector_roughness", "depolarisation", "linewidth", "ambient")
 
 FORCEABLE = (*OPTICAL, *ELECTRONIC)
 
@@ -64,6 +64,7 @@ def decide(geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced
     scattering = phase_rms * geometry.wavelength_m / (2.0 * math.pi * source.correlation_length_m)
     half_angle = 0.5 * max(geometry.hidden_object.extent_m) / geometry.source_distance_m
     speckle = terms.over_peak()["detector_speckle"] or 0.0
+    lit = geometry.ambient_irradiance is not None
     contrast = lost_contrast(samples.path_m, samples.amplitude, geometry.linewidth_hz)
     found = [
         Effect("phase_screen", True, f"rough virtual source (phase rms {phase_rms:.3g} rad), independent samples",
@@ -75,13 +76,16 @@ def decide(geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced
                speckle),
         Effect("depolarisation", geometry.depolarised, "a wall or the object is set to depolarise: two incoherent modes"
                if geometry.depolarised else "no phase_screen is set to depolarise", float(geometry.depolarised)),
+        Effect("ambient", lit, f"{'other emitters' if lit else 'no emitter beside the laser'}, as floor over peak",
+               terms.over_peak()["ambient"] or 0.0),
         Effect("linewidth", contrast > tolerance, f"{geometry.linewidth_hz:.3g} Hz against the spread of paths", contrast),
     ]
     found += [Effect(name, getattr(electronics, parameter) > 0.0, _set_or_zero(getattr(electronics, parameter)), 0.0)
               for name, parameter in ELECTRONIC.items()]
     decided = {effect.name: effect for effect in found}
     for name, on in forced:
-        needs = {"linewidth": geometry.linewidth_hz, **{key: getattr(electronics, value) for key, value in ELECTRONIC.items()}}
+        needs = {"linewidth": geometry.linewidth_hz, "ambient": float(lit)}
+        needs |= {key: getattr(electronics, value) for key, value in ELECTRONIC.items()}
         if on and needs.get(name, 1.0) == 0.0:
             raise InputError(f"--effect {name}", "a parameter of the scene that sets it", "zero",
                              f"set {ELECTRONIC.get(name, name)} in the scene")

@@ -106,7 +106,7 @@ class Simulation:
         Incoherent sum over polarisations and spectral lines.
         """
         if len(self._samples.amplitude) == 0:
-            return torch.zeros(self.geometry.frame_shape)
+            return self._ambient().expand(self.geometry.frame_shape).clone()
         exact = self._models("detector_roughness") and self.settings.accuracy == "field"
         factor = oversampling(self.geometry) if exact else 1
         polarisations = 2 if self._models("depolarisation") else 1
@@ -124,7 +124,16 @@ class Simulation:
             total = mean_image(total, self._transfer)
         if self._models("detector_roughness") and not exact:
             total = gamma_image(total, self.geometry, roughness)
-        return total.mul_(self.mean_photoelectrons / self._samples.brightness).cpu()
+        return total.mul_(self.mean_photoelectrons / self._samples.brightness).add_(self._ambient()).cpu()
+
+    def _ambient(self) -> torch.Tensor:
+        """Photoelectrons of other emitters, (H, W) or a single zero."""
+        rate = self.geometry.ambient_photoelectrons_per_pixel_s
+        if rate is None or not self._models("ambient"):
+            return torch.zeros(1, 1, device=self.device)
+        coarse = torch.from_numpy(rate * self.geometry.electronics.exposure_s).float()[None, None]
+        smooth = torch.nn.functional.interpolate(coarse, self.geometry.frame_shape, mode="bilinear", align_corners=False)
+        return smooth[0, 0].to(self.device)
 
     def frame(self, seed: int, number: int) -> torch.Tensor:
         """One stored frame in electrons, float32 (H, W).

@@ -9,7 +9,9 @@ import numpy as np
 
 from radiometry.autocorrelation import SIDE
 from radiometry.errors import InputError
-from radiometry.throughput import LightPath
+from radiometry.photons import photon_rate
+from radiometry.throughput import LightPath, detector_to_pixel
+from sim.ambient import ambient_irradiance
 from sim.hidden_object import FlatObject, HiddenObject, is_hidden_object
 from sim.plugins.laser import Laser
 from sim.plugins.phase_screen import PhaseScreen
@@ -53,8 +55,8 @@ class Geometry:
     linewidth_hz: float
     depolarised: bool
     """Whether light has lost its polarisation before it reaches the virtual detector."""
-    other_emitters: int
-    """Emitters beside the laser: ambient light."""
+    ambient_irradiance: np.ndarray | None
+    """Light of other emitters on the frame in W/m^2, a coarse map (see `ambient.py`); None without any."""
 
     def exposed(self, exposure_s: float) -> Geometry:
         """The same scene at another exposure."""
@@ -78,6 +80,15 @@ class Geometry:
     def distance_m(self) -> float:
         """Object to virtual detector."""
         return self.light_path.object_to_detector_m
+
+    @property
+    def ambient_photoelectrons_per_pixel_s(self) -> np.ndarray | None:
+        """Photoelectrons of ambient light, a coarse map over the frame; None without any."""
+        if self.ambient_irradiance is None:
+            return None
+        path = self.light_path
+        photons = photon_rate(1.0, path.wavelength_m) * path.pixel_area_m2
+        return self.ambient_irradiance * photons * detector_to_pixel(path)
 
     @property
     def object_pitch_m(self) -> tuple[float, float]:
@@ -155,7 +166,8 @@ def read_geometry(scene: mi.Scene) -> Geometry:
         linewidth_hz=laser.linewidth_hz,
         depolarised=any(isinstance(shape.bsdf(), PhaseScreen) and shape.bsdf().depolarising for shape in scene.shapes()
                         if shape.id() == "virtual_source" or is_hidden_object(shape)),
-        other_emitters=len(scene.emitters()) - 1,
+        ambient_irradiance=ambient_irradiance(scene, detector_centre, right, down, detector_normal,
+                                              (height * camera.pixel_pitch_m, width * camera.pixel_pitch_m)),
         direct_light=_direct_light(scene, path.source_albedo, spot_point, source_normal, detector_centre, detector_normal),
     )
 

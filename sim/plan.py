@@ -11,7 +11,7 @@ import numpy as np
 from radiometry.autocorrelation import automatic_patch_size, patch_grid
 from radiometry.errors import InputError
 from radiometry.prediction import predict
-from radiometry.throughput import closed_form, pupil_fraction
+from radiometry.throughput import closed_form, detector_to_pixel
 from sim.effects import Effect, decide
 from sim.geometry import Geometry
 from sim.object_samples import ObjectSamples, sample_object
@@ -105,8 +105,7 @@ def make_plan(geometry: Geometry, frames: int, settings: Settings | None = None)
     kernel = choose(kernels, settings.propagator, settings.tolerance)
     prediction = predict(geometry)
     listed = [*decide(geometry, samples, prediction.terms, settings.effects, settings.tolerance).values(),
-              Effect("direct_light", False, "blocked by a shape" if geometry.baffled else "not blocked by any shape", 0.0),
-              Effect("ambient", False, f"{geometry.other_emitters} emitters beside the laser", 0.0)]
+              Effect("direct_light", False, "blocked by a shape" if geometry.baffled else "not blocked by any shape", 0.0)]
     budget = closed_form(geometry.light_path)
     warnings = [f"{effect.name}: predicted error {effect.predicted_error:.2g} exceeds the tolerance "
                 f"{settings.tolerance:g}" for effect in listed if effect.predicted_error > settings.tolerance]
@@ -143,11 +142,9 @@ def scene_warnings(geometry: Geometry, pitch_m: float) -> list[str]:
                         "smaller --patch")
     if budget.per_pixel == 0.0:
         warnings.append("hidden_object: none of its light reaches the camera; check its albedo, its facing, and occluders")
-    if geometry.other_emitters:
-        warnings.append(f"ambient: {geometry.other_emitters} emitter(s) beside the laser are not modelled")
     if not geometry.baffled:
         per_frame = (geometry.direct_light * math.prod(geometry.frame_shape) * geometry.pixel_pitch_m**2
-                     * _detector_to_pixel(geometry) * budget.laser_photons_per_s)
+                     * detector_to_pixel(geometry.light_path) * budget.laser_photons_per_s)
         warnings.append("direct_light: nothing stands between virtual source and virtual detector; "
                         f"{per_frame:.3g} photoelectrons/s a frame come straight from the source (none if it faces away) "
                         "and are not modelled; add a baffle")
@@ -158,10 +155,3 @@ def scene_warnings(geometry: Geometry, pitch_m: float) -> list[str]:
         warnings.append(f"full_well: {100 * saturated:.3g} % of the pixels will saturate, "
                         "which the noise prediction leaves out")
     return warnings
-
-
-def _detector_to_pixel(geometry: Geometry) -> float:
-    """Photoelectrons per photon that lands on the virtual detector."""
-    path = geometry.light_path
-    return (path.detector_albedo * path.detector_cosine_out * path.pupil_cosine * path.transmission * path.quantum_efficiency
-            * pupil_fraction(path.pupil_diameter_m, path.detector_to_pupil_m))

@@ -36,6 +36,8 @@ def activate_variant() -> str:
 
 
 _LLVM_WITH_MAXIMUM = 17
+_PLAIN_EMITTERS = ("Emitter", "AreaLight", "PointLight", "SpotLight")
+"""Emitters that an older libLLVM compiles; one written in Python, as the laser is, goes by the name of its base."""
 _NEEDS_MAXIMUM = ("RoughConductor", "RoughDielectric", "BlendBSDF")
 
 
@@ -71,6 +73,11 @@ def check_compilable(scene: mi.Scene) -> None:
     major = _old_llvm()
     if major is None:
         return
+    for emitter in scene.emitters():
+        kind = emitter.class_name()
+        if kind not in _PLAIN_EMITTERS:
+            raise InputError(emitter.id() or "emitter", f"libLLVM {_LLVM_WITH_MAXIMUM} or newer to compile a {kind}",
+                             f"libLLVM {major}", "'apt-get install libllvm19', or use area, point and spot emitters")
     for shape in scene.shapes():
         described = str(shape.bsdf())
         culprits = [name for name in _NEEDS_MAXIMUM if name in described]

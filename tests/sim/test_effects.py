@@ -173,3 +173,23 @@ def test_effects_forced_off_and_on(scene):
     with pytest.raises(InputError, match="once"):
         parse_effects(["linewidth=on", "linewidth=off"])
     assert parse_effects(["linewidth=on", "read_noise=auto"]) == (("linewidth", True),)
+
+
+def test_ambient_light_has_its_closed_form(scene):
+    """A point source before the wall: I cos / d^2, and its photoelectrons on top of the speckle, shot noise included."""
+    lamp = ('<emitter type="point"><point name="position" x="0.02" y="0.01" z="0.8"/>'
+            '<spectrum name="intensity" value="4e-9"/></emitter>')
+    geometry = scene(("</scene>", f"{lamp}</scene>"))
+    way = np.array([0.02, 0.01, -0.2])
+    expected = 4e-9 * 0.2 / np.linalg.norm(way) ** 3
+    assert geometry.ambient_irradiance.mean() == pytest.approx(expected, rel=0.02)
+    bright, dark = Simulation(geometry), Simulation(geometry, Settings(effects=(("ambient", False),)))
+    gained = float((bright.expected(0, 0) - dark.expected(0, 0)).mean())
+    path = geometry.light_path
+    photons = expected * path.pixel_area_m2 * path.wavelength_m / (6.62607015e-34 * 299792458.0) * 0.125
+    pupil = np.sin(np.arctan(0.5 * path.pupil_diameter_m / path.detector_to_pupil_m)) ** 2
+    assert gained == pytest.approx(photons * pupil * path.detector_cosine_out, rel=0.03)
+    plan = make_plan(geometry, 2)
+    assert next(effect for effect in plan["effects"] if effect["name"] == "ambient")["modelled"]
+    with pytest.raises(InputError, match="ambient"):
+        Simulation(scene(), Settings(effects=(("ambient", True),)))

@@ -116,10 +116,9 @@ def test_light_straight_from_the_source_is_reported(tmp_path, letter_simulation)
 
 
 def test_what_a_scene_holds_in_vain_is_reported(tmp_path):
-    light = '<emitter type="constant"><spectrum name="radiance" value="1"/></emitter></scene>'
     turned = ('<rotate z="1" angle="180"/>', '<rotate y="1" angle="180"/>')
     wide = ('<scale x="0.005" y="0.005"/>', '<scale x="0.012" y="0.012"/>')
-    for change, word in ((("</scene>", light), "ambient"), (turned, "none of its light"), (wide, "64 lags")):
+    for change, word in ((turned, "none of its light"), (wide, "64 lags")):
         warnings = make_plan(read_geometry(edited(tmp_path, change)), 2)["warnings"]
         assert any(word in warning for warning in warnings), word
 

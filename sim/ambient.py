@@ -1,0 +1,63 @@
+"""Ambient light: what emitters beside the laser throw on the virtual detector, by a small path tracer.
+
+Next-event estimation at every vertex, cosine-weighted bounces; all surfaces count as Lambertian with their diffuse
+reflectance, as everywhere in this program. Mitsuba supplies rays, emitters and textures. (Mitsuba's own path integrator
+needs a newer libLLVM than many systems have.)
+"""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from sim.plugins.laser import Laser
+
+GRID = 8
+"""Irradiance is estimated in so many cells a side of the frame."""
+
+SAMPLES = 4096
+"""Paths a cell."""
+
+BOUNCES = 4
+
+
+def ambient_irradiance(scene: mi.Scene, centre: np.ndarray, right: np.ndarray, down: np.ndarray, normal: np.ndarray,
+                       extent_m: tuple[float, float]) -> np.ndarray | None:
+    """Irradiance of the frame in W/m^2 of light that passes the camera's filter, float64 (GRID, GRID); None without emitters.
+
+    Args:
+        centre, right, down, normal: of the frame on the wall, in the world.
+        extent_m: height and width of the frame.
+    """
+    if not any(not isinstance(emitter, Laser) for emitter in scene.emitters()):
+        return None
+    sampler = mi.PCG32(size=GRID * GRID * SAMPLES, initstate=7)
+    cell = dr.arange(mi.UInt, GRID * GRID * SAMPLES) // SAMPLES
+    row = (mi.Float(cell // GRID) + sampler.next_float32()) / GRID - 0.5
+    column = (mi.Float(cell % GRID) + sampler.next_float32()) / GRID - 0.5
+    place = (mi.Point3f(*centre.tolist()) + row * extent_m[0] * mi.Vector3f(*down.tolist())
+             + column * extent_m[1] * mi.Vector3f(*right.tolist()))
+    facing = mi.Vector3f(*normal.tolist())
+    weight, total, alive = mi.Float(np.pi), mi.Float(0.0), mi.Bool(True)
+    for bounce in range(BOUNCES):
+        vertex = dr.zeros(mi.Interaction3f, dr.width(cell))
+        vertex.p, vertex.n = place, facing
+        vertex.t = mi.Float(0.0)
+        towards, radiance = scene.sample_emitter_direction(vertex, mi.Point2f(sampler.next_float32(), sampler.next_float32()),
+                                                           True, alive)
+        cosine = dr.dot(facing, towards.d)
+        total += dr.select(alive & (cosine > 0.0) & (towards.pdf > 0.0), weight * cosine * radiance[0] / np.pi, 0.0)
+        if bounce == BOUNCES - 1:
+            break
+        # Mitsuba's own cosine warp compiles to an instruction that libLLVM before 17 lacks.
+        share, (sine, cosine) = sampler.next_float32(), dr.sincos(2.0 * dr.pi * sampler.next_float32())
+        radius = dr.sqrt(share)
+        direction = mi.Frame3f(facing).to_world(mi.Vector3f(radius * cosine, radius * sine, dr.sqrt(1.0 - share)))
+        ray = mi.Ray3f(place + 1e-5 * facing, direction)
+        hit = scene.ray_intersect(ray, alive)
+        front = dr.dot(hit.n, direction) < 0.0
+        alive &= hit.is_valid() & front
+        weight *= dr.select(alive, hit.bsdf().eval_diffuse_reflectance(hit, alive)[0], 0.0)
+        place, facing = hit.p, mi.Vector3f(hit.n)
+    return np.asarray(total, np.float64).reshape(GRID, GRID, SAMPLES).mean(2)
