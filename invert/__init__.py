@@ -7,7 +7,11 @@
     projections.py   what they share: projections, support, starts, residual
     hio.py raar.py error_reduction.py altmin.py admm_tv.py twf.py mtwf.py taf.py   one method a file
     registration.py  shift and 180-degree turn; registered mean of many starts
-    metrics.py       registered correlation with a truth; which character is it
+    features.py unet.py learned.py weights.py   the network: what it sees, what it is, how it is used and stored
+    train.py training_data.py losses.py warm_starts.py training_report.py   how it is trained
+    metrics.py       scores against a truth; agreement without one
+    identification.py  which character a picture shows
+    evaluate.py evaluation_sets.py evaluation_report.py   methods compared on test sets
     report.py        the picture of a result
     result.py        the files of a result
     __main__.py      the command

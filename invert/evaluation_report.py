@@ -35,6 +35,7 @@ def _summary(result: dict[str, Any]) -> dict[str, Any]:
             values = np.array([row[name] for row in rows], float)
             scores[name] = {"mean": float(values.mean()), "error": bootstrap_error(values)}
     return {"set": asked["set"], "level": asked["level"], "method": asked["method"], "cases": len(rows),
+            "confidence_error": float(np.mean([abs(row["confidence"] - row["pearson"]) for row in rows])),
             "seconds": float(np.median([row["seconds"] for row in rows])), **scores}
 
 
@@ -58,7 +59,9 @@ def _tables(summary: list[dict[str, Any]]) -> str:
             parts.append("")
         seconds = ", ".join(f"{method} {np.median([entry['seconds'] for entry in row.values()]):.2g}"
                             for method, row in by_method.items())
-        parts.append(f"Seconds an image: {seconds}.\n")
+        errors = ", ".join(f"{method} {np.mean([entry['confidence_error'] for entry in row.values()]):.2f}"
+                           for method, row in by_method.items())
+        parts.append(f"Seconds an image: {seconds}. Mean difference of confidence and correlation: {errors}.\n")
     return "\n".join(parts)
 
 

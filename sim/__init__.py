@@ -8,6 +8,11 @@
     plan.py          what is modelled, what is left out and why, at which predicted error
     illumination.py  phase screen on the virtual source -> field on the hidden object
     propagation/     object -> virtual detector, one kernel a file
+    effects.py       which effects are modelled, and why
+    object_samples.py  the object as samples that propagate
+    coherence.py     linewidth as an incoherent sum of lines
+    detector_roughness.py  the wall's own speckle through the pupil
+    ambient.py       light of other emitters
     camera.py        field -> photoelectrons: pupil, pixel, noise
     frame.py         the flow above for one frame
     capture_folder.py  the folder of frames, replaced as a whole

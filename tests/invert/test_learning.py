@@ -1,5 +1,6 @@
 """Features, losses, weights and the training loop."""
 
+import hashlib
 import json
 import pickle
 import signal
@@ -15,13 +16,15 @@ import torch
 from invert.features import CHANNELS, Observation, features, paper_picture
 from invert.learned import POSES, predict
 from invert.losses import LOSSES, registered_pearson
+from invert.methods import retrieve
 from invert.metrics import aligned_pearson
+from invert.spectrum import read_measurement
 from invert.train import main as train
 from invert.training_data import at_noise, paper_noise, varied
 from invert.unet import CorrelographyUnet, PaperUnet
-from invert.weights import load_network, read_weights, save_weights
+from invert.weights import SHIPPED, load_network, read_weights, save_weights
 from radiometry.errors import InputError
-from radiometry.noise_level import OUTERMOST, RING
+from radiometry.noise_level import INDEPENDENT, OUTERMOST, RING
 
 
 def generator(seed: int = 3) -> torch.Generator:
@@ -226,3 +229,56 @@ def test_bad_training_arguments(tmp_path, command):
         assert code == 2
         assert text in err
     assert command(train, tmp_path, "-o", tmp_path / "w.pt")[0] == 2
+
+
+needs_weights = pytest.mark.skipif(not SHIPPED.is_file(), reason="no weights are shipped")
+
+
+@needs_weights
+def test_shipped_weights_are_small_and_say_where_they_come_from():
+    assert SHIPPED.stat().st_size < 20e6
+    network, card = load_network(SHIPPED)
+    assert isinstance(network, CorrelographyUnet)
+    assert {"run", "dataset", "pearson", "seconds"} <= set(card)
+    described = SHIPPED.with_suffix(".md").read_text()
+    assert hashlib.sha256(SHIPPED.read_bytes()).hexdigest() in described
+
+
+def noise(random: np.random.Generator, kind: str) -> np.ndarray:
+    """Estimates of nothing: white, with lines of read noise, on sloping floors."""
+    floor = np.ones((127, 127))
+    radius = np.hypot(*np.mgrid[-63:64, -63:64]) / 63.0
+    if kind == "slope":
+        floor += random.uniform(-0.2, 0.2) * radius**2
+    dof = float(np.exp(random.uniform(np.log(8.0), np.log(1000.0))))
+    estimate = floor * random.gamma(dof, 1.0 / dof, floor.shape)
+    estimate = np.where(INDEPENDENT, estimate, estimate[::-1, ::-1])
+    if kind == "lines":
+        line = 1.0 + random.uniform(0.0, 4.0) * random.gamma(8.0, 1.0 / 8.0, 127)
+        estimate[63] *= 0.5 * (line + line[::-1])
+    return estimate.astype(np.float32)
+
+
+@needs_weights
+@pytest.mark.parametrize("kind", ["white", "lines", "slope"])
+@pytest.mark.parametrize("quality", ["fast", "balanced"])
+def test_noise_is_no_object(random, kind, quality):
+    alarms = sum(retrieve(read_measurement(noise(random, kind)), "unet", quality, 0, "cpu").object_found for _ in range(200))
+    assert alarms <= 2
+
+
+@needs_weights
+def test_the_network_draws_an_f_that_is_not_mirrored(random):
+    image = np.zeros((64, 64), np.float32)
+    image[14:48, 20:25], image[14:19, 20:42], image[28:33, 20:37] = 1.0, 1.0, 1.0
+    batch = at_noise(torch.from_numpy(image)[None], 80.0 / 255.0, 64.0, generator())
+    measurement = read_measurement(batch.seen.estimate[0].numpy())
+    for quality, wanted in (("fast", 0.7), ("balanced", 0.85)):
+        result = retrieve(measurement, "unet", quality, 0, "cpu")
+        pearson, _ = aligned_pearson(result.albedo, image)
+        assert result.object_found
+        assert pearson > wanted
+        assert aligned_pearson(result.albedo[:, ::-1], image)[0] < pearson
+        assert abs(result.confidence - pearson) < 0.2
+    twice = retrieve(measurement, "unet", "balanced", 0, "cpu")
+    np.testing.assert_array_equal(twice.albedo, result.albedo)

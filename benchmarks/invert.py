@@ -1,0 +1,86 @@
+"""`python -m benchmarks.invert [--paper WEIGHTS]`: from two whole frames to an albedo, step by step, in a warm process.
+
+Beside it, in the same run, the paper's U-net (untrained where no weights are given: its time does not depend on them) and one
+start of 2000 iterations of HIO.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from invert.capture import CameraFacts, Capture
+from invert.estimate import estimate_from_frames
+from invert.hio import HioOptions, hio
+from invert.learned import looks, observation, predict
+from invert.methods import retrieve
+from invert.spectrum import fourier_modulus, read_measurement
+from invert.unet import PaperUnet
+from invert.weights import SHIPPED, load_network
+from scenes import scene_path
+from sim.frame import Simulation
+from sim.geometry import read_geometry
+from sim.scene_file import load_scene
+
+REPEATS = 9
+
+
+def median_seconds(run: Callable[[], object]) -> float:
+    run()
+    times = []
+    for _ in range(REPEATS):
+        begin = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - begin)
+    return float(np.median(times))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--paper", type=Path, help="weights of the paper's network")
+    paper_weights = parser.parse_args().paper
+    simulation = Simulation(read_geometry(load_scene(scene_path("corner_letter"))[0]))
+    frames = [simulation.frame(1, number).numpy() for number in range(2)]
+    geometry = simulation.geometry
+    facts = CameraFacts(geometry.wavelength_m, geometry.pixel_pitch_m, geometry.distance_m, geometry.pupil_diameter_m,
+                        geometry.pupil_distance_m)
+    capture = Capture(frames, [Path("frame_0.exr"), Path("frame_1.exr")], facts)
+    estimate = estimate_from_frames(capture, None, "cpu")
+    measurement = read_measurement(estimate.lags, transfer=estimate.transfer)
+    network, _ = load_network(SHIPPED)
+    paper = load_network(paper_weights)[0] if paper_weights else PaperUnet().to(memory_format=torch.channels_last).eval()
+    seen = observation(measurement)
+
+    def whole() -> None:
+        fresh = estimate_from_frames(capture, None, "cpu")
+        retrieve(read_measurement(fresh.lags, transfer=fresh.transfer), "unet", "fast", 0, "cpu")
+
+    def paper_look() -> None:
+        with torch.no_grad():
+            predict(paper, seen)
+
+    modulus = fourier_modulus(measurement)
+    rows = [
+        ("autocorrelation of two frames", lambda: estimate_from_frames(capture, None, "cpu")),
+        ("noise level", lambda: read_measurement(estimate.lags, transfer=estimate.transfer)),
+        ("network, batch 1", lambda: looks(network, seen, 1)),
+        ("two frames to albedo, fast", whole),
+        ("estimate to albedo, balanced", lambda: retrieve(measurement, "unet", "balanced", 0, "cpu")),
+        ("estimate to albedo, best", lambda: retrieve(measurement, "unet", "best", 0, "cpu")),
+        ("estimate to albedo, classical", lambda: retrieve(measurement, "classical", "balanced", 0, "cpu")),
+        ("the paper's U-net, batch 1", paper_look),
+        ("HIO, 2000 iterations, one start", lambda: hio(modulus, 64, torch.Generator().manual_seed(0),
+                                                         HioOptions(starts=1, shrink_every=0))),
+    ]
+    print("| | ms |\n|---|---|")
+    for name, run in rows:
+        print(f"| {name} | {1e3 * median_seconds(run):.1f} |")
+
+
+if __name__ == "__main__":
+    main()
