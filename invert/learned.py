@@ -10,6 +10,7 @@ import torch
 from torch import nn
 
 from invert.features import Observation, features, paper_picture
+from invert.registration import laid_over
 from invert.spectrum import Measurement
 from invert.unet import PaperUnet
 
@@ -28,11 +29,21 @@ UNBOUNDED_DOF = 1e6
 
 
 def predict(network: nn.Module, seen: Observation) -> tuple[torch.Tensor, torch.Tensor]:
-    """Albedos (n, 64, 64), and logits of the correlation with the truth that the network expects of each."""
+    """Albedos (n, 64, 64), and logits of the correlation with the truth that the network expects of each.
+
+    A classical reconstruction comes in either turn and anywhere; before the network is shown it, it is laid over what the
+    network draws from the estimate alone.
+    """
     plain = network.module if isinstance(network, nn.parallel.DistributedDataParallel) else network
-    picture = paper_picture(seen.estimate) if isinstance(plain, PaperUnet) else features(seen)
-    with torch.autocast(picture.device.type, dtype=torch.bfloat16):
-        return network(picture.to(memory_format=torch.channels_last))
+    with torch.autocast(seen.estimate.device.type, dtype=torch.bfloat16):
+        if isinstance(plain, PaperUnet):
+            return network(paper_picture(seen.estimate).to(memory_format=torch.channels_last), seen.classical)
+        if bool(seen.classical.any()):
+            with torch.no_grad():
+                alone = Observation.alone(seen.estimate, seen.floor, seen.dof)
+                first, _ = plain(features(alone).to(memory_format=torch.channels_last), alone.classical)
+            seen = replace(seen, classical=laid_over(seen.classical, first))
+        return network(features(seen).to(memory_format=torch.channels_last), seen.classical)
 
 
 def observation(measurement: Measurement, classical: np.ndarray | None = None, agreement: float = 0.0) -> Observation:

@@ -52,6 +52,20 @@ def registered(image: torch.Tensor, reference: torch.Tensor) -> tuple[torch.Tens
     return torch.stack(moved), value
 
 
+def laid_over(images: torch.Tensor, references: torch.Tensor) -> torch.Tensor:
+    """Each image (n, 64, 64) shifted and turned to fit its own reference (n, 64, 64); what leaves the window is lost."""
+    grid = (2 * OBJECT, 2 * OBJECT)
+    ours, theirs = torch.fft.rfft2(images, s=grid), torch.fft.rfft2(references, s=grid)
+    # A half turn conjugates the spectrum.
+    maps = torch.fft.irfft2(torch.stack((theirs * ours.conj(), theirs * ours), 1), s=grid)
+    moved = []
+    for image, best in zip(images, maps.flatten(1).argmax(1).tolist(), strict=True):
+        turn, shift = divmod(best, grid[0] * grid[1])
+        padded = torch.nn.functional.pad(image, (0, OBJECT, 0, OBJECT))
+        moved.append(torch.roll(turned(padded) if turn else padded, divmod(shift, grid[1]), (0, 1))[:OBJECT, :OBJECT])
+    return torch.stack(moved)
+
+
 def centred(image: torch.Tensor, side: int = OBJECT) -> torch.Tensor:
     """Cut the `side` x `side` window that holds the most of a periodic image (H, W), object in its middle."""
     for dimension in (0, 1):

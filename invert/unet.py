@@ -47,7 +47,8 @@ class Attention(nn.Module):
 
 class CorrelographyUnet(nn.Module):
     """Features of an estimate (n, CHANNELS, 32, 32) to albedo (n, 64, 64), zero or more, and the correlation with the
-    truth that it expects of itself (n,), as a logit.
+    truth that it expects of itself (n,), as a logit. A classical reconstruction (n, 64, 64), zeros for none, is among
+    the features and also added to the drawing, as far as each place trusts it.
 
     Most work is done at a half and less of the albedo's resolution, because what an autocorrelation tells is global.
     """
@@ -68,16 +69,18 @@ class CorrelographyUnet(nn.Module):
         self.up1 = nn.Sequential(ResidualBlock(2 * w1, w1), ResidualBlock(w1, w1), ResidualBlock(w1, w1))
         self.expand0 = nn.Conv2d(w1, 4 * (w1 // 2), 1)
         self.fine = ResidualBlock(w1 // 2, w1 // 2)
-        self.draw = nn.Sequential(nn.GroupNorm(8, w1 // 2), nn.SiLU(), nn.Conv2d(w1 // 2, 1, 3, padding=1))
+        self.draw = nn.Sequential(nn.GroupNorm(8, w1 // 2), nn.SiLU(), nn.Conv2d(w1 // 2, 2, 3, padding=1))
+        nn.init.constant_(self.draw[-1].bias[1:], 3.0)  # begin by trusting
         self.judge = nn.Sequential(nn.Linear(w3 + w1, w2), nn.SiLU(), nn.Linear(w2, 1))
 
-    def forward(self, features: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def forward(self, features: torch.Tensor, classical: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         level1 = self.down1(self.stem(features))
         level2 = self.down2(self.pool1(level1))
         middle = self.middle(self.pool2(level2))
         up2 = self.up2(torch.cat((functional.pixel_shuffle(self.expand2(middle), 2), level2), 1))
         up1 = self.up1(torch.cat((functional.pixel_shuffle(self.expand1(up2), 2), level1), 1))
-        albedo = functional.softplus(self.draw(self.fine(functional.pixel_shuffle(self.expand0(up1), 2)))[:, 0].float())
+        drawn, trust = self.draw(self.fine(functional.pixel_shuffle(self.expand0(up1), 2))).float().unbind(1)
+        albedo = functional.softplus(drawn + trust * classical)
         seen = torch.cat((middle.mean((-2, -1)), up1.mean((-2, -1))), 1)
         return albedo, self.judge(seen.detach())[:, 0].float()
 
@@ -98,7 +101,8 @@ class PaperUnet(nn.Module):
         self.up = nn.ModuleList(convolution(coarse + fine, fine) for coarse, fine in zip(w[:0:-1], w[-2::-1], strict=True))
         self.draw = nn.Conv2d(width, 1, 3, padding=1)
 
-    def forward(self, picture: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def forward(self, picture: torch.Tensor, classical: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        del classical  # the paper's network sees the estimate alone
         x, skipped = picture, []
         for index, block in enumerate(self.down):
             x = block(functional.max_pool2d(x, 2) if index else x)

@@ -85,8 +85,8 @@ class Simulation:
         height, width = samples.wall.shape
         wall = replace(samples.wall, shape=(height * oversampling, width * oversampling),
                        pitch_m=samples.wall.pitch_m / oversampling)
-        screens = _stream(seed, number, 2 * polarisation)
-        lit = illuminate(self.geometry, samples.grid, screens, grain=self._models("source_grain"))
+        lit = illuminate(self.geometry, samples.grid, lambda frame: _stream(seed, frame, 2 * polarisation), number,
+                         grain=self._models("source_grain"))
         if chosen.propagator == "fraunhofer":
             return fraunhofer(torch.from_numpy(samples.on_grid(lit, offset_hz)).to(self.device), wall.shape)
         scatterers = samples.lit(lit, offset_hz)
@@ -138,8 +138,8 @@ class Simulation:
     def frame(self, seed: int, number: int) -> torch.Tensor:
         """One stored frame in electrons, float32 (H, W).
 
-        Frame `number` of a capture lights another spot of the virtual source, at least a spot
-        diameter away, so its speckle is independent; so is its noise.
+        Frame `number` of a capture lights another spot of the virtual source, at least a spot diameter away unless the
+        laser's `scan_step` is less, so its speckle is independent; so is its noise.
         """
         noise = expose(self.expected(seed, number).numpy(), self._electronics, _stream(seed, number, 1),
                        self._models("shot_noise"))

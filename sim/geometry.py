@@ -27,6 +27,8 @@ class Spot:
     diameter_m: float
     height_rms_m: float
     correlation_length_m: float
+    scan_step_m: float | None
+    """Way of the spot between frames; None for at least its diameter."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,7 @@ def read_geometry(scene: mi.Scene) -> Geometry:
         pixels=height * width,
     )
     return Geometry(
-        spot=Spot(spot_point, laser.spot_diameter_m, screen.height_rms_m, screen.correlation_length_m),
+        spot=Spot(spot_point, laser.spot_diameter_m, screen.height_rms_m, screen.correlation_length_m, laser.scan_step_m),
         hidden_object=hidden_object,
         detector_centre=detector_centre,
         right=right,

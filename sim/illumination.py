@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from sim.geometry import Geometry
+
+Streams = Callable[[int], np.random.Generator]
 
 _SMALLEST_SPOT = 32
 """Source samples across the spot at least, so that its speckle is Gaussian."""
@@ -15,7 +19,18 @@ def grain_m(geometry: Geometry) -> float:
     return geometry.wavelength_m * geometry.source_distance_m / geometry.spot.diameter_m
 
 
-def illuminate(geometry: Geometry, grid: tuple[int, int], generator: np.random.Generator, *, grain: bool = True) -> np.ndarray:
+def overlap(geometry: Geometry) -> float:
+    """Share of the spot that one frame has in common with the next; 0 where each frame has a spot of its own.
+
+    The fields of the two frames correlate by as much, their intensities by its square.
+    """
+    if geometry.spot.scan_step_m is None or geometry.spot.scan_step_m >= geometry.spot.diameter_m:
+        return 0.0
+    reduced = geometry.spot.scan_step_m / geometry.spot.diameter_m
+    return float(2.0 / np.pi * (np.arccos(reduced) - reduced * np.sqrt(1.0 - reduced**2)))
+
+
+def illuminate(geometry: Geometry, grid: tuple[int, int], streams: Streams, number: int, *, grain: bool = True) -> np.ndarray:
     """Complex field on the object, mean intensity 1, at the samples of `Geometry.object_pitch_m`.
 
     The wall's heights turn the disc of light into a field of random phases 4 pi h / lambda (normal
@@ -25,16 +40,20 @@ def illuminate(geometry: Geometry, grid: tuple[int, int], generator: np.random.G
 
     Args:
         grid: samples (rows, columns) on the object.
+        streams: streams(frame) -> random generator of that frame's screens.
+        number: the frame's. Spots that overlap lie side by side on one wall and light one object; others share nothing.
         grain: whether the spot's own speckle lights the object; evenly lit if not.
 
     Returns:
         complex64 (rows, columns); times the object's own delta-correlated random phase.
     """
     pitch = geometry.object_pitch_m
+    shared = overlap(geometry) > 0.0
+    generator = streams(0 if shared else number)
     own_phase = np.exp(1j * generator.uniform(0.0, 2.0 * np.pi, grid).astype(np.float32))
     if not grain:
         return own_phase
-    if grain_m(geometry) < 0.5 * min(pitch):
+    if grain_m(geometry) < 0.5 * min(pitch) and not shared:
         # No two samples share a grain: independent circular Gaussians, whatever the spot's shape.
         gaussian = generator.standard_normal((2, *grid), np.float32) * np.float32(np.sqrt(0.5))
         return gaussian[0] + 1j * gaussian[1]
@@ -44,10 +63,19 @@ def illuminate(geometry: Geometry, grid: tuple[int, int], generator: np.random.G
     step = geometry.spot.diameter_m / across
     position = (np.arange(across) - 0.5 * (across - 1)) * step
     disc = np.hypot(position[:, None], position[None, :]) <= 0.5 * geometry.spot.diameter_m
-    heights = generator.standard_normal((across, across)) * geometry.spot.height_rms_m
-    source = (disc * np.exp(4j * np.pi / geometry.wavelength_m * heights)).astype(np.complex64)
-    to_rows, to_columns = (_fourier_kernel(n, d, position, geometry) for n, d in zip(grid, pitch, strict=True))
+    first = round(number * geometry.spot.scan_step_m / step) if shared else 0
+    heights = _strip(generator, across, first) if shared else generator.standard_normal((across, across))
+    source = (disc * np.exp(4j * np.pi / geometry.wavelength_m * geometry.spot.height_rms_m * heights)).astype(np.complex64)
+    to_rows = _fourier_kernel(grid[0], pitch[0], position, geometry)
+    to_columns = _fourier_kernel(grid[1], pitch[1], position + first * step, geometry)
     return (to_rows @ source @ to_columns.T) * own_phase / np.float32(np.sqrt(disc.sum()))
+
+
+def _strip(generator: np.random.Generator, across: int, first: int) -> np.ndarray:
+    """Columns `first` on of an endless strip of heights, each from a seed of its own; (across, across)."""
+    seed = int(generator.integers(2**63))
+    columns = range(first, first + across)
+    return np.stack([np.random.default_rng([seed, column]).standard_normal(across) for column in columns], 1)
 
 
 def _fourier_kernel(samples: int, pitch: float, source_position: np.ndarray, geometry: Geometry) -> np.ndarray:

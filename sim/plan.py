@@ -14,6 +14,7 @@ from radiometry.prediction import predict
 from radiometry.throughput import closed_form, detector_to_pixel
 from sim.effects import Effect, decide
 from sim.geometry import Geometry
+from sim.illumination import overlap
 from sim.object_samples import ObjectSamples, sample_object
 from sim.propagation.choose import Option, choose, options
 from sim.propagation.sampling import Scatterers
@@ -136,6 +137,11 @@ def scene_warnings(geometry: Geometry, pitch_m: float) -> list[str]:
     width_m, lags_m = max(geometry.hidden_object.extent_m), 64 * pitch_m
     budget, electronics = closed_form(geometry.light_path), geometry.electronics
     warnings = []
+    common = overlap(geometry)
+    if common > 0.0:
+        warnings.append(f"scan_step: {100 * common:.3g} % of the spot is shared by one frame and the next, whose speckle then "
+                        f"correlates by {common**2:.2g}: fewer degrees of freedom than predicted; move it by "
+                        f"{geometry.spot.diameter_m:.3g} m or more")
     if width_m > lags_m:
         warnings.append(f"hidden_object: {width_m * 1e3:.3g} mm across, but the 64 lags of {pitch_m * 1e6:.4g} um that "
                         f"truth.npy and invert hold end at {lags_m * 1e3:.3g} mm; render a smaller one, or invert with a "

@@ -12,8 +12,8 @@ from radiometry.errors import InputError, positive
 class Laser(mi.Emitter):
     """Beam along the local +z axis of `to_world`.
 
-    Parameters (SI): `to_world`, `wavelength`, `power`, `spot_diameter` (uniform disc on the wall), and
-    `linewidth` in Hz (full width at half maximum, 0).
+    Parameters (SI): `to_world`, `wavelength`, `power`, `spot_diameter` (uniform disc on the wall),
+    `linewidth` in Hz (full width at half maximum, 0), `scan_step` (way of the spot between frames; its diameter or more).
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -24,6 +24,8 @@ class Laser(mi.Emitter):
         self.power_w = positive("laser.power", props["power"], zero_allowed=True)
         self.spot_diameter_m = positive("laser.spot_diameter", props["spot_diameter"])
         self.linewidth_hz = positive("laser.linewidth", props.get("linewidth", 0.0), zero_allowed=True)
+        step = props.get("scan_step", None)
+        self.scan_step_m = None if step is None else positive("laser.scan_step", step, zero_allowed=True)
         if "to_world" not in props:
             raise InputError("laser.to_world", "a transform that aims the beam", "none", "add a <lookat> to the laser")
         matrix = np.asarray(props["to_world"].matrix, np.float64)

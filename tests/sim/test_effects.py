@@ -14,6 +14,7 @@ from sim.detector_roughness import degrees_of_freedom, exact_image, gamma_image,
 from sim.effects import parse_effects
 from sim.frame import Simulation
 from sim.geometry import read_geometry
+from sim.illumination import overlap
 from sim.plan import Settings, make_plan
 from sim.plugins.speckle_camera import Electronics
 from sim.scene_file import load_scene
@@ -193,3 +194,20 @@ def test_ambient_light_has_its_closed_form(scene):
     assert next(effect for effect in plan["effects"] if effect["name"] == "ambient")["modelled"]
     with pytest.raises(InputError, match="ambient"):
         Simulation(scene(), Settings(effects=(("ambient", True),)))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.6, 1.0])
+def test_spots_that_overlap_correlate_frames(scene, share):
+    """Field correlation is the overlap of two discs, intensity correlation its square; none from one diameter on."""
+    spot = 'name="spot_diameter" value="5e-3"'
+    geometry = scene((spot, f'{spot}/><float name="scan_step" value="{share * 5e-3}"'))
+    simulation = Simulation(geometry, Settings(effects=BARE))
+    fields = [simulation.wall_field(7, number) for number in range(2)]
+    correlation = abs(complex((fields[0] * fields[1].conj()).mean())) / float(fields[0].abs().square().mean())
+    common = 2.0 / np.pi * (np.arccos(share) - share * np.sqrt(1.0 - share**2))
+    assert overlap(geometry) == pytest.approx(common, abs=1e-12)
+    assert correlation == pytest.approx(common, abs=0.06)
+    images = [field.abs().square().numpy().ravel() for field in fields]
+    assert np.corrcoef(*images)[0, 1] == pytest.approx(common**2, abs=0.06)
+    warned = any("scan_step" in warning for warning in make_plan(geometry, 2)["warnings"])
+    assert warned == (share < 1.0)

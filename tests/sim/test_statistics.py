@@ -24,9 +24,8 @@ def test_fraunhofer_matches_the_sum(random):
 
 def wall_intensity(simulation, number: int) -> np.ndarray:
     """Intensity before pupil and pixel, mean 1 over realisations."""
-    generator = np.random.default_rng(number)
     samples = sample_object(simulation.geometry)
-    field = samples.on_grid(illuminate(simulation.geometry, samples.grid, generator))
+    field = samples.on_grid(illuminate(simulation.geometry, samples.grid, np.random.default_rng, number))
     wall = fraunhofer(torch.from_numpy(field), simulation.geometry.frame_shape)
     return (wall.abs() ** 2).numpy() / samples.brightness
 
@@ -64,7 +63,7 @@ def test_the_object_is_lit_by_grains_of_lambda_d_over_spot(letter_simulation):
     assert grain_m(geometry) == pytest.approx(532e-9 * 0.5 / 5e-3, rel=1e-3)
     covariance = 0.0
     for number in range(40):
-        field = illuminate(geometry, (256, 128), np.random.default_rng(number))
+        field = illuminate(geometry, (256, 128), np.random.default_rng, number)
         assert np.mean(np.abs(field) ** 2) == pytest.approx(1.0, abs=0.15)
         intensity = np.abs(field) ** 2 - 1.0
         covariance = covariance + np.abs(np.fft.fft2(intensity)) ** 2

@@ -1,0 +1,46 @@
+"""`python -m sim.mesh INPUT OUTPUT.ply`: any mesh that trimesh reads (STL, OBJ, PLY, GLB) as a PLY for a scene.
+
+Mitsuba reads no STL; and scenes want flat faces in metres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from radiometry.errors import ArgumentParser, InputError, positive, run_command
+from radiometry.output import atomic
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    parser = ArgumentParser(prog="python -m sim.mesh", description="Convert a mesh to PLY, in metres, for a scene.")
+    parser.add_argument("input", type=Path)
+    parser.add_argument("output", type=Path)
+    parser.add_argument("--unit-m", type=float, default=1.0, help="metres per unit of the input (0.001 for millimetres)")
+    options = parser.parse_args(argv)
+    unit_m = positive("--unit-m", options.unit_m)
+    if options.output.suffix.lower() != ".ply":
+        raise InputError("output", "a name that ends in .ply", options.output, "rename it")
+    if not options.input.is_file():
+        raise InputError("input", "a mesh", f"no {options.input}", "check the path")
+    import trimesh
+
+    try:
+        mesh = trimesh.load(options.input, force="mesh")
+        mesh.apply_scale(unit_m)
+    except Exception as error:  # every loader raises its own kinds
+        raise InputError("input", "a mesh that can be read", f"{options.input} ({type(error).__name__})",
+                         "export it again") from None
+    if len(mesh.faces) == 0 or not np.isfinite(mesh.vertices).all():
+        raise InputError("input", "a mesh of triangles at finite places", f"{len(mesh.faces)} triangles in {options.input}",
+                         "export it again")
+    with atomic(options.output) as partial:
+        partial.write_bytes(mesh.export(file_type="ply", vertex_normal=False))
+    size = " x ".join(f"{extent * 1e3:.3g}" for extent in mesh.extents)
+    print(f"{options.output}: {len(mesh.faces)} triangles, {size} mm")
+
+
+if __name__ == "__main__":
+    run_command(main)
