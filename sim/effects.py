@@ -68,7 +68,7 @@ def decide(geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced
     contrast = lost_contrast(samples.path_m, samples.amplitude, geometry.linewidth_hz)
     found = [
         Effect("phase_screen", True, f"rough virtual source (phase rms {phase_rms:.3g} rad), independent samples",
-               0.5 * (half_angle / scattering) ** 2),
+               min(1.0, 0.5 * (half_angle / scattering) ** 2) if scattering else 0.0),
         Effect("source_grain", True, f"grain of {grain_m(geometry) * 1e6:.3g} um on the object", 0.0),
         Effect("pupil_and_pixel", True, "H, incoherent blur by pupil and pixel", 0.0),
         Effect("shot_noise", True, "Poisson", 0.0),

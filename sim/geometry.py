@@ -29,6 +29,10 @@ class Spot:
     correlation_length_m: float
     scan_step_m: float | None
     """Way of the spot between frames; None for at least its diameter."""
+    beam: np.ndarray
+    """Direction of the laser's light."""
+    normal: np.ndarray
+    """Of the wall, towards the light."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +157,8 @@ def read_geometry(scene: mi.Scene) -> Geometry:
         pixels=height * width,
     )
     return Geometry(
-        spot=Spot(spot_point, laser.spot_diameter_m, screen.height_rms_m, screen.correlation_length_m, laser.scan_step_m),
+        spot=Spot(spot_point, laser.spot_diameter_m, screen.height_rms_m, screen.correlation_length_m, laser.scan_step_m,
+                  laser.direction, source_normal),
         hidden_object=hidden_object,
         detector_centre=detector_centre,
         right=right,

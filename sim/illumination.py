@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.special import j1
 
 from sim.geometry import Geometry
 
@@ -31,12 +32,12 @@ def overlap(geometry: Geometry) -> float:
 
 
 def illuminate(geometry: Geometry, grid: tuple[int, int], streams: Streams, number: int, *, grain: bool = True) -> np.ndarray:
-    """Complex field on the object, mean intensity 1, at the samples of `Geometry.object_pitch_m`.
+    """Complex field on the object, mean intensity 1 under a rough wall, at the samples of `Geometry.object_pitch_m`.
 
     The wall's heights turn the disc of light into a field of random phases 4 pi h / lambda (normal
     incidence); each source sample is larger than the heights' correlation length, so phases are
     independent. Fraunhofer from source to object: the quadratic phases that it drops are lost in
-    the random phases of both rough surfaces.
+    the random phases of both rough surfaces. What a smooth wall does not scatter goes its mirror's way.
 
     Args:
         grid: samples (rows, columns) on the object.
@@ -53,7 +54,7 @@ def illuminate(geometry: Geometry, grid: tuple[int, int], streams: Streams, numb
     own_phase = np.exp(1j * generator.uniform(0.0, 2.0 * np.pi, grid).astype(np.float32))
     if not grain:
         return own_phase
-    if grain_m(geometry) < 0.5 * min(pitch) and not shared:
+    if grain_m(geometry) < 0.5 * min(pitch) and not shared and specular_share(geometry) < 1e-12:
         # No two samples share a grain: independent circular Gaussians, whatever the spot's shape.
         gaussian = generator.standard_normal((2, *grid), np.float32) * np.float32(np.sqrt(0.5))
         return gaussian[0] + 1j * gaussian[1]
@@ -65,10 +66,38 @@ def illuminate(geometry: Geometry, grid: tuple[int, int], streams: Streams, numb
     disc = np.hypot(position[:, None], position[None, :]) <= 0.5 * geometry.spot.diameter_m
     first = round(number * geometry.spot.scan_step_m / step) if shared else 0
     heights = _strip(generator, across, first) if shared else generator.standard_normal((across, across))
-    source = (disc * np.exp(4j * np.pi / geometry.wavelength_m * geometry.spot.height_rms_m * heights)).astype(np.complex64)
+    specular = np.sqrt(specular_share(geometry))
+    phase = 4.0 * np.pi / geometry.wavelength_m * geometry.spot.height_rms_m * heights
+    source = (disc * (np.exp(1j * phase) - specular)).astype(np.complex64)
     to_rows = _fourier_kernel(grid[0], pitch[0], position, geometry)
     to_columns = _fourier_kernel(grid[1], pitch[1], position + first * step, geometry)
-    return (to_rows @ source @ to_columns.T) * own_phase / np.float32(np.sqrt(disc.sum()))
+    scattered = (to_rows @ source @ to_columns.T) / np.float32(np.sqrt(disc.sum()))
+    return (scattered + specular_field(geometry, grid)) * own_phase
+
+
+def specular_share(geometry: Geometry) -> float:
+    """Share of the light that a smooth wall does not scatter, exp(-(4 pi s / lambda)^2) at normal incidence (Beckmann)."""
+    return float(np.exp(-((4.0 * np.pi * geometry.spot.height_rms_m / geometry.wavelength_m) ** 2)))
+
+
+def specular_field(geometry: Geometry, grid: tuple[int, int]) -> np.ndarray | float:
+    """Field of the spot's mirror image on the object, in units of what a Lambertian wall scatters there; 0 for a rough wall.
+
+    The spot's Airy pattern around the mirror direction (Goodman, Introduction to Fourier Optics, Eq. 4-30): its
+    irradiance P A / (lambda d1)^2 against the Lambertian P / (pi d1^2).
+    """
+    share = specular_share(geometry)
+    if share < 1e-12:
+        return 0.0
+    spot, hidden = geometry.spot, geometry.hidden_object
+    row, column = ((np.arange(n) - 0.5 * (n - 1)) * step for n, step in zip(grid, geometry.object_pitch_m, strict=True))
+    way = hidden.centre - spot.centre + row[:, None, None] * hidden.down + column[None, :, None] * hidden.right
+    missed = way / np.linalg.norm(way, axis=-1, keepdims=True) - spot.beam
+    missed -= (missed @ spot.normal)[..., None] * spot.normal
+    argument = np.pi * spot.diameter_m / geometry.wavelength_m * np.linalg.norm(missed, axis=-1)
+    airy = np.where(argument > 1e-6, 2.0 * j1(argument) / np.maximum(argument, 1e-6), 1.0)
+    gain = np.pi * (0.25 * np.pi * spot.diameter_m**2) / geometry.wavelength_m**2
+    return (np.sqrt(share * gain) * airy).astype(np.complex64)
 
 
 def _strip(generator: np.random.Generator, across: int, first: int) -> np.ndarray:

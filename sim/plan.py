@@ -14,7 +14,7 @@ from radiometry.prediction import predict
 from radiometry.throughput import closed_form, detector_to_pixel
 from sim.effects import Effect, decide
 from sim.geometry import Geometry
-from sim.illumination import overlap
+from sim.illumination import overlap, specular_share
 from sim.object_samples import ObjectSamples, sample_object
 from sim.propagation.choose import Option, choose, options
 from sim.propagation.sampling import Scatterers
@@ -53,12 +53,11 @@ def check_sampling(geometry: Geometry) -> None:
 
 
 def check_rough(geometry: Geometry) -> None:
-    """Surfaces smoother than about lambda / 4 keep a specular part, which is not modelled."""
-    smoothest = {"virtual source": geometry.spot.height_rms_m, "hidden_object": geometry.hidden_object.height_rms_m}
-    for name, height_rms_m in smoothest.items():
-        if 4.0 * math.pi * height_rms_m / geometry.wavelength_m < math.pi:
-            raise InputError("height_rms", f"a rough {name}, {geometry.wavelength_m / 4.0:.3g} m or more", height_rms_m,
-                             "the specular part of smooth surfaces is not modelled")
+    """An object smoother than about lambda / 4 keeps a specular part, which is not modelled."""
+    height_rms_m = geometry.hidden_object.height_rms_m
+    if 4.0 * math.pi * height_rms_m / geometry.wavelength_m < math.pi:
+        raise InputError("height_rms", f"a rough hidden_object, {geometry.wavelength_m / 4.0:.3g} m or more", height_rms_m,
+                         "the specular part of smooth objects is not modelled")
 
 
 def check_exposure(geometry: Geometry) -> None:
@@ -137,6 +136,10 @@ def scene_warnings(geometry: Geometry, pitch_m: float) -> list[str]:
     width_m, lags_m = max(geometry.hidden_object.extent_m), 64 * pitch_m
     budget, electronics = closed_form(geometry.light_path), geometry.electronics
     warnings = []
+    share = specular_share(geometry)
+    if share > 1e-3:
+        warnings.append(f"virtual_source: {100 * share:.3g} % of the light goes its mirror's way, past or onto the object; "
+                        "the light budget counts all of it as scattered")
     common = overlap(geometry)
     if common > 0.0:
         warnings.append(f"scan_step: {100 * common:.3g} % of the spot is shared by one frame and the next, whose speckle then "

@@ -14,7 +14,7 @@ from sim.detector_roughness import degrees_of_freedom, exact_image, gamma_image,
 from sim.effects import parse_effects
 from sim.frame import Simulation
 from sim.geometry import read_geometry
-from sim.illumination import overlap
+from sim.illumination import overlap, specular_field, specular_share
 from sim.plan import Settings, make_plan
 from sim.plugins.speckle_camera import Electronics
 from sim.scene_file import load_scene
@@ -211,3 +211,46 @@ def test_spots_that_overlap_correlate_frames(scene, share):
     assert np.corrcoef(*images)[0, 1] == pytest.approx(common**2, abs=0.06)
     warned = any("scan_step" in warning for warning in make_plan(geometry, 2)["warnings"])
     assert warned == (share < 1.0)
+
+
+def smooth_source(height_rms_m: float) -> tuple[str, str]:
+    """The virtual source alone with other heights: it is the first with a phase_screen."""
+    text = scene_path("corner_letter").read_text()
+    start = text.index('id="virtual_source"')
+    old = text[start : text.index("</bsdf>", start)]
+    return old, old.replace('value="2e-6"', f'value="{height_rms_m}"')
+
+
+@pytest.mark.parametrize("height_rms_m", [0.0, 1e-8, 3e-8, 6e-8, 2e-6])
+def test_the_specular_share_of_a_smooth_wall(scene, random, height_rms_m):
+    geometry = scene(smooth_source(height_rms_m))
+    phase = 4.0 * np.pi * height_rms_m * random.standard_normal(400_000) / 532e-9
+    assert specular_share(geometry) == pytest.approx(abs(np.exp(1j * phase).mean()) ** 2, abs=5e-3)
+
+
+def test_light_that_a_smooth_wall_does_not_scatter_misses_the_object(scene):
+    """In the reference geometry the mirror's way leads elsewhere: the object gets what is scattered, 1 - exp(-g)."""
+    rough = Simulation(scene())
+    mean = float(np.mean([float(rough.expected(2, n).mean()) for n in range(4)]))
+    for height_rms_m in (0.0, 3e-8):
+        geometry = scene(smooth_source(height_rms_m))
+        smooth = Simulation(geometry)
+        scattered = float(np.mean([float(smooth.expected(2, n).mean()) for n in range(4)]))
+        assert scattered / mean == pytest.approx(1.0 - specular_share(geometry), abs=0.03)
+        assert any("mirror" in warning for warning in make_plan(geometry, 2)["warnings"])
+
+
+def test_the_mirror_image_of_the_spot_is_its_fraunhofer_integral(scene):
+    """Irradiance of an evenly lit disc at the object, summed over its surface, against the Lambertian P / (pi d^2)."""
+    old = 'origin="0.06, 0.25, 0.1" target="0.1039558, 0, 0.4890738"'
+    geometry = scene(smooth_source(0.0), (old, old.replace("0.06, 0.25, 0.1", "0.02079116, 0, 0.09781476")))
+    field = specular_field(geometry, (3, 41))
+    across = (np.arange(400) - 199.5) * 5e-3 / 400
+    disc = np.hypot(across[:, None], across[None]) <= 2.5e-3
+    distance = geometry.source_distance_m
+    for column in (20, 22, 30):
+        offset = (column - 20) * geometry.object_pitch_m[1] * np.cos(np.deg2rad(12.0))  # as the source sees it
+        wave = np.exp(-2j * np.pi * across * offset / (532e-9 * distance))
+        cell = (5e-3 / 400) ** 2
+        irradiance = abs((disc * wave).sum() * cell) ** 2 / (532e-9 * distance) ** 2 / (disc.sum() * cell)
+        assert abs(field[1, column]) ** 2 == pytest.approx(irradiance * np.pi * distance**2, rel=0.05, abs=1e3)

@@ -152,11 +152,14 @@ def test_an_object_too_large_for_the_frame_says_how_far_to_move(letter_simulatio
     letter_simulation("F", standoff="0.27")
 
 
-def test_a_mirror_smooth_wall_is_refused(tmp_path):
+def test_a_mirror_smooth_object_is_refused(tmp_path):
     from sim.frame import Simulation
 
+    text = scene_path("corner_letter").read_text()
+    screen = text[text.index('id="hidden_object"') : text.index('id="virtual_detector"')]
+    smooth = screen.replace('name="height_rms" value="2e-6"', 'name="height_rms" value="1e-8"')
     with pytest.raises(InputError, match="height_rms"):
-        Simulation(read_geometry(edited(tmp_path, ('name="height_rms" value="2e-6"', 'name="height_rms" value="1e-8"'))))
+        Simulation(read_geometry(edited(tmp_path, (re.escape(screen), smooth))))
 
 
 def test_unknown_xml_parameters_stay_errors(tmp_path):
