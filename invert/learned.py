@@ -57,10 +57,11 @@ def observation(measurement: Measurement, classical: np.ndarray | None = None, a
 
 @torch.no_grad()
 def looks(network: nn.Module, seen: Observation, poses: int) -> tuple[torch.Tensor, float]:
-    """Albedos (poses, 64, 64) from one observation in so many poses, each turned back, and the correlation expected of one."""
+    """Albedos (poses, 64, 64) from one observation in so many poses, each turned back, and the logit of the correlation it
+    expects."""
     posed = Observation(torch.cat([pose(seen.estimate) for pose, _ in POSES[:poses]]), seen.floor.expand(poses),
                         seen.dof.expand(poses), torch.cat([pose(seen.classical) for pose, _ in POSES[:poses]]),
                         seen.agreement.expand(poses))
     albedo, expected = predict(network, posed)
     turned_back = torch.stack([back(one) for (_, back), one in zip(POSES, albedo, strict=False)])
-    return turned_back, float(expected.sigmoid().mean())
+    return turned_back, float(expected.mean())

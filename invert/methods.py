@@ -11,6 +11,7 @@ import torch
 
 from invert.admm_tv import AdmmTvOptions, admm_tv
 from invert.altmin import AltMinOptions, altmin
+from invert.calibrate import confidence
 from invert.error_reduction import ErrorReductionOptions, error_reduction
 from invert.hio import HioOptions, hio
 from invert.learned import looks, observation
@@ -46,6 +47,9 @@ QUALITIES = {"fast": (4, 0.3), "balanced": (16, 1.0), "best": (64, 1.0)}
 
 NETWORK_LOOKS = {"fast": (1, None), "balanced": (4, "fast"), "best": (4, "balanced")}
 """Poses in which the network looks, and the quality of the classical reconstruction that it is shown, None for none."""
+
+UNCALIBRATED = (0.0, 1.0, 0.0, 0.0)
+"""Confidence of a network without calibration: what it expects of itself."""
 
 BELIEVED = 0.2
 """Correlation with the truth that a network must expect of its picture to claim an object."""
@@ -110,19 +114,33 @@ def retrieve(measurement: Measurement, method: str, quality: str, seed: int, dev
 
 def _by_network(measurement: Measurement, quality: str, seed: int, device: str, progress: Progress,
                 weights: Path) -> Reconstruction:
-    """One look, or the registered mean of looks in several poses at the estimate and its classical reconstruction."""
-    network, _ = load_network(weights, device)
-    poses, classical_quality = NETWORK_LOOKS[quality]
-    seen = observation(measurement)
-    if classical_quality:
-        classical = retrieve(measurement, "classical", classical_quality, seed, device, progress)
-        seen = observation(measurement, classical.albedo, classical.confidence)
-    images, expected = looks(network, seen.part(slice(None), device), poses)
+    """The network's picture, if it believes it."""
+    image, signs, transfer = draw(measurement, quality, seed, device, weights, progress)
+    fit = load_network(weights, device)[1].get("calibration", {}).get(quality, UNCALIBRATED)
+    expected = float(confidence(fit, np.array(signs)))
     if expected < BELIEVED:
         return replace(NOTHING, confidence=expected)
-    padded = torch.nn.functional.pad(images, (0, OBJECT, 0, OBJECT))
-    together = consensus(padded, torch.zeros(poses))
-    return _normalised(together.image, expected, None, together.transfer if poses > 1 else ())
+    return _normalised(image, expected, None, transfer)
+
+
+def draw(measurement: Measurement, quality: str, seed: int, device: str, weights: Path,
+         progress: Progress = lambda: None) -> tuple[torch.Tensor, tuple[float, float, float], tuple[float, ...]]:
+    """One look of the network, or the registered mean of several at an estimate and its classical reconstruction.
+
+    Returns:
+        the picture (128, 128), periodic; signs of how good it is (the logit of the correlation that the network expects, agreement of
+        its poses, of the classical starts); the poses' transfer function.
+    """
+    network, _ = load_network(weights, device)
+    poses, classical_quality = NETWORK_LOOKS[quality]
+    seen, agreement = observation(measurement), 0.0
+    if classical_quality:
+        classical = retrieve(measurement, "classical", classical_quality, seed, device, progress)
+        agreement = classical.confidence
+        seen = observation(measurement, classical.albedo, agreement)
+    images, logit = looks(network, seen.part(slice(None), device), poses)
+    together = consensus(torch.nn.functional.pad(images, (0, OBJECT, 0, OBJECT)), torch.zeros(poses))
+    return together.image, (logit, together.agreement, agreement), together.transfer if poses > 1 else ()
 
 
 def _normalised(image: torch.Tensor, confidence: float, residual: float | None,

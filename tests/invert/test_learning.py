@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 
+from invert.calibrate import confidence, fit_logistic
 from invert.features import CHANNELS, Observation, features, paper_picture
 from invert.learned import POSES, predict
 from invert.losses import LOSSES, registered_pearson
@@ -282,3 +283,11 @@ def test_the_network_draws_an_f_that_is_not_mirrored(random):
         assert abs(result.confidence - pearson) < 0.2
     twice = retrieve(measurement, "unet", "balanced", 0, "cpu")
     np.testing.assert_array_equal(twice.albedo, result.albedo)
+
+
+def test_calibration_finds_the_logistic_it_was_made_with(random):
+    signs = random.standard_normal((4000, 3))
+    true = [0.3, 1.2, -0.7, 0.0]
+    achieved = confidence(true, signs) + 0.05 * random.standard_normal(4000)
+    np.testing.assert_allclose(fit_logistic(signs, achieved.clip(0.0, 1.0)), true, atol=0.05)
+    assert np.isfinite(fit_logistic(np.zeros((50, 3)), np.full(50, 0.7))).all()
