@@ -80,6 +80,13 @@ def paper_picture(estimate: torch.Tensor) -> torch.Tensor:
     return functional.pad(filled / filled.amax((-2, -1), keepdim=True).clamp_min(1e-30), (1, 0, 1, 0))[:, None]
 
 
+def modulus_picture(estimate: torch.Tensor, floor: torch.Tensor) -> torch.Tensor:
+    """|F(r)| from the estimate less its floor, zero frequency in the middle, largest value 1; (n, 1, 128, 128)."""
+    excess = functional.pad(_without_zero_lag(estimate) - floor[:, None, None], (0, 1, 0, 1))
+    spectrum = torch.fft.fft2(torch.roll(excess, (-LAGS, -LAGS), (-2, -1))).real.clamp_min(0.0).sqrt()
+    return torch.fft.fftshift(spectrum / spectrum.amax((-2, -1), keepdim=True).clamp_min(1e-30), (-2, -1))[:, None]
+
+
 def _without_zero_lag(estimate: torch.Tensor) -> torch.Tensor:
     """Zero lag replaced by the mean of its four neighbours."""
     filled = estimate.clone()

@@ -9,10 +9,10 @@ import numpy as np
 import torch
 from torch import nn
 
-from invert.features import Observation, features, paper_picture
+from invert.features import Observation, features, modulus_picture, paper_picture
 from invert.registration import laid_over
 from invert.spectrum import Measurement
-from invert.unet import PaperUnet
+from invert.unet import PaperModulusUnet, PaperUnet
 
 Pose = Callable[[torch.Tensor], torch.Tensor]
 
@@ -37,7 +37,11 @@ def predict(network: nn.Module, seen: Observation) -> tuple[torch.Tensor, torch.
     plain = network.module if isinstance(network, nn.parallel.DistributedDataParallel) else network
     with torch.autocast(seen.estimate.device.type, dtype=torch.bfloat16):
         if isinstance(plain, PaperUnet):
-            return network(paper_picture(seen.estimate).to(memory_format=torch.channels_last), seen.classical)
+            if isinstance(plain, PaperModulusUnet):
+                picture = modulus_picture(seen.estimate, seen.floor)
+            else:
+                picture = paper_picture(seen.estimate)
+            return network(picture.to(memory_format=torch.channels_last), seen.classical)
         if bool(seen.classical.any()):
             with torch.no_grad():
                 alone = Observation.alone(seen.estimate, seen.floor, seen.dof)

@@ -128,8 +128,8 @@ def draw(measurement: Measurement, quality: str, seed: int, device: str, weights
     """One look of the network, or the registered mean of several at an estimate and its classical reconstruction.
 
     Returns:
-        the picture (128, 128), periodic; signs of how good it is (the logit of the correlation that the network expects, agreement of
-        its poses, of the classical starts); the poses' transfer function.
+        the picture (128, 128), periodic; signs of how good it is (the logit of the correlation that the network
+        expects, agreement of its poses, of the classical starts); the poses' transfer function.
     """
     network, _ = load_network(weights, device)
     poses, classical_quality = NETWORK_LOOKS[quality]

@@ -111,3 +111,7 @@ class PaperUnet(nn.Module):
             x = block(torch.cat((functional.interpolate(x, scale_factor=2.0, mode="nearest"), beside), 1))
         albedo = functional.relu(self.draw(x))[:, 0, 32:96, 32:96].float()
         return albedo, albedo.new_zeros(len(albedo))
+
+
+class PaperModulusUnet(PaperUnet):
+    """The same shown |F(r)| instead of r*r: the mapping that section 5.C of the paper found harder to learn."""

@@ -14,7 +14,7 @@ import pytest
 import torch
 
 from invert.calibrate import confidence, fit_logistic
-from invert.features import CHANNELS, Observation, features, paper_picture
+from invert.features import CHANNELS, Observation, features, modulus_picture, paper_picture
 from invert.learned import POSES, predict
 from invert.losses import LOSSES, registered_pearson
 from invert.methods import retrieve
@@ -22,8 +22,9 @@ from invert.metrics import aligned_pearson
 from invert.spectrum import read_measurement
 from invert.train import main as train
 from invert.training_data import at_noise, paper_noise, varied
-from invert.unet import CorrelographyUnet, PaperUnet
+from invert.unet import CorrelographyUnet, PaperModulusUnet, PaperUnet
 from invert.weights import SHIPPED, load_network, read_weights, save_weights
+from radiometry.autocorrelation import autocorrelate
 from radiometry.errors import InputError
 from radiometry.noise_level import INDEPENDENT, OUTERMOST, RING
 
@@ -119,7 +120,7 @@ def test_batches_depend_on_the_generator_alone(objects):
     assert float(corner.var() / corner.mean() ** 2) == pytest.approx(0.015, rel=0.1)
 
 
-@pytest.mark.parametrize("kind", [CorrelographyUnet, PaperUnet])
+@pytest.mark.parametrize("kind", [CorrelographyUnet, PaperUnet, PaperModulusUnet])
 def test_networks_draw_albedos(observed, kind):
     torch.manual_seed(0)
     network = kind(16).eval()
@@ -139,6 +140,16 @@ def test_the_papers_network_is_the_papers():
     layers = [module for module in network.modules() if isinstance(module, torch.nn.Conv2d)]
     assert len(layers) == 12
     assert {layer.out_channels for layer in layers[:-1]} == {64, 128, 256, 512}
+
+
+def test_the_modulus_picture_is_the_object_s_spectrum(objects):
+    truth = objects.float() / 255.0
+    lags = torch.stack([torch.from_numpy(autocorrelate(one.numpy())) for one in truth]).float()
+    lags[:, 63, 63] = 0.0  # never seen
+    picture = modulus_picture(lags + 3.0, torch.full((6,), 3.0))
+    spectrum = torch.fft.fftshift(torch.fft.fft2(truth, s=(128, 128)).abs(), (-2, -1))[:, None]
+    together = torch.stack((picture.flatten(), (spectrum / spectrum.amax((-2, -1), keepdim=True)).flatten()))
+    assert float(torch.corrcoef(together)[0, 1]) > 0.98
 
 
 def test_poses_are_undone(objects):

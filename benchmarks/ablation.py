@@ -1,0 +1,58 @@
+"""`python -m benchmarks.ablation DATASET [-o docs]`: losses and mappings of the paper's sections 5.B and 5.C, at reduced size.
+
+The paper's U-net at an eighth of its width, the paper's noise, the same steps and seed for each; table and curves.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+
+from invert.losses import LOSSES
+from invert.train import VALIDATION
+from invert.train import main as train
+
+STEPS, EVERY = 240, 40
+POINT = 1
+"""Validation level that the curves show: b 80 / 255, K 64."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("dataset")
+    parser.add_argument("-o", "--output", type=Path, default=Path("docs"))
+    options = parser.parse_args()
+    runs = [(loss, "paper") for loss in LOSSES] + [("autocorrelation-l1", "paper-modulus"), ("registered", "paper-modulus")]
+    curves = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for loss, network in runs:
+            output = Path(folder) / f"{network}-{loss}.safetensors"
+            train([options.dataset, "-o", str(output), "--network", network, "--width", "16", "--loss", loss, "--noise", "paper",
+                   "--steps", str(STEPS), "--batch", "16", "--checkpoint-every", str(EVERY)])
+            curves[f"{loss}, from {'|F(r)|' if network == 'paper-modulus' else 'r*r'}"] = json.loads(
+                output.with_suffix(".json").read_text())["curve"]
+    floor, dof = VALIDATION[POINT]
+    print(f"| loss, mapping | correlation after {STEPS} steps of 16, b {255 * floor:.0f}/255, K {dof:g} |\n|---|---|")
+    for name, curve in sorted(curves.items(), key=lambda item: -item[1][-1]["pearson"][POINT]):
+        print(f"| {name} | {curve[-1]['pearson'][POINT]:.3f} |")
+    _draw(curves, options.output / "ablation.png")
+
+
+def _draw(curves: dict[str, list], path: Path) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 4), layout="constrained")
+    axes = figure.add_subplot()
+    for name, curve in curves.items():
+        axes.plot([point["step"] for point in curve], [point["pearson"][POINT] for point in curve],
+                  "--" if "|F" in name else "-", label=name)
+    axes.set_xlabel("step")
+    axes.set_ylabel("registered correlation, validation")
+    axes.legend(fontsize=7)
+    figure.savefig(path, dpi=110)
+
+
+if __name__ == "__main__":
+    main()
