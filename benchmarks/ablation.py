@@ -29,8 +29,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for loss, network in runs:
             output = Path(folder) / f"{network}-{loss}.safetensors"
-            train([options.dataset, "-o", str(output), "--network", network, "--width", "16", "--loss", loss, "--noise", "paper",
-                   "--steps", str(STEPS), "--batch", "16", "--checkpoint-every", str(EVERY)])
+            train([options.dataset, "-o", str(output), "--network", network, "--width", "16", "--loss", loss,
+                   "--noise", "paper", "--steps", str(STEPS), "--batch", "16", "--checkpoint-every", str(EVERY)])
             curves[f"{loss}, from {'|F(r)|' if network == 'paper-modulus' else 'r*r'}"] = json.loads(
                 output.with_suffix(".json").read_text())["curve"]
     floor, dof = VALIDATION[POINT]

@@ -1,4 +1,4 @@
-"""What the networks see: the signal, its significance, the noise level, and a classical reconstruction if there is one."""
+"""What the networks see of an estimate: the signal, its significance, and the noise level."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ from torch.nn import functional
 from invert.registration import OBJECT
 from radiometry.autocorrelation import LAGS
 
-CHANNELS = 2 * (16 + 4) + 2 + 4 + 1
-"""All lags four by four, the inner ones (as far as the albedo reaches) two by two, for two pictures; two numbers; the
-classical reconstruction two by two, and the agreement of its starts."""
+CHANNELS = 2 * (16 + 4) + 2
+"""All lags four by four, the inner ones (as far as the albedo reaches) two by two, for two pictures; two numbers."""
 
 DOF_RANGE = (1.0, 1e6)
 
@@ -25,20 +24,17 @@ class Observation:
         estimate: (n, 127, 127), zero lag at [63, 63], floor included.
         floor, dof: noise level of each, (n,).
         classical: what classical retrieval makes of it, (n, 64, 64), largest value 1; zeros where it was not tried.
-        agreement: of its starts with one another, (n,), 0 where it was not tried.
     """
 
     estimate: torch.Tensor
     floor: torch.Tensor
     dof: torch.Tensor
     classical: torch.Tensor
-    agreement: torch.Tensor
 
     @classmethod
     def alone(cls, estimate: torch.Tensor, floor: torch.Tensor, dof: torch.Tensor) -> Observation:
         """Estimates without a classical reconstruction."""
-        n = len(estimate)
-        return cls(estimate, floor, dof, estimate.new_zeros(n, OBJECT, OBJECT), estimate.new_zeros(n))
+        return cls(estimate, floor, dof, estimate.new_zeros(len(estimate), OBJECT, OBJECT))
 
     def __len__(self) -> int:
         return len(self.estimate)
@@ -53,7 +49,7 @@ def features(seen: Observation) -> torch.Tensor:
 
     Returns:
         (n, CHANNELS, 32, 32): the signal over its height near zero lag, under a square root; the signal over its
-        own noise, logarithmic where large; floor over height and K, logarithmic; the classical reconstruction.
+        own noise, logarithmic where large; floor over height and K, logarithmic.
     """
     floor = seen.floor
     freedom = seen.dof.clamp(*DOF_RANGE)[:, None, None]
@@ -67,11 +63,9 @@ def features(seen: Observation) -> torch.Tensor:
     significance = torch.asinh(signal * freedom.sqrt() / filled.clamp_min(1e-3 * height)) / 3.0
     pictures = functional.pad(torch.stack((root, significance), 1), (1, 0, 1, 0))
     inner = pictures[:, :, 32:96, 32:96]
-    numbers = torch.stack((torch.log10(floor / height[:, 0, 0] + 1e-3), 0.5 * torch.log10(freedom[:, 0, 0]) - 1.0,
-                           seen.agreement), 1)
+    numbers = torch.stack((torch.log10(floor / height[:, 0, 0] + 1e-3), 0.5 * torch.log10(freedom[:, 0, 0]) - 1.0), 1)
     planes = numbers[:, :, None, None].expand(-1, -1, 32, 32)
-    return torch.cat((functional.pixel_unshuffle(pictures, 4), functional.pixel_unshuffle(inner, 2), planes,
-                      functional.pixel_unshuffle(seen.classical[:, None], 2)), 1)
+    return torch.cat((functional.pixel_unshuffle(pictures, 4), functional.pixel_unshuffle(inner, 2), planes), 1)
 
 
 def paper_picture(estimate: torch.Tensor) -> torch.Tensor:

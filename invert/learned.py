@@ -9,10 +9,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from invert.features import Observation, features, modulus_picture, paper_picture
-from invert.registration import laid_over
+from invert.features import Observation
 from invert.spectrum import Measurement
-from invert.unet import PaperModulusUnet, PaperUnet
 
 Pose = Callable[[torch.Tensor], torch.Tensor]
 
@@ -31,32 +29,19 @@ UNBOUNDED_DOF = 1e6
 def predict(network: nn.Module, seen: Observation) -> tuple[torch.Tensor, torch.Tensor]:
     """Albedos (n, 64, 64), and logits of the correlation with the truth that the network expects of each.
 
-    A classical reconstruction comes in either turn and anywhere; before the network is shown it, it is laid over what the
-    network draws from the estimate alone.
+    bfloat16 inside, float32 outside.
     """
-    plain = network.module if isinstance(network, nn.parallel.DistributedDataParallel) else network
     with torch.autocast(seen.estimate.device.type, dtype=torch.bfloat16):
-        if isinstance(plain, PaperUnet):
-            if isinstance(plain, PaperModulusUnet):
-                picture = modulus_picture(seen.estimate, seen.floor)
-            else:
-                picture = paper_picture(seen.estimate)
-            return network(picture.to(memory_format=torch.channels_last), seen.classical)
-        if bool(seen.classical.any()):
-            with torch.no_grad():
-                alone = Observation.alone(seen.estimate, seen.floor, seen.dof)
-                first, _ = plain(features(alone).to(memory_format=torch.channels_last), alone.classical)
-            seen = replace(seen, classical=laid_over(seen.classical, first))
-        return network(features(seen).to(memory_format=torch.channels_last), seen.classical)
+        return network(seen)
 
 
-def observation(measurement: Measurement, classical: np.ndarray | None = None, agreement: float = 0.0) -> Observation:
+def observation(measurement: Measurement, classical: np.ndarray | None = None) -> Observation:
     """What the network is shown of one measurement."""
     one = Observation.alone(torch.from_numpy(measurement.estimate)[None], torch.tensor([measurement.noise.floor]).float(),
                             torch.tensor([measurement.noise.dof or UNBOUNDED_DOF]).float())
     if classical is None:
         return one
-    return replace(one, classical=torch.from_numpy(classical)[None], agreement=torch.tensor([agreement]))
+    return replace(one, classical=torch.from_numpy(classical)[None])
 
 
 @torch.no_grad()
@@ -64,8 +49,7 @@ def looks(network: nn.Module, seen: Observation, poses: int) -> tuple[torch.Tens
     """Albedos (poses, 64, 64) from one observation in so many poses, each turned back, and the logit of the correlation it
     expects."""
     posed = Observation(torch.cat([pose(seen.estimate) for pose, _ in POSES[:poses]]), seen.floor.expand(poses),
-                        seen.dof.expand(poses), torch.cat([pose(seen.classical) for pose, _ in POSES[:poses]]),
-                        seen.agreement.expand(poses))
+                        seen.dof.expand(poses), torch.cat([pose(seen.classical) for pose, _ in POSES[:poses]]))
     albedo, expected = predict(network, posed)
     turned_back = torch.stack([back(one) for (_, back), one in zip(POSES, albedo, strict=False)])
     return turned_back, float(expected.mean())

@@ -45,8 +45,8 @@ QUALITIES = {"fast": (4, 0.3), "balanced": (16, 1.0), "best": (64, 1.0)}
 """Starts, and share of a method's iterations."""
 
 
-NETWORK_LOOKS = {"fast": (1, None), "balanced": (4, "fast"), "best": (4, "balanced")}
-"""Poses in which the network looks, and the quality of the classical reconstruction that it is shown, None for none."""
+NETWORK_LOOKS = {"fast": (1, "fast"), "balanced": (4, "balanced"), "best": (4, "best")}
+"""Poses in which the network looks, and the quality of the classical reconstruction that it is shown."""
 
 UNCALIBRATED = (0.0, 1.0, 0.0, 0.0)
 """Confidence of a network without calibration: what it expects of itself."""
@@ -86,8 +86,7 @@ def method_options(method: str, quality: str) -> Any:
 def iterations(method: str, quality: str) -> int:
     """How often a retrieval will report progress."""
     if method == "unet":
-        classical = NETWORK_LOOKS[quality][1]
-        return method_options("classical", classical).iterations if classical else 1
+        return method_options("classical", NETWORK_LOOKS[quality][1]).iterations
     return method_options(method, quality).iterations
 
 
@@ -133,14 +132,11 @@ def draw(measurement: Measurement, quality: str, seed: int, device: str, weights
     """
     network, _ = load_network(weights, device)
     poses, classical_quality = NETWORK_LOOKS[quality]
-    seen, agreement = observation(measurement), 0.0
-    if classical_quality:
-        classical = retrieve(measurement, "classical", classical_quality, seed, device, progress)
-        agreement = classical.confidence
-        seen = observation(measurement, classical.albedo, agreement)
+    classical = retrieve(measurement, "classical", classical_quality, seed, device, progress)
+    seen = observation(measurement, classical.albedo)
     images, logit = looks(network, seen.part(slice(None), device), poses)
     together = consensus(torch.nn.functional.pad(images, (0, OBJECT, 0, OBJECT)), torch.zeros(poses))
-    return together.image, (logit, together.agreement, agreement), together.transfer if poses > 1 else ()
+    return together.image, (logit, together.agreement, classical.confidence), together.transfer if poses > 1 else ()
 
 
 def _normalised(image: torch.Tensor, confidence: float, residual: float | None,

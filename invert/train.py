@@ -19,9 +19,9 @@ from torch import nn
 
 from invert.learned import predict
 from invert.losses import LOSSES, registered_pearson
-from invert.training_data import Batch, at_noise, joined, paper_noise, varied, warm
-from invert.unet import CorrelographyUnet
-from invert.warm_starts import load_warm_starts
+from invert.training_data import Batch, at_noise, paper_noise, varied, warm
+from invert.unet import CorrelographyNet
+from invert.warm_starts import load_warm_starts, split_warm_starts
 from invert.weights import NETWORKS, load_network, read_weights, save_weights
 from radiometry.errors import ArgumentParser, InputError, check_device, check_seed, run_command
 
@@ -40,7 +40,7 @@ def parser() -> ArgumentParser:
     p.add_argument("--width", type=int, default=64, help="channels of the widest picture")
     p.add_argument("--loss", choices=tuple(LOSSES), default="registered")
     p.add_argument("--noise", choices=("varied", "paper"), default="varied")
-    p.add_argument("--warm", nargs="+", help="stores of python -m invert.warm_starts; half of each batch comes from them")
+    p.add_argument("--warm", nargs="+", help="stores of python -m invert.warm_starts: train the part that sees them, alone")
     p.add_argument("--start-from", type=Path, help="weights of an earlier run to begin with")
     p.add_argument("--steps", type=int, default=6000)
     p.add_argument("--checkpoint-every", type=int, default=250, metavar="STEPS")
@@ -63,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     targets, held_out = load_targets(options.dataset)
     training = Training(options, rank, world)
     training.resume()
-    validation = _validation_batches(held_out, options.seed)
+    validation = training.validation(held_out)
     with tqdm(total=options.steps, initial=training.step, unit="step", disable=None if rank == 0 else True) as bar:
         while training.step < options.steps:
             loss = training.advance(targets)
@@ -88,12 +88,16 @@ class Training:
         self.options, self.rank, self.world = options, rank, world
         torch.manual_seed(options.seed)
         self.network = NETWORKS[options.network](options.width).to(device=options.device, memory_format=torch.channels_last)
+        if isinstance(self.network, CorrelographyNet):
+            frozen = self.network.alone if options.warm else self.network.fusion
+            frozen.requires_grad_(False)
+        self.trained = [value for value in self.network.parameters() if value.requires_grad]
         self.parallel = nn.parallel.DistributedDataParallel(self.network) if world > 1 else self.network
         self.average = {name: value.clone() for name, value in self.network.state_dict().items()}
-        self.optimiser = torch.optim.AdamW(self.network.parameters(), options.learning_rate, (0.9, 0.99), weight_decay=0.01)
+        self.optimiser = torch.optim.AdamW(self.trained, options.learning_rate, (0.9, 0.99), weight_decay=0.01)
         self.step, self.curve = 0, []
         self.earlier: dict[str, Any] | None = None
-        self.warm = load_warm_starts(options.warm) if options.warm else None
+        self.warm, self.warm_held_out = split_warm_starts(load_warm_starts(options.warm)) if options.warm else (None, None)
         if options.start_from:
             self.start_from(options.start_from)
         self.seconds = self.cpu_seconds = 0.0
@@ -109,13 +113,13 @@ class Training:
         albedo, judged = predict(self.parallel, batch.seen)
         shown = batch.truth.amax((-2, -1)) > 0.0
         loss = LOSSES[options.loss](albedo[shown], batch.truth[shown]).mean()
-        if isinstance(self.network, CorrelographyUnet):
+        if isinstance(self.network, CorrelographyNet):
             with torch.no_grad():
                 achieved = registered_pearson(albedo, batch.truth).clamp(0.0, 1.0) * shown
             loss = loss + JUDGE_WEIGHT * nn.functional.binary_cross_entropy_with_logits(judged, achieved)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
-        nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        nn.utils.clip_grad_norm_(self.trained, 1.0)
         self.optimiser.step()
         decay = min(0.999, (1.0 + self.step) / (10.0 + self.step))
         with torch.no_grad():
@@ -130,13 +134,19 @@ class Training:
         return float(loss.detach())
 
     def _draw(self, targets: torch.Tensor) -> Batch:
-        """The batch of this step: with warm starts, half of it has them."""
+        """The batch of this step."""
         count, generator = self.options.batch, _generator(self.options.seed, self.step)
         if self.options.noise == "paper":
             return paper_noise(targets, count, generator)
-        if self.warm is None:
-            return varied(targets, count, generator)
-        return joined(varied(targets, count - count // 2, generator), warm(self.warm, count // 2, generator))
+        return varied(targets, count, generator) if self.warm is None else warm(self.warm, count, generator)
+
+    def validation(self, held_out: torch.Tensor) -> list[Batch]:
+        """Held-out targets at the levels of `VALIDATION`; with warm starts, held-out ones of those at every level."""
+        generator = torch.Generator().manual_seed(self.options.seed)
+        if self.warm_held_out is not None:
+            return [warm(self.warm_held_out, 256, generator)]
+        chosen = held_out[torch.randperm(len(held_out), generator=generator)[:64]].float() / 255.0
+        return [at_noise(chosen, floor, dof, generator) for floor, dof in VALIDATION]
 
     def note(self, loss: float, validation: list[Batch]) -> None:
         """Measure the averaged network and add a point to the curve."""
@@ -148,7 +158,8 @@ class Training:
             for batch in validation:
                 moved = batch.part(slice(None), self.options.device)
                 albedo, _ = predict(self.network, moved.seen)
-                pearson.append(float(registered_pearson(albedo, moved.truth).mean()))
+                shown = moved.truth.amax((-2, -1)) > 0.0
+                pearson.append(float(registered_pearson(albedo[shown], moved.truth[shown]).mean()))
         self.network.load_state_dict(trained)
         self.curve.append({"step": self.step, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds, "loss": loss,
                            "pearson": pearson})
@@ -214,17 +225,12 @@ class Training:
         half = {name: value.half() if value.is_floating_point() else value for name, value in self.average.items()}
         card = {"network": self.options.network, "width": self.options.width, "run": self._run(),
                 "seconds": round(self.seconds), "cpu_seconds": round(self.cpu_seconds), "dataset": dataset,
-                "validation": [list(level) for level in VALIDATION], "pearson": self.curve[-1]["pearson"],
+                "validation": "warm starts" if self.options.warm else [list(level) for level in VALIDATION],
+                "pearson": self.curve[-1]["pearson"],
                 "torch": torch.__version__}
         save_weights(self.options.output, half, card)
         save_curve(self.options.output.with_suffix(".png"), self.curve)
         self.options.output.with_suffix(".json").write_text(json.dumps({**card, "curve": self.curve}, indent=2) + "\n")
-
-
-def _validation_batches(held_out: torch.Tensor, seed: int, count: int = 64) -> list[Batch]:
-    generator = torch.Generator().manual_seed(seed)
-    chosen = held_out[torch.randperm(len(held_out), generator=generator)[:count]].float() / 255.0
-    return [at_noise(chosen, floor, dof, generator) for floor, dof in VALIDATION]
 
 
 def _schedule(step: int, steps: int) -> float:
@@ -252,8 +258,8 @@ def _check(options: Any) -> None:
     for name in ("steps", "batch", "width", "checkpoint_every"):
         if getattr(options, name) < 1:
             raise InputError(f"--{name}", "a whole number above zero", getattr(options, name), "choose another")
-    if options.width % 16:
-        raise InputError("--width", "a multiple of 16", options.width, "choose another")
+    if options.width % 32 and (options.network == "unet" or options.width % 8):
+        raise InputError("--width", "a multiple of 32 (of 8 for the paper's)", options.width, "choose another")
     if options.output.suffix != ".safetensors":
         raise InputError("-o", "a name that ends in .safetensors", options.output, "rename it")
     if not options.output.parent.is_dir():

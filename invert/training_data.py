@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -88,15 +88,8 @@ def warm(stored: dict[str, torch.Tensor], count: int, generator: torch.Generator
         turned = (torch.rand(count, generator=generator) < 0.5)[:, None, None]
         pictures = [torch.where(turned, turn(picture), picture) for picture in pictures]
     estimate, truth, classical = pictures
-    seen = Observation(estimate, *(stored[name][chosen] for name in ("floor", "dof")), classical, stored["agreement"][chosen])
+    seen = Observation(estimate, *(stored[name][chosen] for name in ("floor", "dof")), classical)
     return Batch(seen, truth)
-
-
-def joined(first: Batch, second: Batch) -> Batch:
-    """Two batches as one."""
-    seen = Observation(*(torch.cat((getattr(first.seen, field.name), getattr(second.seen, field.name)))
-                         for field in fields(Observation)))
-    return Batch(seen, torch.cat((first.truth, second.truth)))
 
 
 def paper_noise(targets: torch.Tensor, count: int, generator: torch.Generator) -> Batch:

@@ -16,9 +16,9 @@ def save_curve(path: Path, curve: list[dict[str, Any]]) -> None:
 
     figure = Figure(figsize=(6, 4), layout="constrained")
     axes = figure.add_subplot()
-    for index, (floor, dof) in enumerate(VALIDATION):
-        axes.plot([point["seconds"] / 60.0 for point in curve], [point["pearson"][index] for point in curve],
-                  label=f"b {255 * floor:.0f}/255, K {dof:g}")
+    levels = [f"b {255 * floor:.0f}/255, K {dof:g}" for floor, dof in VALIDATION]
+    for index, label in enumerate(levels if len(curve[0]["pearson"]) > 1 else ["warm starts, every level"]):
+        axes.plot([point["seconds"] / 60.0 for point in curve], [point["pearson"][index] for point in curve], label=label)
     axes.set_xlabel("minutes")
     axes.set_ylabel("registered correlation, validation")
     axes.legend(fontsize=8)

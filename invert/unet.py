@@ -9,7 +9,8 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from invert.features import CHANNELS
+from invert.features import CHANNELS, Observation, features, modulus_picture, paper_picture
+from invert.registration import laid_over
 
 
 class ResidualBlock(nn.Module):
@@ -45,18 +46,18 @@ class Attention(nn.Module):
         return x + self.out(mixed.transpose(-1, -2).reshape(n, channels, height, width))
 
 
-class CorrelographyUnet(nn.Module):
-    """Features of an estimate (n, CHANNELS, 32, 32) to albedo (n, 64, 64), zero or more, and the correlation with the
-    truth that it expects of itself (n,), as a logit. A classical reconstruction (n, 64, 64), zeros for none, is among
-    the features and also added to the drawing, as far as each place trusts it.
+class Unet(nn.Module):
+    """Features of an estimate (n, CHANNELS, 32, 32), with or without pictures, to albedo (n, 64, 64), zero or more, and the
+    correlation with the truth that it expects of itself (n,), as a logit.
 
     Most work is done at a half and less of the albedo's resolution, because what an autocorrelation tells is global.
+    Pictures (n, `pictures`, 64, 64) are among the features and also added to the drawing, as far as each place trusts them.
     """
 
-    def __init__(self, width: int = 64) -> None:
+    def __init__(self, width: int, pictures: int = 0) -> None:
         super().__init__()
         w1, w2, w3 = width, 2 * width, 4 * width
-        self.stem = nn.Conv2d(CHANNELS, w1, 3, padding=1)
+        self.stem = nn.Conv2d(CHANNELS + 4 * pictures, w1, 3, padding=1)
         self.down1 = nn.Sequential(ResidualBlock(w1, w1), ResidualBlock(w1, w1))
         self.pool1 = nn.Conv2d(w1, w2, 2, stride=2)
         self.down2 = nn.Sequential(ResidualBlock(w2, w2), ResidualBlock(w2, w2), Attention(w2))
@@ -69,24 +70,46 @@ class CorrelographyUnet(nn.Module):
         self.up1 = nn.Sequential(ResidualBlock(2 * w1, w1), ResidualBlock(w1, w1), ResidualBlock(w1, w1))
         self.expand0 = nn.Conv2d(w1, 4 * (w1 // 2), 1)
         self.fine = ResidualBlock(w1 // 2, w1 // 2)
-        self.draw = nn.Sequential(nn.GroupNorm(8, w1 // 2), nn.SiLU(), nn.Conv2d(w1 // 2, 2, 3, padding=1))
-        nn.init.constant_(self.draw[-1].bias[1:], 3.0)  # begin by trusting
+        self.draw = nn.Sequential(nn.GroupNorm(8, w1 // 2), nn.SiLU(), nn.Conv2d(w1 // 2, 1 + pictures, 3, padding=1))
+        nn.init.constant_(self.draw[-1].bias[1:], 1.5)  # begin by trusting
         self.judge = nn.Sequential(nn.Linear(w3 + w1, w2), nn.SiLU(), nn.Linear(w2, 1))
 
-    def forward(self, features: torch.Tensor, classical: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def forward(self, features: torch.Tensor, pictures: torch.Tensor | None = None) -> tuple[torch.Tensor, torch.Tensor]:
+        if pictures is not None:
+            features = torch.cat((features, functional.pixel_unshuffle(pictures, 2)), 1)
         level1 = self.down1(self.stem(features))
         level2 = self.down2(self.pool1(level1))
         middle = self.middle(self.pool2(level2))
         up2 = self.up2(torch.cat((functional.pixel_shuffle(self.expand2(middle), 2), level2), 1))
         up1 = self.up1(torch.cat((functional.pixel_shuffle(self.expand1(up2), 2), level1), 1))
-        drawn, trust = self.draw(self.fine(functional.pixel_shuffle(self.expand0(up1), 2))).float().unbind(1)
-        albedo = functional.softplus(drawn + trust * classical)
+        drawn = self.draw(self.fine(functional.pixel_shuffle(self.expand0(up1), 2))).float()
+        albedo = drawn[:, 0] if pictures is None else drawn[:, 0] + (drawn[:, 1:] * pictures).sum(1)
         seen = torch.cat((middle.mean((-2, -1)), up1.mean((-2, -1))), 1)
-        return albedo, self.judge(seen.detach())[:, 0].float()
+        return functional.softplus(albedo), self.judge(seen.detach())[:, 0].float()
+
+
+class CorrelographyNet(nn.Module):
+    """Two U-nets: `alone` draws from the estimate; `fusion` sees that and a classical reconstruction laid over it as well.
+
+    Where the classical reconstruction is good, it is kept and cleaned; where it is not, the first picture stands.
+    """
+
+    def __init__(self, width: int = 64) -> None:
+        super().__init__()
+        self.alone = Unet(width)
+        self.fusion = Unet(width // 2, pictures=2)
+
+    def forward(self, seen: Observation) -> tuple[torch.Tensor, torch.Tensor]:
+        shown = features(seen).to(memory_format=torch.channels_last)
+        first, expected = self.alone(shown)
+        if not bool(seen.classical.any()):
+            return first, expected
+        look = (first / first.amax((-2, -1), keepdim=True).clamp_min(1e-6)).detach()
+        return self.fusion(shown, torch.stack((look, laid_over(seen.classical, look)), 1))
 
 
 class PaperUnet(nn.Module):
-    """The paper's U-net: 12 convolutional layers of 64 to 512 channels, batch norm; (n, 1, 128, 128) to (n, 64, 64)."""
+    """The paper's U-net: 12 convolutional layers of 64 to 512 channels, batch norm; it has no expectation of itself."""
 
     def __init__(self, width: int = 64) -> None:
         super().__init__()
@@ -101,9 +124,11 @@ class PaperUnet(nn.Module):
         self.up = nn.ModuleList(convolution(coarse + fine, fine) for coarse, fine in zip(w[:0:-1], w[-2::-1], strict=True))
         self.draw = nn.Conv2d(width, 1, 3, padding=1)
 
-    def forward(self, picture: torch.Tensor, classical: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        del classical  # the paper's network sees the estimate alone
-        x, skipped = picture, []
+    def picture(self, seen: Observation) -> torch.Tensor:
+        return paper_picture(seen.estimate)
+
+    def forward(self, seen: Observation) -> tuple[torch.Tensor, torch.Tensor]:
+        x, skipped = self.picture(seen).to(memory_format=torch.channels_last), []
         for index, block in enumerate(self.down):
             x = block(functional.max_pool2d(x, 2) if index else x)
             skipped.append(x)
@@ -115,3 +140,6 @@ class PaperUnet(nn.Module):
 
 class PaperModulusUnet(PaperUnet):
     """The same shown |F(r)| instead of r*r: the mapping that section 5.C of the paper found harder to learn."""
+
+    def picture(self, seen: Observation) -> torch.Tensor:
+        return modulus_picture(seen.estimate, seen.floor)

@@ -93,5 +93,11 @@ def load_warm_starts(addresses: Sequence[str]) -> dict[str, torch.Tensor]:
     return {name: torch.from_numpy(np.concatenate([part[name] for part in parts])) for name in ARRAYS}
 
 
+def split_warm_starts(stored: dict[str, torch.Tensor]) -> tuple[dict[str, torch.Tensor], dict[str, torch.Tensor]]:
+    """Samples to train with, and the last twentieth held out."""
+    kept = len(stored["albedo"]) - max(1, len(stored["albedo"]) // 20)
+    return {name: value[:kept] for name, value in stored.items()}, {name: value[kept:] for name, value in stored.items()}
+
+
 if __name__ == "__main__":
     run_command(main)

@@ -12,13 +12,13 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
 
-from invert.unet import CorrelographyUnet, PaperModulusUnet, PaperUnet
+from invert.unet import CorrelographyNet, PaperModulusUnet, PaperUnet
 from radiometry.errors import InputError
 from radiometry.output import atomic
 
 SHIPPED = Path(__file__).with_name("weights") / "unet.safetensors"
 
-NETWORKS: dict[str, type[nn.Module]] = {"unet": CorrelographyUnet, "paper": PaperUnet, "paper-modulus": PaperModulusUnet}
+NETWORKS: dict[str, type[nn.Module]] = {"unet": CorrelographyNet, "paper": PaperUnet, "paper-modulus": PaperModulusUnet}
 
 
 def save_weights(path: Path, tensors: dict[str, torch.Tensor], card: dict[str, Any]) -> None:
