@@ -26,8 +26,8 @@ Precision = Literal["float32", "float64"]
 Visibility = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 TILE = 64
-_PAIRS_AT_ONCE = 2**22
-"""Tiles x scatterers held in memory at once."""
+_PAIRS_AT_ONCE, _TILES_AT_ONCE = 2**22, 64
+"""Tiles x scatterers, and tiles, held in memory at once."""
 
 PAIRS_PER_SECOND = {"float32": 1.5e9, "float64": 0.5e9}
 """On two cores; only a prediction of time, never a result."""
@@ -46,7 +46,7 @@ def direct(scatterers: Scatterers, wall: Wall, *, precision: Precision = "float3
     field = np.zeros(wall.shape, np.complex64 if precision == "float32" else np.complex128)
     corners = [(row, column) for row in range(0, height, TILE) for column in range(0, width, TILE)]
     chunk = max(1, min(len(scatterers), _PAIRS_AT_ONCE))
-    together = max(1, _PAIRS_AT_ONCE // chunk)
+    together = min(_TILES_AT_ONCE, max(1, _PAIRS_AT_ONCE // chunk))
     inner = np.arange(TILE) - 0.5 * (TILE - 1)
     offset = (inner[:, None, None] * wall.down + inner[None, :, None] * wall.right).reshape(-1, 3) * wall.pitch_m
     for first in range(0, len(corners), together):

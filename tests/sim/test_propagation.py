@@ -1,5 +1,9 @@
 """Kernels against an independent 50-digit sum, against one another, and against their own predictions."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import mpmath
 import numpy as np
 import pytest
@@ -214,3 +218,44 @@ def test_frames_of_every_kernel_agree(letter_simulation):
     fraunhofer = Simulation(shown).wall_field(3, 1)
     assert float((fraunhofer.abs() ** 2).mean()) == pytest.approx(float(np.mean(np.abs(fields["direct"]) ** 2)), rel=0.05)
     assert torch.is_complex(fraunhofer)
+
+
+BOUNDED = """
+import resource, sys
+import numpy as np
+import sim
+from sim.propagation.direct import direct
+from sim.propagation.nufft import nufft
+from sim.propagation.sampling import Scatterers, Wall
+
+kernel, count, side = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+random = np.random.default_rng(0)
+wall = Wall(np.array([0.0, 0.0, 3.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), (side, side), 6.9e-6, 532e-9)
+scatterers = Scatterers(random.uniform(-5e-3, 5e-3, (count, 3)), np.ones(count, complex))
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+field = direct(scatterers, wall) if kernel == "direct" else nufft(scatterers, wall, tolerance=1e-3, precision="float32")
+assert np.isfinite(field.view(np.float32)).all()
+print((resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1e6)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kernel", "count", "side", "gigabytes"), [
+    ("direct", 1, 16384, 3.5), ("direct", 1_000_000, 64, 1.5), ("nufft", 1_000_000, 257, 3.0)])
+def test_memory_is_bounded_whatever_object_and_frame(kernel, count, side, gigabytes):
+    """A field of 16 k x 16 k holds 2.1 GB itself."""
+    arguments = [sys.executable, "-c", BOUNDED, kernel, str(count), str(side)]
+    done = subprocess.run(arguments, capture_output=True, text=True, cwd=Path(__file__).parents[2], check=False)
+    assert done.returncode == 0, done.stderr[-500:]
+    assert float(done.stdout) < gigabytes
+
+
+@pytest.mark.parametrize("tilt_deg", [60.0, 85.0, 89.0])
+def test_grazing_tilt(random, tilt_deg):
+    """A plate almost along the line of sight: nufft against the direct sum, and a prediction that Fresnel fails."""
+    scatterers, _, wall = on_grid(random, 1.0, (60, 5), (130, 257), tilt_deg=0.0)
+    along = np.tan(np.deg2rad(tilt_deg)) * scatterers.position_m[:, 0]
+    tilted = Scatterers(scatterers.position_m + along[:, None] * [0.0, 0.0, 1.0], scatterers.amplitude)
+    reference = direct(tilted, wall, precision="float64")
+    assert distance(nufft(tilted, wall, tolerance=1e-5), reference) < 1e-5
+    assert np.isfinite(validity.field_error("fresnel", wall, (wall.down, wall.right), tilted))
