@@ -284,10 +284,11 @@ def noise(random: np.random.Generator, kind: str) -> np.ndarray:
 
 @needs_weights
 @pytest.mark.parametrize("kind", ["white", "lines", "slope"])
-@pytest.mark.parametrize("quality", ["fast", "balanced"])
-def test_noise_is_no_object(random, kind, quality):
-    alarms = sum(retrieve(read_measurement(noise(random, kind)), "unet", quality, 0, "cpu").object_found for _ in range(200))
-    assert alarms <= 2
+@pytest.mark.parametrize(("quality", "count"), [("fast", 200), ("balanced", 40)])
+def test_noise_is_no_object(random, kind, quality, count):
+    """False alarms below 1 %."""
+    estimates = (read_measurement(noise(random, kind)) for _ in range(count))
+    assert sum(retrieve(estimate, "unet", quality, 0, "cpu").object_found for estimate in estimates) <= 0.01 * count
 
 
 @needs_weights
