@@ -1,6 +1,6 @@
 """`python -m benchmarks.ablation DATASET [-o docs]`: losses and mappings of the paper's sections 5.B and 5.C, at reduced size.
 
-The paper's U-net at an eighth of its width, the paper's noise, the same steps and seed for each; table and curves.
+The paper's U-net at a quarter of its width, the paper's noise, the same steps and seed for each; table and curves.
 """
 
 from __future__ import annotations

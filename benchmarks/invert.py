@@ -54,7 +54,8 @@ def main() -> None:
     measurement = read_measurement(estimate.lags, transfer=estimate.transfer)
     network, _ = load_network(SHIPPED)
     paper = load_network(paper_weights)[0] if paper_weights else PaperUnet().to(memory_format=torch.channels_last).eval()
-    seen = observation(measurement)
+    quick = retrieve(measurement, "classical", "fast", 0, "cpu")
+    seen = observation(measurement, quick.albedo)
 
     def whole() -> None:
         fresh = estimate_from_frames(capture, None, "cpu")

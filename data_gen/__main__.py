@@ -11,7 +11,7 @@ from typing import Any
 
 from radiometry.errors import ArgumentParser, InputError, check_seed, positive, run_command
 
-PACKAGES = ("correlograph", "numpy", "pillow", "scikit-image", "torch", "zarr")
+PACKAGES = ("correlograph", "matplotlib", "mitsuba", "numpy", "pillow", "scikit-image", "scipy", "torch", "zarr")
 """What a dataset's bytes depend on beside its arguments."""
 
 

@@ -47,6 +47,9 @@ def load_targets(address: str) -> tuple[torch.Tensor, torch.Tensor]:
     """All training and all validation targets in memory, uint8 (n, 64, 64) each."""
     group = open_dataset(address)
     albedo, split = np.asarray(group["albedo"]), np.asarray(group["split"])
+    if split.all() or not split.any():
+        raise InputError("dataset", "targets for training and for validation", f"one kind only among {len(split)} in {address}",
+                         "make a larger one")
     return torch.from_numpy(albedo[split == 0]), torch.from_numpy(albedo[split == 1])
 
 

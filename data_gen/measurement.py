@@ -58,7 +58,10 @@ class SceneMeasurement:
         """Floor and (r*r)(0) of the estimate of an albedo (64, 64), in electrons squared."""
         geometry = self._simulation.geometry.showing(albedo, self._pitch_m)
         terms = noise_terms(geometry, albedo, self._pitch_m)
-        return terms.signal + terms.dark + terms.read + terms.quantisation, terms.signal**2 * terms.grain_pixels
+        floor = terms.signal + terms.ambient + terms.dark + terms.read + terms.quantisation
+        if self._simulation.effects["detector_roughness"].modelled:
+            floor += 2.0 * terms.detector_grain_pixels * terms.signal**2
+        return floor, terms.signal**2 * terms.grain_pixels
 
     def render(self, albedo: np.ndarray, seed: int) -> np.ndarray:
         """Estimate (127, 127) from rendered frames, in units of (r*r)(0)."""

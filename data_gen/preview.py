@@ -17,7 +17,7 @@ COLUMNS = 8
 def main(argv: Sequence[str] | None = None) -> None:
     parser = ArgumentParser(prog="python -m data_gen.preview", description="Draw a contact sheet of a dataset.")
     parser.add_argument("dataset")
-    parser.add_argument("-o", "--output", type=Path, help="picture; preview.png beside the dataset by default")
+    parser.add_argument("-o", "--output", type=Path, help="picture; DATASET.preview.png by default")
     parser.add_argument("--rows", type=int, default=3)
     options = parser.parse_args(argv)
     if not 1 <= options.rows <= 50:

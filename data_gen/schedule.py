@@ -23,11 +23,12 @@ def _client(workers: int, scheduler: str | None) -> Iterator:
 
     if scheduler is not None:
         try:
-            with Client(scheduler, timeout=20) as client:
-                yield client
+            client = Client(scheduler, timeout=20)
         except (OSError, ValueError, TimeoutError) as error:
             raise InputError("--scheduler", "a Dask scheduler that answers", f"{scheduler} ({error})",
                              "start one with 'dask scheduler'") from None
+        with client:
+            yield client
         return
     with (dask.config.set({"distributed.worker.memory.terminate": False, "distributed.logging.distributed": "error"}),
           LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster,
@@ -40,7 +41,7 @@ def make_shards(address: str, recipe: Recipe, shards: list[int], workers: int, s
 
     A shard whose worker dies is given to another. Whatever stops the work, finished shards stay.
     """
-    from distributed import as_completed
+    from distributed import KilledWorker, as_completed
 
     if not shards:
         return 0
@@ -50,8 +51,13 @@ def make_shards(address: str, recipe: Recipe, shards: list[int], workers: int, s
     with _client(workers, scheduler) as client, tqdm(total=total, unit="sample", disable=None) as bar:
         futures = client.map(partial(make_shard, address, recipe), shards, pure=False, retries=2)
         for future in as_completed(futures):
-            made += future.result()
-            bar.update(future.result())
+            try:
+                done = future.result()
+            except KilledWorker:
+                raise InputError("worker", "processes that live", "several that died on one shard",
+                                 "give them more memory, then run the same command again") from None
+            made += done
+            bar.update(done)
     return made
 
 

@@ -18,8 +18,8 @@ SIDE = 64
 FINE = 4
 _CANVAS = SIDE * FINE
 
-ALPHABET = "γδεζθλμξπστφψΔΘΛΞΠΦΨΩгджйлфцшщъыюяДЖЛФЦШЩЮЯאבגדהזחטכלמנספצקשת←↑→↔⇒∀∂∇∑√∞∫≈≠≤≥⊕⊗★♠♣♥♪✈✓✚"
-"""Characters of DejaVu Sans that cannot be taken for a Latin letter or a digit."""
+ALPHABET = "γδεζθλμξπστφψΔΘΞΠΦΨΩгджйлфцшщъыюяДЖЛФЦШЩЮאבגדהזחטכלמנספצקשת←↑→↔⇒∂∇∑√∞∫≈≠≤≥⊕⊗★♠♣♥♪✈✓✚"
+"""Characters of DejaVu Sans that cannot be taken for a Latin letter or a digit, mirrored and turned neither."""
 
 FONTS = ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf", "DejaVuSans-Oblique.ttf")
 

@@ -25,6 +25,8 @@ def shard_size(measurement: str) -> int:
     return BLOCK if measurement == "render" else 32 * BLOCK
 
 
+ARRAYS = ("albedo", "split", "autocorrelation", "floor_over_peak", "dof", "complete")
+
 PAIR_BYTES = SIDE * SIDE // 16 + 2 * LAG_SIDE * LAG_SIDE + 8
 """Bytes of a sample with its measurement, targets compressed about sixteenfold."""
 
@@ -35,9 +37,11 @@ def create(address: str, manifest: dict[str, Any], count: int, measurement: str)
         group = zarr.open_group(address, mode="r+")
     except (GroupNotFoundError, FileNotFoundError):
         return _empty(address, manifest, count, measurement)
-    except OSError as error:
+    except (OSError, ImportError) as error:  # the latter for addresses whose fsspec package is not installed
         raise InputError("dataset", "a store that can be written to", f"{address} ({error})", "choose another") from None
     found = group.attrs.asdict()
+    if not found and set(group.keys()) <= set(ARRAYS):
+        return _empty(address, manifest, count, measurement)  # stopped while it was being made
     if not found:
         raise InputError("dataset", "a dataset of this program or nothing", f"another Zarr group at {address}",
                          "choose another address")
@@ -51,7 +55,7 @@ def create(address: str, manifest: dict[str, Any], count: int, measurement: str)
 def _empty(address: str, manifest: dict[str, Any], count: int, measurement: str) -> zarr.Group:
     size = shard_size(measurement)
     try:
-        group = zarr.create_group(address)
+        group = zarr.create_group(address, overwrite=True)
         arrays = [("albedo", (SIDE, SIDE), "uint8", "auto"), ("split", (), "uint8", "auto")]
         if measurement != "none":
             arrays += [("autocorrelation", (LAG_SIDE, LAG_SIDE), "float16", None), ("floor_over_peak", (), "float32", "auto"),

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from radiometry.errors import ArgumentParser, check_seed, run_command
+from radiometry.errors import ArgumentParser, InputError, check_seed, run_command
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -24,6 +24,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args(argv)
     check_seed(options.seed)
+    if options.count < 20:
+        raise InputError("--count", "20 or more", options.count, "choose another")
     from data_gen.dataset import load_targets
     from invert.training_data import varied
     from invert.weights import read_weights, save_weights

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
 from collections.abc import Iterator, Sequence
@@ -74,7 +75,7 @@ def _cell(cells: Path, level: Any, name: str, settings: dict[str, Any], options:
 
     file = cells / "".join(letter if letter.isalnum() else "-" for letter in f"{level.test_set} {level.label} {name}")
     asked = {"set": level.test_set, "level": level.label, "seed": options.seed, "cases": [case.name for case in level.cases],
-             **{key: str(value) for key, value in settings.items()}, "method": name}
+             **{key: str(value) for key, value in settings.items()}, "method": name, "data": _digest(level, settings)}
     if file.with_suffix(".json").is_file() and file.with_suffix(".npy").is_file():
         known = json.loads(file.with_suffix(".json").read_text())
         if known["asked"] == asked:
@@ -97,6 +98,18 @@ def _cell(cells: Path, level: Any, name: str, settings: dict[str, Any], options:
     content = {"asked": asked, "file": file.name, "rows": rows}
     save_json(file.with_suffix(".json"), content)
     return content
+
+
+def _digest(level: Any, settings: dict[str, Any]) -> str:
+    """SHA-256 of a level's estimates and truths, and of the network that will see them."""
+    whole = hashlib.sha256()
+    for case in level.cases:
+        whole.update(case.measurement.estimate.tobytes() + case.truth.tobytes())
+    if settings["method"] == "unet":
+        from invert.weights import SHIPPED
+
+        whole.update(settings.get("weights", SHIPPED).read_bytes())
+    return whole.hexdigest()
 
 
 def _check(options: Any) -> dict[str, dict[str, Any]]:

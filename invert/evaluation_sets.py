@@ -20,8 +20,8 @@ NOISE_LEVELS = ((80.0, 64.0), (80.0, 16.0), (80.0, 256.0), (80.0, 1e4), (5.0, 64
 
 EXPOSURES_S = tuple(2.0**-power for power in range(2, 10))
 LETTERS = ("F", "7", "L", "R", "5", "t")
-UNSEEN = "AEGHJKMNPRSYZ2345679"
-"""Characters of the out-of-family set: none is drawn for training."""
+UNSEEN = "EGHJKMNPSYZ2345679"
+"""Characters of the out-of-family set: none is drawn for training, mirrored or turned."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +50,13 @@ def edges(images: Path, count: int, seed: int) -> Iterator[Level]:
     photographs = find_photographs(images)
     truths: list[np.ndarray] = []
     for index in random.permutation(len(photographs.names)):
+        if len(truths) == count:
+            break
         found = edge_targets(read_luminance(photographs.folder / photographs.names[index]), 1, random)
-        if found is not None and len(truths) < count:
+        if found is not None:
             truths.append(found[0].astype(np.float32) / np.float32(255.0))
+    if not truths:
+        raise InputError("--images", "photographs with edges", f"none in {images}", "give another folder")
     yield from _modelled("edges", np.stack(truths), seed)
 
 
@@ -117,8 +121,9 @@ def measured(folder: Path) -> Iterator[Level]:
                 [Case(letter, _published(file), references[letter]) for letter, file in letters.items()])
     for patches in (25, 10, 5, 3, 2, 1):
         found = {letter: next(folder.glob(f"{letter}_n2_*npatch{patches}.png"), None) for letter in letters}
-        yield Level("measured letters", f"2 frames, K {patches}",
-                    [Case(letter, _published(file), references[letter]) for letter, file in found.items() if file])
+        cases = [Case(letter, _published(file), references[letter]) for letter, file in found.items() if file]
+        if cases:
+            yield Level("measured letters", f"2 frames, K {patches}", cases)
 
 
 def _published(file: Path) -> Measurement:

@@ -22,6 +22,7 @@ from invert.registration import OBJECT, centred, consensus
 from invert.spectrum import Measurement, fourier_modulus
 from invert.taf import TafOptions, taf
 from invert.twf import TwfOptions, twf
+from invert.unet import CorrelographyNet
 from invert.weights import SHIPPED, load_network
 
 DETECTION_LIMIT = 6.0
@@ -132,7 +133,9 @@ def draw(measurement: Measurement, quality: str, seed: int, device: str, weights
     """
     network, _ = load_network(weights, device)
     poses, classical_quality = NETWORK_LOOKS[quality]
-    classical = retrieve(measurement, "classical", classical_quality, seed, device, progress)
+    classical = NOTHING
+    if isinstance(network, CorrelographyNet):
+        classical = retrieve(measurement, "classical", classical_quality, seed, device, progress)
     seen = observation(measurement, classical.albedo)
     images, logit = looks(network, seen.part(slice(None), device), poses)
     together = consensus(torch.nn.functional.pad(images, (0, OBJECT, 0, OBJECT)), torch.zeros(poses))

@@ -111,5 +111,5 @@ def _numbers(summary: dict[str, Any]) -> list[str]:
     if "pearson" in summary:
         parts.append(f"correlation with the truth {summary['pearson']:.2f}")
     parts.append(f"{summary['method']}, {summary['seconds']['retrieval']:.1f} s")
-    return [name if len(name) < 80 else f"{name[:77]}...", f"{found}, agreement of starts {summary['confidence']:.2f}",
+    return [name if len(name) < 80 else f"{name[:77]}...", f"{found}, confidence {summary['confidence']:.2f}",
             ", ".join(parts)]

@@ -91,6 +91,7 @@ class Training:
         if isinstance(self.network, CorrelographyNet):
             frozen = self.network.alone if options.warm else self.network.fusion
             frozen.requires_grad_(False)
+            self.network.fuses = bool(options.warm)
         self.trained = [value for value in self.network.parameters() if value.requires_grad]
         self.parallel = nn.parallel.DistributedDataParallel(self.network) if world > 1 else self.network
         self.average = {name: value.clone() for name, value in self.network.state_dict().items()}
@@ -112,7 +113,9 @@ class Training:
         self.parallel.train()
         albedo, judged = predict(self.parallel, batch.seen)
         shown = batch.truth.amax((-2, -1)) > 0.0
-        loss = LOSSES[options.loss](albedo[shown], batch.truth[shown]).mean()
+        # Samples of noise alone have no loss; a stand-in keeps their gradient finite.
+        truth = torch.where(shown[:, None, None], batch.truth, 1.0 + albedo.detach())
+        loss = (LOSSES[options.loss](albedo, truth) * shown).sum() / shown.sum().clamp_min(1)
         if isinstance(self.network, CorrelographyNet):
             with torch.no_grad():
                 achieved = registered_pearson(albedo, batch.truth).clamp(0.0, 1.0) * shown
@@ -258,6 +261,10 @@ def _check(options: Any) -> None:
     for name in ("steps", "batch", "width", "checkpoint_every"):
         if getattr(options, name) < 1:
             raise InputError(f"--{name}", "a whole number above zero", getattr(options, name), "choose another")
+    if options.warm and (options.network != "unet" or options.noise == "paper" or options.start_from is None):
+        raise InputError("--warm", "--network unet, --noise varied and --start-from WEIGHTS beside it",
+                         f"{options.network}, {options.noise}, {options.start_from}",
+                         "train the first part without --warm, then this")
     if options.width % 32 and (options.network == "unet" or options.width % 8):
         raise InputError("--width", "a multiple of 32 (of 8 for the paper's)", options.width, "choose another")
     if options.output.suffix != ".safetensors":

@@ -98,11 +98,13 @@ class CorrelographyNet(nn.Module):
         super().__init__()
         self.alone = Unet(width)
         self.fusion = Unet(width // 2, pictures=2)
+        self.fuses = False
+        """Whether to fuse even where nothing classical is shown, as in training the fusion."""
 
     def forward(self, seen: Observation) -> tuple[torch.Tensor, torch.Tensor]:
         shown = features(seen).to(memory_format=torch.channels_last)
         first, expected = self.alone(shown)
-        if not bool(seen.classical.any()):
+        if not (self.fuses or bool(seen.classical.any())):
             return first, expected
         look = (first / first.amax((-2, -1), keepdim=True).clamp_min(1e-6)).detach()
         return self.fusion(shown, torch.stack((look, laid_over(seen.classical, look)), 1))

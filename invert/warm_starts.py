@@ -20,7 +20,7 @@ ARRAYS = {"albedo": ((64, 64), "uint8"), "classical": ((64, 64), "uint8"), "esti
           "floor": ((), "float32"), "dof": ((), "float32"), "agreement": ((), "float32")}
 
 QUALITY = "fast"
-"""Quality of the classical retrieval, here and when the network is used."""
+"""Quality of the classical retrieval: the least that the network will be shown."""
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -26,6 +26,7 @@ def save_weights(path: Path, tensors: dict[str, torch.Tensor], card: dict[str, A
     text = json.dumps(card, allow_nan=False)
     with atomic(path) as partial:
         save_file({name: value.contiguous() for name, value in tensors.items()}, partial, metadata={"card": text})
+        partial.chmod(0o644)  # safetensors writes for the owner alone
 
 
 def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:

@@ -16,7 +16,10 @@ COMMANDS = {
     "data-gen": "data_gen.__main__",
     "preview": "data_gen.preview",
     "letters": "data_gen.letters",
+    "mesh": "sim.mesh",
     "train": "invert.train",
+    "warm-starts": "invert.warm_starts",
+    "calibrate": "invert.calibrate",
     "evaluate": "invert.evaluate",
 }
 

@@ -17,6 +17,11 @@ class InputError(ValueError):
     def __init__(self, name: str, expected: str, found: object, remedy: str) -> None:
         text = f"{name}: expected {expected}, found {found}; {remedy}"
         super().__init__(" ".join(text.split()))
+        self._parts = (name, expected, str(found), remedy)
+
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str, str]]:
+        """Errors travel between worker processes."""
+        return type(self), self._parts
 
 
 class ArgumentParser(argparse.ArgumentParser):

@@ -74,7 +74,7 @@ def divide(geometry: Any, budget_s: float, resolution_m: float = 300e-6,
     for frames in counts:
         shrink = budget_s / frames / exposure
         terms = replace(prediction.terms, signal=prediction.terms.signal * shrink, dark=prediction.terms.dark * shrink,
-                        detector_grain_pixels=0.0)
+                        ambient=prediction.terms.ambient * shrink, detector_grain_pixels=0.0)
         floor = terms.floor_over_peak()
         if floor is None:
             raise InputError("scene", "light from the hidden object", "none", "raise power or albedo")

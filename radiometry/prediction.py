@@ -61,18 +61,21 @@ def noise_terms(geometry: Any, albedo: np.ndarray, cell_m: float) -> NoiseTerms:
     """
     electronics = geometry.electronics
     pixel_area = geometry.pixel_pitch_m**2
+    grain = grain_area(albedo, cell_m**2, geometry.wavelength_m, geometry.distance_m)
     ambient = geometry.ambient_photoelectrons_per_pixel_s
     # Subjective grain of the wall behind a circular pupil: (lambda z)^2 / A (Goodman, Speckle Phenomena, Eq. 4-75).
     pupil_area = 0.25 * math.pi * geometry.pupil_diameter_m**2
     subjective_grain = (geometry.wavelength_m * geometry.pupil_distance_m) ** 2 / pupil_area
     return NoiseTerms(
         signal=closed_form(geometry.light_path).photoelectrons_per_pixel_s * electronics.exposure_s,
-        grain_pixels=grain_area(albedo, cell_m**2, geometry.wavelength_m, geometry.distance_m) / pixel_area,
+        # Two incoherent polarisations halve the speckle's variance.
+        grain_pixels=grain / pixel_area * (0.5 if geometry.depolarised else 1.0),
         ambient=0.0 if ambient is None else float(ambient.mean()) * electronics.exposure_s,
         dark=electronics.dark_current * electronics.exposure_s,
         read=electronics.read_noise**2,
         quantisation=electronics.step**2 / 12.0,
-        detector_grain_pixels=subjective_grain / pixel_area,
+        # Their mean square falls from 2 to 3/2, and the wall's own speckle has half the variance: 3/4 instead of 2.
+        detector_grain_pixels=subjective_grain / pixel_area * (0.375 if geometry.depolarised else 1.0),
     )
 
 

@@ -48,7 +48,8 @@ def spectral_lines(path_m: np.ndarray, linewidth_hz: float) -> list[tuple[float,
     # The sum repeats after 1 / spacing: keep that beyond the spread by what the spectrum blurs.
     count = 2 * math.ceil(_REACH * deviation * max(2.0 * spread_s, 1e-30) + 4) + 1
     if count > MOST_LINES:
-        raise InputError("linewidth", f"at most {linewidth_hz * MOST_LINES / count:.3g} Hz for a spread of paths of "
+        largest = 0.99 * linewidth_hz * ((MOST_LINES - 1) // 2 - 4) / (_REACH * deviation * 2.0 * spread_s)
+        raise InputError("linewidth", f"at most {largest:.2g} Hz for a spread of paths of "
                          f"{np.ptp(path_m) * 1e3:.3g} mm", f"{linewidth_hz:.3g} Hz", "the speckle would be gone; lower it")
     offset = np.linspace(-_REACH, _REACH, count)
     weight = np.exp(-0.5 * offset**2)

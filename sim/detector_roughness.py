@@ -56,8 +56,8 @@ def degrees_of_freedom(geometry: Geometry, samples: int = 512) -> float:
     return float(otf.sum() / (otf * pixel[:, None] * pixel[None]).sum())
 
 
-def gamma_image(mean: torch.Tensor, geometry: Geometry, generator: np.random.Generator) -> torch.Tensor:
-    """A mean image (H, W) under independent Gamma factors of mean 1."""
-    dof = degrees_of_freedom(geometry)
+def gamma_image(mean: torch.Tensor, geometry: Geometry, generator: np.random.Generator, polarisations: int = 1) -> torch.Tensor:
+    """A mean image (H, W) under independent Gamma factors of mean 1; each polarisation adds M degrees of freedom."""
+    dof = degrees_of_freedom(geometry) * polarisations
     factor = generator.standard_gamma(dof, mean.shape, np.float32) / np.float32(dof)
     return mean * torch.from_numpy(factor).to(mean.device)

@@ -98,8 +98,10 @@ def decide(geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced
 def remaining_electronics(electronics: Electronics, decided: dict[str, Effect]) -> Electronics:
     """The camera without the effects that are left out."""
     off = {parameter: 0 for name, parameter in ELECTRONIC.items() if not decided[name].modelled}
-    if "full_well" in off:
-        off["bits"] = 0
+    if electronics.bits and "full_well" in off and not electronics.gain:
+        off["bits"] = 0  # the converter's range is gone
+    if off.get("bits") == 0:
+        off["gain"] = 0.0
     return replace(electronics, **off)
 
 

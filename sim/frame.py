@@ -106,24 +106,24 @@ class Simulation:
         Incoherent sum over polarisations and spectral lines.
         """
         if len(self._samples.amplitude) == 0:
-            return self._ambient().expand(self.geometry.frame_shape).clone()
+            return self._ambient().expand(self.geometry.frame_shape).clone().cpu()
         exact = self._models("detector_roughness") and self.settings.accuracy == "field"
         factor = oversampling(self.geometry) if exact else 1
         polarisations = 2 if self._models("depolarisation") else 1
-        roughness = _stream(seed, number, 3)
         total = torch.zeros(self.geometry.frame_shape, device=self.device)
         for polarisation in range(polarisations):
             for offset_hz, weight in self._lines:
                 wall = self.wall_field(seed, number, polarisation, offset_hz, factor)
                 if exact:
-                    image = exact_image(wall, factor, self.geometry, roughness)
+                    # One wall for all lines of a polarisation.
+                    image = exact_image(wall, factor, self.geometry, _stream(seed, number, 3 + 2 * polarisation))
                 else:
                     image = wall.real.square() + wall.imag.square()
                 total.add_(image, alpha=weight / polarisations)
         if not exact and self._models("pupil_and_pixel"):
             total = mean_image(total, self._transfer)
         if self._models("detector_roughness") and not exact:
-            total = gamma_image(total, self.geometry, roughness)
+            total = gamma_image(total, self.geometry, _stream(seed, number, 3), polarisations)
         return total.mul_(self.mean_photoelectrons / self._samples.brightness).add_(self._ambient()).cpu()
 
     def _ambient(self) -> torch.Tensor:
@@ -149,7 +149,7 @@ class Simulation:
 def _stream(seed: int, number: int, purpose: int) -> np.random.Generator:
     """Random stream of one purpose of one frame.
 
-    0 and 2: phase screens of either polarisation; 1: photons and electronics; 3: the virtual detector's roughness.
+    0 and 2: phase screens of either polarisation; 1: photons and electronics; 3 and 5: the virtual detector's roughness.
     """
     if seed < 0:
         raise InputError("seed", "zero or a positive whole number", seed, "choose another --seed")

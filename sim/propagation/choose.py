@@ -29,7 +29,8 @@ class Option:
     why: str
 
     def as_dict(self) -> dict[str, Any]:
-        return asdict(self) | {"predicted_error": self.predicted_error if math.isfinite(self.predicted_error) else None}
+        return {name: None if isinstance(value, float) and not math.isfinite(value) else value
+                for name, value in asdict(self).items()}
 
 
 def options(wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterers: Scatterers, lag_m: float, accuracy: str,

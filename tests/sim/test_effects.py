@@ -1,5 +1,7 @@
 """Effects against closed forms and brute-force sums of modes."""
 
+import json
+
 import numpy as np
 import pytest
 import torch
@@ -254,3 +256,27 @@ def test_the_mirror_image_of_the_spot_is_its_fraunhofer_integral(scene):
         cell = (5e-3 / 400) ** 2
         irradiance = abs((disc * wave).sum() * cell) ** 2 / (532e-9 * distance) ** 2 / (disc.sum() * cell)
         assert abs(field[1, column]) ** 2 == pytest.approx(irradiance * np.pi * distance**2, rel=0.05, abs=1e3)
+
+
+def test_a_converter_with_gain_works_with_every_setting(scene):
+    exposure = '<float name="exposure" value="$exposure"/>'
+    geometry = scene((exposure, f'{exposure}<integer name="bits" value="8"/><float name="gain" value="2"/>'))
+    frame = Simulation(geometry).frame(0, 0)
+    assert not (frame % 2.0).any()
+    free = Simulation(geometry, Settings(effects=(("quantisation", False),))).frame(0, 0)
+    assert (free % 2.0).any()
+
+
+def test_depolarised_and_ambient_light_are_in_the_prediction(scene):
+    from radiometry.prediction import predict
+
+    plain = predict(scene()).terms.over_peak()
+    depolarised = predict(scene(DEPOLARISING)).terms.over_peak()
+    assert depolarised["signal"] == pytest.approx(2.0 * plain["signal"])
+
+
+def test_plans_are_strict_json_where_a_kernel_cannot_be_had(scene):
+    deep = ('<rotate z="1" angle="180"/>', '<rotate z="1" angle="180"/><rotate y="1" angle="75"/>')
+    plan = make_plan(scene(deep), 1, Settings("field", 1e-9))
+    assert json.dumps(plan, allow_nan=False)
+    assert plan["propagator"] == "direct"
