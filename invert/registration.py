@@ -53,16 +53,23 @@ def registered(image: torch.Tensor, reference: torch.Tensor) -> tuple[torch.Tens
 
 
 def laid_over(images: torch.Tensor, references: torch.Tensor) -> torch.Tensor:
-    """Each image (n, 64, 64) shifted and turned to fit its own reference (n, 64, 64); what leaves the window is lost."""
-    grid = (2 * OBJECT, 2 * OBJECT)
+    """Each image (n, 64, 64) shifted and turned to fit its own reference (n, 64, 64).
+
+    What would leave the window is lost, so a shift counts less by the fourth power of the mass it keeps.
+    """
+    side, grid = 2 * OBJECT, (2 * OBJECT, 2 * OBJECT)
     ours, theirs = torch.fft.rfft2(images, s=grid), torch.fft.rfft2(references, s=grid)
+    window = torch.fft.rfft2(torch.ones_like(references), s=grid)
     # A half turn conjugates the spectrum.
-    maps = torch.fft.irfft2(torch.stack((theirs * ours.conj(), theirs * ours), 1), s=grid)
+    both = torch.stack((ours.conj(), ours), 1)
+    fit = torch.fft.irfft2(theirs[:, None] * both, s=grid)
+    mass = images.sum((-2, -1)).clamp_min(1e-12)[:, None, None, None]
+    kept = torch.fft.irfft2(window[:, None] * both, s=grid).clamp_min(0.0) / mass
     moved = []
-    for image, best in zip(images, maps.flatten(1).argmax(1).tolist(), strict=True):
-        turn, shift = divmod(best, grid[0] * grid[1])
+    for image, best in zip(images, (fit * kept**4).flatten(1).argmax(1).tolist(), strict=True):
+        turn, shift = divmod(best, side * side)
         padded = torch.nn.functional.pad(image, (0, OBJECT, 0, OBJECT))
-        moved.append(torch.roll(turned(padded) if turn else padded, divmod(shift, grid[1]), (0, 1))[:OBJECT, :OBJECT])
+        moved.append(torch.roll(turned(padded) if turn else padded, divmod(shift, side), (0, 1))[:OBJECT, :OBJECT])
     return torch.stack(moved)
 
 
