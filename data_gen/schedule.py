@@ -31,7 +31,7 @@ def _client(workers: int, scheduler: str | None) -> Iterator:
             yield client
         return
     with (dask.config.set({"distributed.worker.memory.terminate": False, "distributed.logging.distributed": "error"}),
-          LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=50) as cluster,
+          LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster,
           Client(cluster) as client):
         yield client
 
