@@ -69,7 +69,7 @@ def check_exposure(geometry: Geometry) -> None:
                          "lower exposure, power or dark_current")
 
 
-def propagators(geometry: Geometry, samples: ObjectSamples, settings: Settings) -> list[Option]:
+def propagators(geometry: Geometry, samples: ObjectSamples, settings: Settings, *, cheapest: bool = False) -> list[Option]:
     """All kernels for a scene with their predicted errors and costs, cheapest first."""
     if len(samples.amplitude) == 0:
         return [Option("fraunhofer", "float32", 0.0, 0.0, 0, "nothing reflects")]
@@ -77,12 +77,14 @@ def propagators(geometry: Geometry, samples: ObjectSamples, settings: Settings) 
     facts = (geometry.wavelength_m, geometry.distance_m, geometry.pixel_pitch_m)
     patch = automatic_patch_size(geometry.frame_shape, facts)
     lag_m = patch_grid(geometry.frame_shape, patch).lag_pitch_m(*facts)
-    return options(samples.wall, samples.axes, bare, lag_m, settings.accuracy, settings.tolerance, settings.precision)
+    return options(samples.wall, samples.axes, bare, lag_m, settings.accuracy, settings.tolerance, settings.precision,
+                   cheapest=cheapest)
 
 
 def choose_propagator(geometry: Geometry, samples: ObjectSamples, settings: Settings) -> Option:
     """The kernel that a scene's frames are made with."""
-    return choose(propagators(geometry, samples, settings), settings.propagator, settings.tolerance)
+    listed = propagators(geometry, samples, settings, cheapest=settings.propagator == "auto")
+    return choose(listed, settings.propagator, settings.tolerance)
 
 
 def check(geometry: Geometry) -> None:

@@ -34,8 +34,12 @@ class Option:
 
 
 def options(wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterers: Scatterers, lag_m: float, accuracy: str,
-            tolerance: float, precision: str | None) -> list[Option]:
-    """All kernels for a scene, cheapest first."""
+            tolerance: float, precision: str | None, *, cheapest: bool = False) -> list[Option]:
+    """All kernels for a scene, cheapest first.
+
+    Args:
+        cheapest: stop at an FFT that meets the tolerance; predicting the dearer kernels takes longer than using it.
+    """
     pixels = math.prod(wall.shape)
     found = []
     statistical = validity.statistical_error(wall, axes, scatterers, lag_m) if accuracy == "statistical" else 0.0
@@ -46,6 +50,8 @@ def options(wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterers: Scatter
         why = "flat, delta-correlated object in the far field" if name == "fraunhofer" else "exact phases at the frame's centre"
         cost = FFT_SECONDS_PER_PIXEL * pixels * (1.0 if name == "fraunhofer" else 1.5)
         found.append(Option(name, "float32", error, cost, 16 * pixels, why))
+        if cheapest and error <= tolerance:
+            return found
     for kind in ("float32", "float64"):
         if precision in (None, kind):
             found.append(_nufft(wall, scatterers, kind, tolerance))
