@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,10 +31,22 @@ def _client(workers: int, scheduler: str | None) -> Iterator:
         with client:
             yield client
         return
-    with (dask.config.set({"distributed.worker.memory.terminate": False, "distributed.logging.distributed": "error"}),
+    with (_environment_kept(),
+          dask.config.set({"distributed.worker.memory.terminate": False, "distributed.logging.distributed": "error"}),
           LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster,
           Client(cluster) as client):
         yield client
+
+
+@contextmanager
+def _environment_kept() -> Iterator[None]:
+    """Dask sets OMP_NUM_THREADS=1 for its workers in this process, too: later children would inherit it."""
+    before = dict(os.environ)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
 
 
 def make_shards(address: str, recipe: Recipe, shards: list[int], workers: int, scheduler: str | None) -> int:

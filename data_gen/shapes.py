@@ -14,7 +14,8 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 from scipy import ndimage
 
-SIDE = 64
+from data_gen.edges import SIDE
+
 FINE = 4
 _CANVAS = SIDE * FINE
 

@@ -1,7 +1,7 @@
 """`python -m invert.train DATASET -o WEIGHTS.safetensors`: train a network; resumes exactly.
 
-Every step's data depend on the seed and the step alone, so a run that was stopped goes on as if it had not been, and
-several GPUs (torchrun) see together what one would.
+Every step's data depend on the seed and the step alone, so a run that was stopped goes on as if it had not been (to the
+last bit with the same number of threads), and several GPUs (torchrun) see together what one would.
 """
 
 from __future__ import annotations
@@ -230,7 +230,7 @@ class Training:
                 "seconds": round(self.seconds), "cpu_seconds": round(self.cpu_seconds), "dataset": dataset,
                 "validation": "warm starts" if self.options.warm else [list(level) for level in VALIDATION],
                 "pearson": self.curve[-1]["pearson"],
-                "torch": torch.__version__}
+                "torch": torch.__version__, "threads": torch.get_num_threads()}
         save_weights(self.options.output, half, card)
         save_curve(self.options.output.with_suffix(".png"), self.curve)
         self.options.output.with_suffix(".json").write_text(json.dumps({**card, "curve": self.curve}, indent=2) + "\n")

@@ -17,7 +17,7 @@ from radiometry.errors import ArgumentParser, InputError, check_seed, run_comman
 
 CHUNK = 32
 ARRAYS = {"albedo": ((64, 64), "uint8"), "classical": ((64, 64), "uint8"), "estimate": ((SIDE, SIDE), "float16"),
-          "floor": ((), "float32"), "dof": ((), "float32"), "agreement": ((), "float32")}
+          "floor": ((), "float32"), "dof": ((), "float32")}
 
 QUALITY = "fast"
 """Quality of the classical retrieval: the least that the network will be shown."""
@@ -73,7 +73,6 @@ def _chunk(targets: torch.Tensor, seed: int, chunk: int) -> dict[str, np.ndarray
         "estimate": batch.seen.estimate.half().numpy(),
         "floor": batch.seen.floor.numpy(),
         "dof": batch.seen.dof.numpy(),
-        "agreement": np.array([result.confidence for result in found], np.float32),
     }
 
 

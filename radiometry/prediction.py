@@ -79,11 +79,16 @@ def noise_terms(geometry: Any, albedo: np.ndarray, cell_m: float) -> NoiseTerms:
     )
 
 
-def predict(geometry: Any, patch: int | None = None) -> Prediction:
-    """Predict what frames of a scene will show, cut into patches of `patch` pixels (None: as `invert` would)."""
+def patches_of(geometry: Any, patch: int | None = None) -> tuple[PatchGrid, float]:
+    """How frames of a scene are cut into patches of `patch` pixels (None: as `invert` would), and the lag pitch in metres."""
     facts = (geometry.wavelength_m, geometry.distance_m, geometry.pixel_pitch_m)
     grid = patch_grid(geometry.frame_shape, patch or automatic_patch_size(geometry.frame_shape, facts))
-    pitch_m = grid.lag_pitch_m(*facts)
+    return grid, grid.lag_pitch_m(*facts)
+
+
+def predict(geometry: Any, patch: int | None = None) -> Prediction:
+    """Predict what frames of a scene will show, cut into patches of `patch` pixels (None: as `invert` would)."""
+    grid, pitch_m = patches_of(geometry, patch)
     cell = pitch_m / CELLS_PER_LAG
     side = max(64 * CELLS_PER_LAG, math.ceil(max(geometry.hidden_object.extent_m) / cell) + 1)
     albedo = geometry.hidden_object.sample((cell, cell), (side, side)).albedo

@@ -116,11 +116,9 @@ def _render(geometry, settings, plan, digest: str, definitions: dict[str, str], 
 
 def lag_grid_albedo(geometry):
     """The hidden object's albedo on the lag grid that `invert` chooses for these frames: (64, 64) float32, pitch."""
-    from radiometry.autocorrelation import automatic_patch_size, patch_grid
+    from radiometry.prediction import patches_of
 
-    facts = (geometry.wavelength_m, geometry.distance_m, geometry.pixel_pitch_m)
-    grid = patch_grid(geometry.frame_shape, automatic_patch_size(geometry.frame_shape, facts))
-    pitch_m = grid.lag_pitch_m(*facts)
+    _, pitch_m = patches_of(geometry)
     return geometry.hidden_object.cell_means(pitch_m, 64), pitch_m
 
 

@@ -12,8 +12,8 @@ import math
 import numpy as np
 
 from radiometry.errors import InputError
+from radiometry.photons import LIGHT_M_PER_S
 
-LIGHT_M_PER_S = 299792458.0
 MOST_LINES = 129
 _REACH = 3.0
 """Standard deviations of the spectrum on either side that lines cover."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.coherence import LIGHT_M_PER_S
+from radiometry.photons import LIGHT_M_PER_S
 from sim.geometry import Geometry
 from sim.propagation.sampling import Scatterers, Wall, path_difference, phasor
 

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from radiometry.autocorrelation import automatic_patch_size, patch_grid
 from radiometry.errors import InputError
-from radiometry.prediction import predict
+from radiometry.prediction import patches_of, predict
 from radiometry.throughput import closed_form, detector_to_pixel
 from sim.effects import Effect, decide
 from sim.geometry import Geometry
@@ -74,9 +73,7 @@ def propagators(geometry: Geometry, samples: ObjectSamples, settings: Settings, 
     if len(samples.amplitude) == 0:
         return [Option("fraunhofer", "float32", 0.0, 0.0, 0, "nothing reflects")]
     bare = Scatterers(samples.position_m, samples.amplitude.astype(np.float64))
-    facts = (geometry.wavelength_m, geometry.distance_m, geometry.pixel_pitch_m)
-    patch = automatic_patch_size(geometry.frame_shape, facts)
-    lag_m = patch_grid(geometry.frame_shape, patch).lag_pitch_m(*facts)
+    _, lag_m = patches_of(geometry)
     return options(samples.wall, samples.axes, bare, lag_m, settings.accuracy, settings.tolerance, settings.precision,
                    cheapest=cheapest)
 

@@ -20,7 +20,7 @@ ROUNDING = 4e-7
 """Relative error of a single-precision FFT or sum of this size."""
 
 
-def across(wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterers: Scatterers) -> np.ndarray:
+def across(axes: tuple[np.ndarray, np.ndarray], scatterers: Scatterers) -> np.ndarray:
     """Offsets of scatterers along the object's own axes (down, right), which FFT kernels pair with the frame's; (n, 2)."""
     return np.stack([scatterers.position_m @ axis for axis in axes], 1)
 
@@ -35,7 +35,7 @@ def field_error(name: str, wall: Wall, axes: tuple[np.ndarray, np.ndarray], scat
     row, column = (offset[np.linspace(0, len(offset) - 1, _PIXELS).astype(int)] for offset in wall.offsets())
     row, column = (part.ravel() for part in np.meshgrid(row, column, indexing="ij"))
     pixel = wall.centre_m + row[:, None] * wall.down + column[:, None] * wall.right
-    place = across(wall, axes, few)
+    place = across(axes, few)
     approximate = phasor(-(row[:, None] * place[:, 0] + column[:, None] * place[:, 1]) / wall.distance_m, wall.wavelength_m)
     if name == "fresnel":
         approximate = approximate * phasor(path_difference(wall.centre_m, few.position_m), wall.wavelength_m)
@@ -46,7 +46,7 @@ def field_error(name: str, wall: Wall, axes: tuple[np.ndarray, np.ndarray], scat
 def statistical_error(wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterers: Scatterers, lag_m: float,
                       tiles: int = 3) -> float:
     """Predicted error of the expected autocorrelation that `fraunhofer` and `fresnel` give, on lags of pitch `lag_m`."""
-    flat = _lags(across(wall, axes, scatterers), np.abs(scatterers.amplitude) ** 2, lag_m)
+    flat = _lags(across(axes, scatterers), np.abs(scatterers.amplitude) ** 2, lag_m)
     fractions = (np.arange(tiles) + 0.5) / tiles
     seen = np.zeros_like(flat)
     for row in fractions * wall.shape[0]:

@@ -74,7 +74,11 @@ def arguments(photographs) -> tuple:
 def reference(tmp_path_factory, arguments) -> Path:
     """A dataset that one worker made."""
     store = tmp_path_factory.mktemp("one") / "set.zarr"
+    before = dict(os.environ)
     main([str(item) for item in (store, *arguments, "--workers", 1)])
+    # Dask's OMP_NUM_THREADS=1 must not reach what this process starts later.
+    assert {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"} \
+        == {name: value for name, value in before.items() if name != "PYTEST_CURRENT_TEST"}
     return store
 
 

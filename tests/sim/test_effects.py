@@ -9,9 +9,10 @@ import torch
 pytest.importorskip("mitsuba")
 
 from radiometry.errors import InputError
+from radiometry.photons import LIGHT_M_PER_S
 from scenes import scene_path
 from sim.camera import expose
-from sim.coherence import LIGHT_M_PER_S, coherence, lost_contrast, spectral_lines
+from sim.coherence import coherence, lost_contrast, spectral_lines
 from sim.detector_roughness import degrees_of_freedom, exact_image, gamma_image, oversampling
 from sim.effects import parse_effects
 from sim.frame import Simulation
