@@ -25,6 +25,10 @@ ALPHABET = "γδεζθλμξπστφψΔΘΞΠΦΨΩгджйлфцшщъыюяД
 FONTS = ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf", "DejaVuSans-Oblique.ttf")
 
 
+ASPECT = 3.0
+"""Largest stretch along one axis over the other: what a wall seen, or lit, at a slant does to an object."""
+
+
 @lru_cache(maxsize=64)
 def _font(name: str, size: int) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name, size)
@@ -38,7 +42,7 @@ def glyph(character: str, random: np.random.Generator) -> np.ndarray:
     box = canvas.getbbox()
     if box is None:
         raise ValueError(f"DejaVu Sans has no character {character!r}")
-    stretch = np.diag(np.exp(random.uniform(-0.4, 0.4) * np.array([0.5, -0.5])))
+    stretch = np.diag(_stretch(random))
     angle = random.uniform(-np.pi, np.pi) if random.random() < 0.5 else random.normal(0.0, 0.3)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     shape = turn @ np.array([[1.0, random.normal(0.0, 0.2)], [0.0, 1.0]]) @ stretch
@@ -51,11 +55,17 @@ def glyph(character: str, random: np.random.Generator) -> np.ndarray:
     return _cells(canvas.transform(canvas.size, Image.Transform.AFFINE, coefficients, Image.Resampling.BILINEAR), random)
 
 
+def _stretch(random: np.random.Generator) -> np.ndarray:
+    """Factors along the two axes, the larger one 1; half of all objects keep their proportions."""
+    aspect = ASPECT ** random.uniform(-1.0, 1.0) if random.random() < 0.5 else 1.0
+    return np.minimum(1.0, np.array([aspect, 1.0 / aspect]))
+
+
 def strokes(random: np.random.Generator) -> np.ndarray:
     """One to four strokes (quadratic curves and corners), as a pen draws them; uint8 (64, 64)."""
     canvas = Image.new("L", (_CANVAS, _CANVAS))
     pen = ImageDraw.Draw(canvas)
-    reach = 0.5 * FINE * random.uniform(18.0, 52.0)
+    reach = 0.5 * FINE * random.uniform(18.0, 52.0) * _stretch(random)
     thickness = FINE * random.uniform(1.2, 6.5)
     start = random.uniform(-reach, reach, 2)
     for _ in range(random.integers(1, 5)):
@@ -77,19 +87,19 @@ def filled(random: np.random.Generator) -> np.ndarray:
     """One to three filled polygons and ellipses of different albedo, some with a hole; uint8 (64, 64)."""
     canvas = Image.new("L", (_CANVAS, _CANVAS))
     pen = ImageDraw.Draw(canvas)
-    reach = 0.5 * FINE * random.uniform(16.0, 46.0)
+    reach = 0.5 * FINE * random.uniform(16.0, 46.0) * _stretch(random)
     for _ in range(random.integers(1, 4)):
         centre = _CANVAS / 2 + random.uniform(-0.6, 0.6, 2) * reach
         size = reach * random.uniform(0.25, 0.8)
         albedo = int(random.integers(90, 256))
         for radius, fill in ((size, albedo), (size * random.uniform(0.3, 0.7), 0)):
             if random.random() < 0.35:
-                half_axes = radius * np.array([1.0, random.uniform(0.4, 1.0)])
+                half_axes = radius * np.array([1.0, random.uniform(0.6, 1.0)])
                 pen.ellipse((*(centre - half_axes), *(centre + half_axes)), fill=fill)
             else:
                 angle = np.sort(random.uniform(0.0, 2.0 * np.pi, random.integers(3, 8)))
-                distance = radius * random.uniform(0.6, 1.2, angle.size)
-                corner = centre + distance[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+                distance = random.uniform(0.6, 1.2, angle.size)
+                corner = centre + radius * distance[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
                 pen.polygon([tuple(point) for point in corner], fill=fill)
             if random.random() < 0.5:
                 break

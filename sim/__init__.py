@@ -12,6 +12,7 @@
     object_samples.py  the object as samples that propagate
     coherence.py     linewidth as an incoherent sum of lines
     detector_roughness.py  the wall's own speckle through the pupil
+    detector_texture.py  the wall's own albedo under each pixel
     ambient.py       light of other emitters
     camera.py        field -> photoelectrons: pupil, pixel, noise
     frame.py         the flow above for one frame

@@ -19,7 +19,8 @@ ELECTRONIC = {"read_noise": "read_noise", "row_noise": "row_noise", "column_nois
               "quantisation": "bits"}
 """Effects that a parameter of the speckle_camera switches on, and that parameter."""
 
-OPTICAL = ("source_grain", "pupil_and_pixel", "shot_noise", "detector_roughness", "depolarisation", "linewidth", "ambient")
+OPTICAL = ("source_grain", "pupil_and_pixel", "shot_noise", "detector_roughness", "detector_texture", "depolarisation",
+           "linewidth", "ambient")
 
 FORCEABLE = (*OPTICAL, *ELECTRONIC)
 
@@ -64,7 +65,8 @@ def decide(geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced
     scattering = phase_rms * geometry.wavelength_m / (2.0 * math.pi * source.correlation_length_m)
     half_angle = 0.5 * max(geometry.hidden_object.extent_m) / geometry.source_distance_m
     speckle = terms.over_peak()["detector_speckle"] or 0.0
-    lit = geometry.ambient_irradiance is not None
+    lit, texture = geometry.ambient_irradiance is not None, geometry.detector_texture
+    spread = 0.0 if texture is None else float(texture.std(dtype="f8"))
     contrast = lost_contrast(samples.path_m, samples.amplitude, geometry.linewidth_hz)
     found = [
         Effect("phase_screen", True, f"rough virtual source (phase rms {phase_rms:.3g} rad), independent samples",
@@ -74,6 +76,8 @@ def decide(geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced
         Effect("shot_noise", True, "Poisson", 0.0),
         Effect("detector_roughness", speckle > tolerance, "subjective speckle of the virtual detector, as floor over peak",
                speckle),
+        Effect("detector_texture", spread > 0.0, f"albedo of the virtual detector, {spread:.3g} rms of its mean in the frame; "
+               "its variance over the speckle's", spread**2),
         Effect("depolarisation", geometry.depolarised, "a wall or the object is set to depolarise: two incoherent modes"
                if geometry.depolarised else "no phase_screen is set to depolarise", float(geometry.depolarised)),
         Effect("ambient", lit, f"{'other emitters' if lit else 'no emitter beside the laser'}, as floor over peak",
@@ -84,7 +88,7 @@ def decide(geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced
               for name, parameter in ELECTRONIC.items()]
     decided = {effect.name: effect for effect in found}
     for name, on in forced:
-        needs = {"linewidth": geometry.linewidth_hz, "ambient": float(lit)}
+        needs = {"linewidth": geometry.linewidth_hz, "ambient": float(lit), "detector_texture": spread}
         needs |= {key: getattr(electronics, value) for key, value in ELECTRONIC.items()}
         if on and needs.get(name, 1.0) == 0.0:
             raise InputError(f"--effect {name}", "a parameter of the scene that sets it", "zero",

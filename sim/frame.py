@@ -14,13 +14,12 @@ from radiometry.errors import InputError
 from radiometry.prediction import predict
 from radiometry.throughput import closed_form
 from sim.camera import expose, mean_image, transfer_function
-from sim.coherence import spectral_lines
-from sim.detector_roughness import exact_image, gamma_image, oversampling
+from sim.detector_roughness import exact_image, gamma_image
 from sim.effects import decide, remaining_electronics
 from sim.geometry import Geometry, read_geometry
 from sim.illumination import illuminate
 from sim.object_samples import sample_object
-from sim.plan import Settings, check, choose_propagator
+from sim.plan import Settings, check, choose_propagator, modes_of
 from sim.propagation.direct import direct
 from sim.propagation.fraunhofer import fraunhofer
 from sim.propagation.fresnel import fresnel
@@ -46,9 +45,7 @@ class Simulation:
         self.propagator = choose_propagator(geometry, self._samples, self.settings)
         self.effects = decide(geometry, self._samples, predict(geometry).terms, self.settings.effects, self.settings.tolerance)
         self._electronics = remaining_electronics(geometry.electronics, self.effects)
-        self._lines = [(0.0, 1.0)]
-        if self._models("linewidth") and len(self._samples.path_m):
-            self._lines = spectral_lines(self._samples.path_m, geometry.linewidth_hz)
+        self._modes = modes_of(geometry, self._samples, self.effects, self.settings.accuracy)
         self.budget = closed_form(geometry.light_path)
 
     def _models(self, effect: str) -> bool:
@@ -107,13 +104,15 @@ class Simulation:
         """
         if len(self._samples.amplitude) == 0:
             return self._ambient().expand(self.geometry.frame_shape).clone().cpu()
+        factor, polarisations = self._modes.oversampling, self._modes.polarisations
         exact = self._models("detector_roughness") and self.settings.accuracy == "field"
-        factor = oversampling(self.geometry) if exact else 1
-        polarisations = 2 if self._models("depolarisation") else 1
+        texture = self._texture(factor) if self._models("detector_texture") else None
         total = torch.zeros(self.geometry.frame_shape, device=self.device)
         for polarisation in range(polarisations):
-            for offset_hz, weight in self._lines:
+            for offset_hz, weight in self._modes.lines:
                 wall = self.wall_field(seed, number, polarisation, offset_hz, factor)
+                if texture is not None:
+                    wall *= texture
                 if exact:
                     # One wall for all lines of a polarisation.
                     image = exact_image(wall, factor, self.geometry, _stream(seed, number, 3 + 2 * polarisation))
@@ -125,6 +124,11 @@ class Simulation:
         if self._models("detector_roughness") and not exact:
             total = gamma_image(total, self.geometry, _stream(seed, number, 3), polarisations)
         return total.mul_(self.mean_photoelectrons / self._samples.brightness).add_(self._ambient()).cpu()
+
+    def _texture(self, factor: int) -> torch.Tensor:
+        """What the wall's own albedo does to the amplitude, its mean square 1, on `factor` samples per pixel and axis."""
+        texture = torch.from_numpy(self.geometry.detector_texture).to(self.device).sqrt()
+        return texture.repeat_interleave(factor, 0).repeat_interleave(factor, 1)
 
     def _ambient(self) -> torch.Tensor:
         """Photoelectrons of other emitters, (H, W) or a single zero."""

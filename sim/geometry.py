@@ -12,6 +12,7 @@ from radiometry.errors import InputError
 from radiometry.photons import photon_rate
 from radiometry.throughput import LightPath, detector_to_pixel
 from sim.ambient import ambient_irradiance
+from sim.detector_texture import detector_albedo, texture_of
 from sim.hidden_object import FlatObject, HiddenObject, is_hidden_object
 from sim.plugins.laser import Laser
 from sim.plugins.phase_screen import PhaseScreen
@@ -61,6 +62,8 @@ class Geometry:
     linewidth_hz: float
     depolarised: bool
     """Whether light has lost its polarisation before it reaches the virtual detector."""
+    detector_texture: np.ndarray | None
+    """Albedo of the virtual detector under each pixel over its mean, float32 (H, W); None where it is the same everywhere."""
     ambient_irradiance: np.ndarray | None
     """Light of other emitters on the frame in W/m^2, a coarse map (see `ambient.py`); None without any."""
 
@@ -120,13 +123,13 @@ def read_geometry(scene: mi.Scene) -> Geometry:
                          "add one, and pass optimize=False to mi.load_file")
 
     spot_point, source_normal, source_albedo = _first_hit(scene, laser.origin, laser.direction, source, "the laser beam")
-    detector_centre, detector_normal, detector_albedo = _first_hit(scene, camera.pupil_centre, camera.axis, detector,
-                                                                   "the axis of the speckle_camera")
+    detector_centre, detector_normal, _ = _first_hit(scene, camera.pupil_centre, camera.axis, detector,
+                                                     "the axis of the speckle_camera")
     height, width = _film_size(camera)
     _check_spot_fits(scene, laser, source)
     right = _unit(np.cross(camera.axis, camera.up))
     right, down = (_unit(v - detector_normal * (v @ detector_normal)) for v in (right, -camera.up))
-    _check_frame_fits(scene, camera, detector, detector_centre, right, down, (height, width))
+    albedo, texture = texture_of(detector_albedo(scene, detector, camera, detector_centre, right, down, (height, width)))
 
     hidden_object = HiddenObject(scene, detector_centre, spot_point, right, down)
     cosines = hidden_object.mean_cosines()
@@ -146,7 +149,7 @@ def read_geometry(scene: mi.Scene) -> Geometry:
         object_cosine_out=cosines[1],
         object_to_detector_m=float(np.linalg.norm(to_detector)),
         detector_cosine_in=_cosine(detector_normal, -to_detector),
-        detector_albedo=detector_albedo,
+        detector_albedo=albedo,
         detector_cosine_out=_cosine(detector_normal, to_pupil),
         detector_to_pupil_m=float(np.linalg.norm(to_pupil)),
         pupil_diameter_m=camera.pupil_diameter_m,
@@ -173,6 +176,7 @@ def read_geometry(scene: mi.Scene) -> Geometry:
         linewidth_hz=laser.linewidth_hz,
         depolarised=any(isinstance(shape.bsdf(), PhaseScreen) and shape.bsdf().depolarising for shape in scene.shapes()
                         if shape.id() == "virtual_source" or is_hidden_object(shape)),
+        detector_texture=texture,
         ambient_irradiance=ambient_irradiance(scene, detector_centre, right, down, detector_normal,
                                               (height * camera.pixel_pitch_m, width * camera.pixel_pitch_m)),
         direct_light=_direct_light(scene, path.source_albedo, spot_point, source_normal, detector_centre, detector_normal),
@@ -208,15 +212,6 @@ def _first_hit(scene: mi.Scene, origin: np.ndarray, direction: np.ndarray, expec
     if normal @ direction > 0.0:
         raise InputError(expected.id(), f"{ray_name} to meet its front", "its back", "turn the shape round")
     return origin + distance * direction, _unit(normal), albedo
-
-
-def _check_frame_fits(scene: mi.Scene, camera: SpeckleCamera, detector: mi.Shape, centre: np.ndarray,
-                      right: np.ndarray, down: np.ndarray, frame_shape: tuple[int, int]) -> None:
-    """All four corners of the frame must lie on the virtual detector and be seen by the camera."""
-    half_height, half_width = (0.5 * n * camera.pixel_pitch_m for n in frame_shape)
-    for sign_down, sign_right in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
-        corner = centre + sign_down * half_height * down + sign_right * half_width * right
-        _first_hit(scene, camera.pupil_centre, _unit(corner - camera.pupil_centre), detector, "a corner of the frame")
 
 
 def _film_size(camera: SpeckleCamera) -> tuple[int, int]:

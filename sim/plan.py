@@ -11,6 +11,8 @@ import numpy as np
 from radiometry.errors import InputError
 from radiometry.prediction import patches_of, predict
 from radiometry.throughput import closed_form, detector_to_pixel
+from sim.coherence import spectral_lines
+from sim.detector_roughness import oversampling
 from sim.effects import Effect, decide
 from sim.geometry import Geometry
 from sim.illumination import overlap, specular_share
@@ -91,6 +93,34 @@ def check(geometry: Geometry) -> None:
     check_exposure(geometry)
 
 
+@dataclass(frozen=True)
+class Modes:
+    """What a frame sums over, each with a wall field of its own.
+
+    Attributes:
+        oversampling: samples of the field per pixel and axis, above 1 for the exact roughness of the virtual detector.
+        polarisations: 1, or 2 where light is depolarised.
+        lines: (offset in Hz, weight) of each spectral line.
+    """
+
+    oversampling: int
+    polarisations: int
+    lines: tuple[tuple[float, float], ...]
+
+    @property
+    def samples(self) -> int:
+        """Field samples for each pixel of a frame."""
+        return self.oversampling**2 * self.polarisations * len(self.lines)
+
+
+def modes_of(geometry: Geometry, samples: ObjectSamples, effects: dict[str, Effect], accuracy: str) -> Modes:
+    """The modes that the effects of a scene ask for."""
+    exact = effects["detector_roughness"].modelled and accuracy == "field"
+    spread = effects["linewidth"].modelled and len(samples.path_m) > 0
+    return Modes(oversampling(geometry) if exact else 1, 2 if effects["depolarisation"].modelled else 1,
+                 tuple(spectral_lines(samples.path_m, geometry.linewidth_hz)) if spread else ((0.0, 1.0),))
+
+
 def make_plan(geometry: Geometry, frames: int, settings: Settings | None = None) -> dict[str, Any]:
     """The plan as JSON: kernels, effects, warnings, prediction of time and memory, light budget.
 
@@ -103,7 +133,9 @@ def make_plan(geometry: Geometry, frames: int, settings: Settings | None = None)
     kernels = propagators(geometry, samples, settings)
     kernel = choose(kernels, settings.propagator, settings.tolerance)
     prediction = predict(geometry)
-    listed = [*decide(geometry, samples, prediction.terms, settings.effects, settings.tolerance).values(),
+    effects = decide(geometry, samples, prediction.terms, settings.effects, settings.tolerance)
+    modes = modes_of(geometry, samples, effects, settings.accuracy)
+    listed = [*effects.values(),
               Effect("direct_light", False, "blocked by a shape" if geometry.baffled else "not blocked by any shape", 0.0)]
     budget = closed_form(geometry.light_path)
     warnings = [f"{effect.name}: predicted error {effect.predicted_error:.2g} exceeds the tolerance "
@@ -122,8 +154,8 @@ def make_plan(geometry: Geometry, frames: int, settings: Settings | None = None)
         "effects": [asdict(effect) for effect in listed],
         "predicted_error": kernel.predicted_error + math.fsum(effect.predicted_error for effect in listed),
         "warnings": warnings,
-        "seconds": frames * (kernel.seconds + pixels * CAMERA_SECONDS_PER_PIXEL),
-        "bytes": kernel.bytes + 24 * pixels,
+        "seconds": frames * modes.samples * (kernel.seconds + pixels * CAMERA_SECONDS_PER_PIXEL),
+        "bytes": (kernel.bytes + 24 * pixels) * modes.oversampling**2,
         "frames": frames,
         "throughput": budget.as_dict(),
         "ideal_floor_over_peak": prediction.shot_floor_over_peak,

@@ -1,5 +1,6 @@
 """Rendered frames show the floor, the degrees of freedom and the distribution that the noise model predicts."""
 
+import numpy as np
 import pytest
 from scipy import stats
 
@@ -27,6 +28,25 @@ def test_floor_dof_and_distribution_of_rendered_frames(letter_simulation, letter
     assert read_noise_level(estimate).dof == pytest.approx(dof, rel=0.10)
     free = estimate[SIGNAL_FREE]
     assert stats.kstest(free / free.mean(), stats.gamma(dof, scale=1.0 / dof).cdf).pvalue > 0.01
+
+
+def test_the_autocorrelation_of_rendered_frames_is_h_times_that_of_the_albedo(letter_simulation):
+    """Lag by lag, noise-free: nothing is fitted but one gain; the same without H, or mirrored, is far off."""
+    simulation = letter_simulation("7", exposure="1")
+    prediction = predict(simulation.geometry)
+    frames = [simulation.expected(5, number).numpy() for number in range(9)]
+    estimate, dof = estimate_autocorrelation(frames, prediction.grid)
+
+    def excess(signal: np.ndarray) -> float:
+        """Variance about the expected shape over that of Gamma noise of K = dof, at the lags with signal."""
+        shown = INDEPENDENT & (RING > 2) & (signal > 0.02 * signal.max())
+        ratio = estimate[shown] / signal[shown]
+        return float((ratio / ratio.mean()).var() * dof)
+
+    # A little above 1: all patches see one draw of the object's own speckle, which their K leaves out.
+    assert 0.7 < excess(prediction.signal) < 2.2
+    assert excess(prediction.signal / prediction.transfer) > 4.0
+    assert excess(prediction.signal[:, ::-1]) > 100.0
 
 
 def test_the_prediction_is_one_over_photons_per_coherence_area(letter_simulation):

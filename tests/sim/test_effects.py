@@ -1,10 +1,12 @@
 """Effects against closed forms and brute-force sums of modes."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
 pytest.importorskip("mitsuba")
 
@@ -281,3 +283,38 @@ def test_plans_are_strict_json_where_a_kernel_cannot_be_had(scene):
     plan = make_plan(scene(deep), 1, Settings("field", 1e-9))
     assert json.dumps(plan, allow_nan=False)
     assert plan["propagator"] == "direct"
+
+
+@pytest.mark.parametrize("settings", [Settings(), Settings("field", 1e-2, "fresnel", None, (("detector_roughness", True),))])
+def test_the_wall_s_own_albedo_shows_under_the_speckle(scene, tmp_path, settings):
+    """Four quarters of a painted wall: each as bright as its albedo, rows down and columns right, energy as the mean says."""
+    quarters = np.array([[0.25, 0.5], [0.75, 1.0]])
+    Image.fromarray(np.round(255 * quarters).astype(np.uint8)).save(tmp_path / "paint.png")
+    plain = '</transform>\n        <bsdf type="phase_screen">\n            <float name="height_rms" value="2e-6"/>\n'
+    text = scene_path("corner_letter").read_text()
+    wall = text[text.index('id="virtual_detector"') :]
+    old = wall[: wall.index("<sensor")]
+    paint = ('<texture type="bitmap" name="reflectance"><string name="filename" value="paint.png"/><boolean name="raw" '
+             'value="true"/><string name="filter_type" value="nearest"/></texture>')
+    assert plain in old
+    geometry = scene((old, old.replace('<spectrum name="reflectance" value="1"/>', paint)))
+    # Columns run along the rectangle's u; rows down, against its v, along which bitmaps are laid from their first row.
+    albedo = np.round(255 * quarters[::-1]) / 255
+    assert geometry.light_path.detector_albedo == pytest.approx(albedo.mean(), rel=1e-5)
+    simulation, even = Simulation(geometry, settings), Simulation(geometry, replace(settings, effects=(
+        *settings.effects, ("detector_texture", False))))
+    assert simulation.effects["detector_texture"].modelled
+    assert even.effects["detector_texture"].predicted_error == pytest.approx(albedo.std() ** 2 / albedo.mean() ** 2, rel=1e-4)
+    painted, bare = (sum(one.expected(4, number) for number in range(2)).numpy() for one in (simulation, even))
+    for row, rows in enumerate((slice(20, 237), slice(277, 494))):
+        for column, columns in enumerate((slice(20, 288), slice(328, 596))):
+            gain = painted[rows, columns].sum() / bare[rows, columns].sum()
+            assert gain == pytest.approx(albedo[row, column] / albedo.mean(), rel=5e-3)
+    assert Simulation(scene()).geometry.detector_texture is None
+
+
+def test_a_camera_that_sees_past_the_wall_is_refused(scene):
+    pole = ('<shape type="rectangle" id="pole"><transform name="to_world"><scale x="0.0002" y="0.02"/>'
+            '<rotate y="1" angle="180"/><translate x="-0.003" z="0.99"/></transform><bsdf type="diffuse"/></shape>')
+    with pytest.raises(InputError, match="% of them see something else"):
+        scene(("</scene>", f"{pole}</scene>"))
