@@ -90,7 +90,8 @@ class Simulation:
         if chosen.propagator == "fresnel":
             return fresnel(scatterers, samples.place, samples.grid, wall, self.device.type)
         if chosen.propagator == "nufft":
-            field = nufft(scatterers, wall, tolerance=chosen.predicted_error, precision=chosen.precision, progress=progress)
+            field = nufft(scatterers, wall, tolerance=chosen.patches.tolerance, precision=chosen.precision,
+                          patches=chosen.patches if oversampling == 1 else None, progress=progress)
         else:
             field = direct(scatterers, wall, precision=chosen.precision, device=self.device.type,
                            visible=self.geometry.hidden_object.visible_from(self.geometry.detector_centre, wall.centre_m),

@@ -13,13 +13,17 @@ from sim.propagation import direct, nufft, validity
 from sim.propagation.sampling import Scatterers, Wall
 
 FFT_SECONDS_PER_PIXEL = 2e-8
-NUFFT_SECONDS = (0.25, 0.025, 3e-7, 2.5e-8)
+DIRECT_SECONDS = 0.015
+NUFFT_SECONDS = (0.003, 0.017, 3e-7, 2.5e-8)
 """Once; of a patch; per term and scatterer of a patch; per term and pixel. On two cores, to rank kernels by."""
 
 
 @dataclass(frozen=True)
 class Option:
-    """One kernel in one precision, with its predicted error, seconds and bytes for a frame; `why` where it cannot be had."""
+    """One kernel in one precision, with its predicted error, seconds and bytes for a frame; `why` where it cannot be had.
+
+    `patches` are those of nufft.
+    """
 
     propagator: str
     precision: str
@@ -27,10 +31,11 @@ class Option:
     seconds: float
     bytes: int
     why: str
+    patches: nufft.Patches | None = None
 
     def as_dict(self) -> dict[str, Any]:
         return {name: None if isinstance(value, float) and not math.isfinite(value) else value
-                for name, value in asdict(self).items()}
+                for name, value in asdict(self).items() if name != "patches"}
 
 
 def options(wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterers: Scatterers, lag_m: float, accuracy: str,
@@ -46,7 +51,9 @@ def options(wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterers: Scatter
     for name in ("fraunhofer", "fresnel"):
         if precision == "float64":
             continue
-        error = statistical if accuracy == "statistical" else validity.field_error(name, wall, axes, scatterers)
+        error = statistical
+        if accuracy == "field":
+            error = validity.UNRELATED if name == "fraunhofer" else validity.fresnel_error(wall, axes, scatterers)
         why = "flat, delta-correlated object in the far field" if name == "fraunhofer" else "exact phases at the frame's centre"
         cost = FFT_SECONDS_PER_PIXEL * pixels * (1.0 if name == "fraunhofer" else 1.5)
         found.append(Option(name, "float32", error, cost, 16 * pixels, why))
@@ -55,25 +62,30 @@ def options(wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterers: Scatter
     for kind in ("float32", "float64"):
         if precision in (None, kind):
             found.append(_nufft(wall, scatterers, kind, tolerance))
-            pairs = pixels * len(scatterers)
-            found.append(Option("direct", kind, validity.direct_error(wall, scatterers, kind, direct.TILE),
-                                pairs / direct.PAIRS_PER_SECOND[kind], 8 * pixels + 2**28, "every scatterer to every pixel"))
+            found.append(_direct(wall, scatterers, kind))
     return sorted(found, key=lambda option: option.seconds)
 
 
 def _nufft(wall: Wall, scatterers: Scatterers, precision: str, tolerance: float) -> Option:
     low, high = nufft.TOLERANCE[precision]
-    wanted = min(max(0.3 * tolerance, low), high)
     try:
-        size, terms = nufft.patch_size(scatterers.position_m, wall, wanted)
+        patches = nufft.plan_patches(scatterers.position_m, wall, min(max(0.5 * tolerance, low), high), precision)
     except InputError:
         return Option("nufft", precision, math.inf, math.inf, 0, "the sum of products does not converge this close")
-    patches = math.ceil(wall.shape[0] / size) * math.ceil(wall.shape[1] / size)
+    size, terms = patches.size, patches.terms
+    count = math.ceil(wall.shape[0] / size) * math.ceil(wall.shape[1] / size)
     once, each, scatterer, pixel = NUFFT_SECONDS
-    seconds = once + patches * (each + terms * (scatterer * len(scatterers) + pixel * size**2))
+    seconds = once + count * (each + terms * (scatterer * len(scatterers) + pixel * size**2))
     memory = 16 * terms * (size**2 * 5 + 2 * len(scatterers)) + 16 * math.prod(wall.shape)
-    return Option("nufft", precision, wanted, seconds, memory,
-                  f"{terms} terms in each of {patches} patches of {size} pixels")
+    return Option("nufft", precision, patches.error, seconds, memory,
+                  f"{terms} terms in each of {count} patches of {size} pixels", patches)
+
+
+def _direct(wall: Wall, scatterers: Scatterers, precision: str) -> Option:
+    tiles = math.prod(math.ceil(pixels / direct.TILE) for pixels in wall.shape)
+    seconds = DIRECT_SECONDS + tiles * direct.TILE**2 * len(scatterers) / direct.PAIRS_PER_SECOND[precision]
+    return Option("direct", precision, validity.direct_error(wall, scatterers, precision, direct.TILE), seconds,
+                  8 * math.prod(wall.shape) + 2**28, "every scatterer to every pixel")
 
 
 def choose(listed: list[Option], propagator: str, tolerance: float) -> Option:

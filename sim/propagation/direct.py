@@ -29,7 +29,7 @@ TILE = 64
 _PAIRS_AT_ONCE, _TILES_AT_ONCE = 2**22, 64
 """Tiles x scatterers, and tiles, held in memory at once."""
 
-PAIRS_PER_SECOND = {"float32": 1.5e9, "float64": 0.5e9}
+PAIRS_PER_SECOND = {"float32": 1e9, "float64": 0.35e9}
 """On two cores; only a prediction of time, never a result."""
 
 

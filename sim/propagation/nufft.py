@@ -10,6 +10,7 @@ Source: Barnett, Magland, af Klinteberg, SIAM J. Sci. Comput. 41, C479 (2019), d
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -24,6 +25,14 @@ _NODES_PATCH, _NODES_OBJECT = 10, 9
 TOLERANCE = {"float32": (1e-5, 1e-2), "float64": (1e-11, 1e-2)}
 """Smallest and largest tolerance in each precision."""
 
+FINUFFT_SHARE_OF_TOLERANCE = 0.3
+
+FINUFFT_ERROR = 0.7
+"""Error of finufft over the tolerance that it is given: 0.45 to 1.1 measured."""
+
+ROUNDING = {"float32": 9e-8, "float64": 1e-16}
+"""Error from places rounded to the precision, per pixel of a patch's side."""
+
 
 _Basis = tuple[np.ndarray, list[np.ndarray]]
 
@@ -37,30 +46,52 @@ class _Expansion:
     error: float
 
 
+@dataclass(frozen=True)
+class Patches:
+    """How a wall is cut and expanded.
+
+    Attributes:
+        size: pixels a side, odd.
+        terms: of the sum of products.
+        tolerance: that they were planned for.
+        error: predicted relative L2 error of the field.
+    """
+
+    size: int
+    terms: int
+    tolerance: float
+    error: float
+
+    @property
+    def eps(self) -> float:
+        """Tolerance given to finufft."""
+        return max(FINUFFT_SHARE_OF_TOLERANCE * self.tolerance, 1e-14)
+
+
 def nufft(scatterers: Scatterers, wall: Wall, *, tolerance: float = 1e-6, precision: str = "float64",
-          progress: Callable[[int], object] = lambda patches: None) -> np.ndarray:
+          patches: Patches | None = None, progress: Callable[[int], object] = lambda patches: None) -> np.ndarray:
     """Field on the wall, complex64 or complex128 (H, W), relative L2 error at most `tolerance`.
+
+    Args:
+        patches: from `plan_patches` for scatterers in the same places, wall and precision; found afresh when None.
 
     Raises InputError for a tolerance that the precision cannot hold, and where even the smallest patch needs too long a sum.
     """
     import finufft
 
-    low, high = TOLERANCE[precision]
-    if not low <= tolerance <= high:
-        raise InputError("--tolerance", f"between {low:g} and {high:g} for nufft in {precision}", tolerance,
-                         "choose another, or --precision float64")
+    patches = patches or plan_patches(scatterers.position_m, wall, tolerance, precision)
     object_basis = _object_basis(scatterers.position_m)
-    size, terms = patch_size(scatterers.position_m, wall, tolerance)
+    size, terms = patches.size, patches.terms
     height, width = wall.shape
     kind = np.complex64 if precision == "float32" else np.complex128
-    plan = finufft.Plan(1, (size, size), n_trans=terms, eps=max(0.2 * tolerance, 1e-14), isign=1, dtype=kind)
+    plan = finufft.Plan(1, (size, size), n_trans=terms, eps=patches.eps, isign=1, dtype=kind)
     field = np.empty(wall.shape, kind)
     for row in range(0, height, size):
         for column in range(0, width, size):
             centre = wall.pixels(np.array(row + 0.5 * (size - 1)), np.array(column + 0.5 * (size - 1)))
             expansion = _expand(centre, size, wall, scatterers.position_m, object_basis, terms)
-            if expansion.error > 5.0 * tolerance:
-                raise InputError("--tolerance", f"{expansion.error:.2g} or more in this scene", tolerance,
+            if expansion.error > 5.0 * patches.tolerance:
+                raise InputError("--tolerance", f"{expansion.error:.2g} or more in this scene", patches.tolerance,
                                  "use --propagator direct")
             gradient = 2.0 * np.pi / wall.wavelength_m * wall.pitch_m * _gradient(centre, scatterers.position_m)
             places = [np.ascontiguousarray(gradient @ axis, kind(0).real.dtype) for axis in (wall.down, wall.right)]
@@ -73,27 +104,36 @@ def nufft(scatterers: Scatterers, wall: Wall, *, tolerance: float = 1e-6, precis
     return field
 
 
-def patch_size(position_m: np.ndarray, wall: Wall, tolerance: float) -> tuple[int, int]:
-    """Side of the patches (odd) and number of terms that meet a tolerance at the frame's corners and centre.
+def plan_patches(position_m: np.ndarray, wall: Wall, tolerance: float, precision: str) -> Patches:
+    """The largest patches that meet a tolerance at the frame's corners and centre.
 
-    Raises InputError where even the smallest patch needs more than `MOST_TERMS`.
+    Raises InputError for a tolerance that the precision cannot hold, and where even the smallest patch needs more than
+    `MOST_TERMS`.
     """
+    low, high = TOLERANCE[precision]
+    if not low <= tolerance <= high:
+        raise InputError("--tolerance", f"between {low:g} and {high:g} for nufft in {precision}", tolerance,
+                         "choose another, or --precision float64")
     few = position_m[:: max(1, len(position_m) // 500)]
     basis = _object_basis(few)
     rows, columns = (np.array([0.0, 0.5, 1.0]) * (pixels - 1.0) for pixels in wall.shape)
-    places = [(rows[1], columns[1]), *((row, column) for row in rows[::2] for column in columns[::2])]
-    size = LARGEST_PATCH
+    places = [wall.pixels(np.array(row), np.array(column))
+              for row, column in ((rows[1], columns[1]), *((row, column) for row in rows[::2] for column in columns[::2]))]
+    size = min(LARGEST_PATCH, max(wall.shape) | 1)
     while size >= SMALLEST_PATCH:
-        terms = 0
-        for row, column in places:
-            centre = wall.pixels(np.array(row), np.array(column))
+        terms, sums = 0, []
+        own = math.hypot(FINUFFT_ERROR * FINUFFT_SHARE_OF_TOLERANCE * tolerance, ROUNDING[precision] * size)
+        for centre in places:
             value = _decompose(centre, size, wall, basis[0])[1]
             tail = np.sqrt(np.append(np.cumsum(value[::-1] ** 2)[::-1], 0.0) / (value**2).sum())
             terms = max(terms, int(np.argmax(tail < 0.3 * tolerance)))
-            if terms > MOST_TERMS or _expand(centre, size, wall, few, basis, terms).error > tolerance:
+            if terms > MOST_TERMS:
+                break
+            sums.append(_expand(centre, size, wall, few, basis, terms).error)
+            if math.hypot(own, sums[-1]) > tolerance:
                 break
         else:
-            return size, terms
+            return Patches(size, terms, tolerance, max(low, math.hypot(own, float(np.sqrt(np.mean(np.square(sums)))))))
         size = (size // 2) | 1
     raise InputError("--propagator", "a scene whose phases nufft can expand", "one too close or too deep for it",
                      "use --propagator direct")

@@ -15,6 +15,9 @@ import numpy as np
 
 from sim.propagation.sampling import Scatterers, Wall, kernel, path_difference, phasor
 
+UNRELATED = float(np.sqrt(2.0))
+"""Field error of `fraunhofer`: its phases are those of another wall, so only its statistics are right."""
+
 _PIXELS, _SCATTERERS = 9, 400
 ROUNDING = 4e-7
 """Relative error of a single-precision FFT or sum of this size."""
@@ -25,8 +28,8 @@ def across(axes: tuple[np.ndarray, np.ndarray], scatterers: Scatterers) -> np.nd
     return np.stack([scatterers.position_m @ axis for axis in axes], 1)
 
 
-def field_error(name: str, wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterers: Scatterers) -> float:
-    """Predicted field error of `fraunhofer` or `fresnel`.
+def fresnel_error(wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterers: Scatterers) -> float:
+    """Predicted field error of `fresnel`.
 
     Args:
         axes: the object grid's unit vectors (down, right).
@@ -37,8 +40,7 @@ def field_error(name: str, wall: Wall, axes: tuple[np.ndarray, np.ndarray], scat
     pixel = wall.centre_m + row[:, None] * wall.down + column[:, None] * wall.right
     place = across(axes, few)
     approximate = phasor(-(row[:, None] * place[:, 0] + column[:, None] * place[:, 1]) / wall.distance_m, wall.wavelength_m)
-    if name == "fresnel":
-        approximate = approximate * phasor(path_difference(wall.centre_m, few.position_m), wall.wavelength_m)
+    approximate = approximate * phasor(path_difference(wall.centre_m, few.position_m), wall.wavelength_m)
     exact = kernel(wall, pixel[:, None], few.position_m[None])
     return float(np.hypot(_distance(exact, approximate), ROUNDING))
 
