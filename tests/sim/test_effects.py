@@ -22,6 +22,7 @@ from sim.geometry import read_geometry
 from sim.illumination import overlap, specular_field, specular_share
 from sim.plan import Settings, make_plan
 from sim.plugins.speckle_camera import Electronics
+from sim.propagation import nufft
 from sim.scene_file import load_scene
 
 
@@ -278,11 +279,13 @@ def test_depolarised_and_ambient_light_are_in_the_prediction(scene):
     assert depolarised["signal"] == pytest.approx(2.0 * plain["signal"])
 
 
-def test_plans_are_strict_json_where_a_kernel_cannot_be_had(scene):
+def test_plans_are_strict_json_where_a_kernel_cannot_be_had(scene, monkeypatch):
     deep = ('<rotate z="1" angle="180"/>', '<rotate z="1" angle="180"/><rotate y="1" angle="75"/>')
+    monkeypatch.setattr(nufft, "MOST_TERMS", 5)
     plan = make_plan(scene(deep), 1, Settings("field", 1e-9))
     assert json.dumps(plan, allow_nan=False)
     assert plan["propagator"] == "direct"
+    assert any(option["seconds"] is None for option in plan["propagators"])
 
 
 @pytest.mark.parametrize("settings", [Settings(), Settings("field", 1e-2, "fresnel", None, (("detector_roughness", True),))])
@@ -311,6 +314,17 @@ def test_the_wall_s_own_albedo_shows_under_the_speckle(scene, tmp_path, settings
             gain = painted[rows, columns].sum() / bare[rows, columns].sum()
             assert gain == pytest.approx(albedo[row, column] / albedo.mean(), rel=5e-3)
     assert Simulation(scene()).geometry.detector_texture is None
+
+
+def test_saturation_is_predicted_and_clips(scene):
+    """Negative-exponential speckle: the share exp(-full well / mean) of the pixels is full."""
+    mean = Simulation(scene()).mean_photoelectrons
+    full_well = 1.5 * mean
+    geometry = scene(('<float name="pixel_pitch"', f'<float name="full_well" value="{full_well}"/><float name="pixel_pitch"'))
+    frame = Simulation(geometry, Settings(effects=(("shot_noise", False), *BARE))).frame(3, 0).numpy()
+    assert frame.max() == pytest.approx(full_well, rel=1e-6)
+    assert (frame >= 0.999 * full_well).mean() == pytest.approx(np.exp(-1.5), rel=0.05)
+    assert any("22.3 % of the pixels will saturate" in warning for warning in make_plan(geometry, 1)["warnings"])
 
 
 def test_a_camera_that_sees_past_the_wall_is_refused(scene):
