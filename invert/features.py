@@ -23,7 +23,8 @@ class Observation:
     Attributes:
         estimate: (n, 127, 127), zero lag at [63, 63], floor included.
         floor, dof: noise level of each, (n,).
-        classical: what classical retrieval makes of it, (n, 64, 64), largest value 1; zeros where it was not tried.
+        classical: what classical retrieval makes of it, (n, 2, 64, 64), largest value 1 each: the mean of the best starts,
+            and the start of least residual, laid over it; zeros where it was not tried.
     """
 
     estimate: torch.Tensor
@@ -34,7 +35,7 @@ class Observation:
     @classmethod
     def alone(cls, estimate: torch.Tensor, floor: torch.Tensor, dof: torch.Tensor) -> Observation:
         """Estimates without a classical reconstruction."""
-        return cls(estimate, floor, dof, estimate.new_zeros(len(estimate), OBJECT, OBJECT))
+        return cls(estimate, floor, dof, estimate.new_zeros(len(estimate), 2, OBJECT, OBJECT))
 
     def __len__(self) -> int:
         return len(self.estimate)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
 import torch
 from torch import nn
 
@@ -35,13 +34,13 @@ def predict(network: nn.Module, seen: Observation) -> tuple[torch.Tensor, torch.
         return network(seen)
 
 
-def observation(measurement: Measurement, classical: np.ndarray | None = None) -> Observation:
+def observation(measurement: Measurement, classical: torch.Tensor | None = None) -> Observation:
     """What the network is shown of one measurement."""
     one = Observation.alone(torch.from_numpy(measurement.estimate)[None], torch.tensor([measurement.noise.floor]).float(),
                             torch.tensor([measurement.noise.dof or UNBOUNDED_DOF]).float())
     if classical is None:
         return one
-    return replace(one, classical=torch.from_numpy(classical)[None])
+    return replace(one, classical=classical[None])
 
 
 @torch.no_grad()

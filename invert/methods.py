@@ -16,9 +16,9 @@ from invert.error_reduction import ErrorReductionOptions, error_reduction
 from invert.hio import HioOptions, hio
 from invert.learned import looks, observation
 from invert.mtwf import MTWF_OPTIONS, mtwf
-from invert.projections import Progress
+from invert.projections import Candidates, Progress
 from invert.raar import RaarOptions, raar
-from invert.registration import OBJECT, centred, consensus
+from invert.registration import OBJECT, centred, consensus, registered
 from invert.spectrum import Measurement, fourier_modulus
 from invert.taf import TafOptions, taf
 from invert.twf import TwfOptions, twf
@@ -102,14 +102,34 @@ def retrieve(measurement: Measurement, method: str, quality: str, seed: int, dev
         return NOTHING
     if method == "unet":
         return _by_network(measurement, quality, seed, device, progress, weights or SHIPPED)
+    found = _solve(measurement, method, quality, seed, device, progress)
+    together = consensus(found.images, found.residual)
+    image = together.image if method == "classical" else found.images[found.residual.argmin()]
+    return _normalised(image, together.agreement, float(found.residual.min()), together.transfer)
+
+
+def _solve(measurement: Measurement, method: str, quality: str, seed: int, device: str, progress: Progress) -> Candidates:
     modulus = fourier_modulus(measurement).to(device)
     # r*r that ends at a ring belongs to an object as wide as the ring's radius, plus one.
     box = min(OBJECT, measurement.noise.signal_ring + 3) if method == "classical" else OBJECT
     generator = torch.Generator(device=device).manual_seed(seed)
-    found = METHODS[method][0](modulus, box, generator, method_options(method, quality), progress)
+    return METHODS[method][0](modulus, box, generator, method_options(method, quality), progress)
+
+
+def classical_pictures(measurement: Measurement, quality: str, seed: int, device: str,
+                       progress: Progress = lambda: None) -> tuple[torch.Tensor, float]:
+    """What a network is shown of the classical retrieval: pictures (2, 64, 64), and how far its starts agree.
+
+    The mean of the best starts, which is smooth where they differ, and the start of least residual, which is sharp; largest
+    value 1 each, zeros where no object can be detected.
+    """
+    if measurement.detection < DETECTION_LIMIT or measurement.peak <= 0.0:
+        return torch.zeros(2, OBJECT, OBJECT), 0.0
+    found = _solve(measurement, "classical", quality, seed, device, progress)
     together = consensus(found.images, found.residual)
-    image = together.image if method == "classical" else found.images[found.residual.argmin()]
-    return _normalised(image, together.agreement, float(found.residual.min()), together.transfer)
+    sharpest, _ = registered(found.images[found.residual.argmin()][None], together.image)
+    pictures = centred(torch.cat((together.image[None], sharpest)).clamp_min(0.0))
+    return pictures / pictures.amax((-2, -1), keepdim=True).clamp_min(1e-30), together.agreement
 
 
 def _by_network(measurement: Measurement, quality: str, seed: int, device: str, progress: Progress,
@@ -133,13 +153,12 @@ def draw(measurement: Measurement, quality: str, seed: int, device: str, weights
     """
     network, _ = load_network(weights, device)
     poses, classical_quality = NETWORK_LOOKS[quality]
-    classical = NOTHING
+    pictures, agreement = None, 0.0
     if isinstance(network, CorrelographyNet):
-        classical = retrieve(measurement, "classical", classical_quality, seed, device, progress)
-    seen = observation(measurement, classical.albedo)
-    images, logit = looks(network, seen.part(slice(None), device), poses)
+        pictures, agreement = classical_pictures(measurement, classical_quality, seed, device, progress)
+    images, logit = looks(network, observation(measurement, pictures).part(slice(None), device), poses)
     together = consensus(torch.nn.functional.pad(images, (0, OBJECT, 0, OBJECT)), torch.zeros(poses))
-    return together.image, (logit, together.agreement, classical.confidence), together.transfer if poses > 1 else ()
+    return together.image, (logit, together.agreement, agreement), together.transfer if poses > 1 else ()
 
 
 def _normalised(image: torch.Tensor, confidence: float, residual: float | None,

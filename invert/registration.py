@@ -52,40 +52,40 @@ def registered(image: torch.Tensor, reference: torch.Tensor) -> tuple[torch.Tens
     return torch.stack(moved), value
 
 
-def laid_over(images: torch.Tensor, references: torch.Tensor) -> torch.Tensor:
-    """Each image (n, 64, 64) shifted and turned to fit its own reference (n, 64, 64).
+def laid_over(pictures: torch.Tensor, references: torch.Tensor) -> torch.Tensor:
+    """Pictures of each object (n, k, 64, 64), shifted and turned together so that the first fits its reference (n, 64, 64).
 
     What would leave the window is lost, so a shift counts less by the fourth power of the mass it keeps.
     """
     side, grid = 2 * OBJECT, (2 * OBJECT, 2 * OBJECT)
-    ours, theirs = torch.fft.rfft2(images, s=grid), torch.fft.rfft2(references, s=grid)
+    ours, theirs = torch.fft.rfft2(pictures[:, 0], s=grid), torch.fft.rfft2(references, s=grid)
     window = torch.fft.rfft2(torch.ones_like(references), s=grid)
     # A half turn conjugates the spectrum.
     both = torch.stack((ours.conj(), ours), 1)
     fit = torch.fft.irfft2(theirs[:, None] * both, s=grid)
-    mass = images.sum((-2, -1)).clamp_min(1e-12)[:, None, None, None]
+    mass = pictures[:, 0].sum((-2, -1)).clamp_min(1e-12)[:, None, None, None]
     kept = torch.fft.irfft2(window[:, None] * both, s=grid).clamp_min(0.0) / mass
     moved = []
-    for image, best in zip(images, (fit * kept**4).flatten(1).argmax(1).tolist(), strict=True):
+    for own, best in zip(pictures, (fit * kept**4).flatten(1).argmax(1).tolist(), strict=True):
         turn, shift = divmod(best, side * side)
-        padded = torch.nn.functional.pad(image, (0, OBJECT, 0, OBJECT))
-        moved.append(torch.roll(turned(padded) if turn else padded, divmod(shift, side), (0, 1))[:OBJECT, :OBJECT])
+        padded = torch.nn.functional.pad(own, (0, OBJECT, 0, OBJECT))
+        moved.append(torch.roll(turned(padded) if turn else padded, divmod(shift, side), (-2, -1))[:, :OBJECT, :OBJECT])
     return torch.stack(moved)
 
 
-def centred(image: torch.Tensor, side: int = OBJECT) -> torch.Tensor:
-    """Cut the `side` x `side` window that holds the most of a periodic image (H, W), object in its middle."""
-    for dimension in (0, 1):
-        profile = image.sum(1 - dimension).double()
+def centred(images: torch.Tensor, side: int = OBJECT) -> torch.Tensor:
+    """Cut the `side` x `side` window that holds the most of periodic images (..., H, W), taken together, in its middle."""
+    for dimension in (-2, -1):
+        profile = images.movedim(dimension, 0).flatten(1).sum(1).double()
         length = profile.numel()
         window = torch.cat((profile, profile)).cumsum(0)
         held = window[side - 1 : side - 1 + length] - torch.cat((window.new_zeros(1), window))[:length]
         # Every window start that holds nearly all: a circular run, whose middle centres the object.
         full = held >= held.max() - 2e-3 * profile.sum().abs()
-        angle = torch.arange(length, device=image.device) * (2.0 * torch.pi / length)
+        angle = torch.arange(length, device=images.device) * (2.0 * torch.pi / length)
         middle = torch.atan2((full * angle.sin()).sum(), (full * angle.cos()).sum()) * length / (2.0 * torch.pi)
-        image = torch.roll(image, -round(float(middle)), dimension)
-    return image[:side, :side]
+        images = torch.roll(images, -round(float(middle)), dimension)
+    return images[..., :side, :side]
 
 
 @dataclass(frozen=True)

@@ -85,8 +85,8 @@ def warm(stored: dict[str, torch.Tensor], count: int, generator: torch.Generator
     pictures = [stored[name][chosen].float() * scale
                 for name, scale in (("estimate", 1.0), ("albedo", 1.0 / 255.0), ("classical", 1.0 / 255.0))]
     for turn in (lambda x: x.mT, lambda x: x.flip(-1), lambda x: x.flip(-2)):
-        turned = (torch.rand(count, generator=generator) < 0.5)[:, None, None]
-        pictures = [torch.where(turned, turn(picture), picture) for picture in pictures]
+        turned = torch.rand(count, generator=generator) < 0.5
+        pictures = [torch.where(turned.view(-1, *[1] * (picture.ndim - 1)), turn(picture), picture) for picture in pictures]
     estimate, truth, classical = pictures
     seen = Observation(estimate, *(stored[name][chosen] for name in ("floor", "dof")), classical)
     return Batch(seen, truth)

@@ -89,7 +89,7 @@ class Unet(nn.Module):
 
 
 class CorrelographyNet(nn.Module):
-    """Two U-nets: `alone` draws from the estimate; `fusion` sees that and a classical reconstruction laid over it as well.
+    """Two U-nets: `alone` draws from the estimate; `fusion` sees that, and two classical pictures laid over it, as well.
 
     Where the classical reconstruction is good, it is kept and cleaned; where it is not, the first picture stands.
     """
@@ -97,7 +97,7 @@ class CorrelographyNet(nn.Module):
     def __init__(self, width: int = 64) -> None:
         super().__init__()
         self.alone = Unet(width)
-        self.fusion = Unet(width // 2, pictures=2)
+        self.fusion = Unet(width // 2, pictures=3)
         self.fuses = False
         """Whether to fuse even where nothing classical is shown, as in training the fusion."""
 
@@ -107,7 +107,7 @@ class CorrelographyNet(nn.Module):
         if not (self.fuses or bool(seen.classical.any())):
             return first, expected
         look = (first / first.amax((-2, -1), keepdim=True).clamp_min(1e-6)).detach()
-        return self.fusion(shown, torch.stack((look, laid_over(seen.classical, look)), 1))
+        return self.fusion(shown, torch.cat((look[:, None], laid_over(seen.classical, look)), 1))
 
 
 class PaperUnet(nn.Module):

@@ -16,7 +16,7 @@ from radiometry.autocorrelation import SIDE
 from radiometry.errors import ArgumentParser, InputError, check_seed, run_command
 
 CHUNK = 32
-ARRAYS = {"albedo": ((64, 64), "uint8"), "classical": ((64, 64), "uint8"), "estimate": ((SIDE, SIDE), "float16"),
+ARRAYS = {"albedo": ((64, 64), "uint8"), "classical": ((2, 64, 64), "uint8"), "estimate": ((SIDE, SIDE), "float16"),
           "floor": ((), "float32"), "dof": ((), "float32")}
 
 QUALITY = "fast"
@@ -60,16 +60,16 @@ def _open(address: str, recipe: dict[str, Any]) -> zarr.Group:
 
 def _chunk(targets: torch.Tensor, seed: int, chunk: int) -> dict[str, np.ndarray]:
     """Estimates at noise of every kind, and their classical reconstructions."""
-    from invert.methods import retrieve
+    from invert.methods import classical_pictures
     from invert.spectrum import read_measurement
     from invert.training_data import varied
 
     batch = varied(targets, CHUNK, torch.Generator().manual_seed((seed << 32) + chunk))
-    found = [retrieve(read_measurement(estimate.numpy()), "classical", QUALITY, seed, "cpu")
-             for estimate in batch.seen.estimate]
+    pictures = torch.stack([classical_pictures(read_measurement(estimate.numpy()), QUALITY, seed, "cpu")[0]
+                            for estimate in batch.seen.estimate])
     return {
         "albedo": (255.0 * batch.truth).round().to(torch.uint8).numpy(),
-        "classical": np.stack([np.round(255.0 * result.albedo).astype(np.uint8) for result in found]),
+        "classical": (255.0 * pictures).round().to(torch.uint8).numpy(),
         "estimate": batch.seen.estimate.half().numpy(),
         "floor": batch.seen.floor.numpy(),
         "dof": batch.seen.dof.numpy(),

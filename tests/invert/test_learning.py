@@ -74,7 +74,7 @@ def test_the_fusion_keeps_a_good_classical_picture_wherever_it_lies(objects, obs
     shown = torch.roll(truth.flip((-2, -1)), (5, 3), (-2, -1))
     with torch.no_grad():
         first, _ = predict(network, observed)
-        albedo, _ = predict(network, replace(observed, classical=shown))
+        albedo, _ = predict(network, replace(observed, classical=torch.stack((shown, shown), 1)))
     assert float(registered_pearson(albedo, truth).min()) > 0.4
     assert not torch.allclose(first, albedo)
 

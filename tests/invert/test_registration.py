@@ -29,10 +29,11 @@ def test_shift_and_turn_are_undone(random, turn, shift):
 def test_each_image_is_laid_over_its_own_reference(random):
     references = torch.stack([torch.from_numpy(lopsided(random)), torch.from_numpy(lopsided(random)).mT])
     moved = torch.stack([torch.roll(references[0].flip((0, 1)), (3, 4), (0, 1)), torch.roll(references[1], (-5, 2), (0, 1))])
-    back = laid_over(moved, references)
-    for one, reference in zip(back, references, strict=True):
+    back = laid_over(torch.stack((moved, 0.5 * moved.square()), 1), references)
+    for (one, other), reference in zip(back, references, strict=True):
         assert np.corrcoef(one.ravel(), reference.ravel())[0, 1] > 0.99
-    assert not laid_over(torch.zeros(1, 64, 64), references[:1]).any()
+        torch.testing.assert_close(other, 0.5 * one.square())  # the second goes where the first goes
+    assert not laid_over(torch.zeros(1, 2, 64, 64), references[:1]).any()
 
 
 def test_mirrors_are_not_undone(random):
@@ -51,6 +52,8 @@ def test_centred_keeps_a_wide_lopsided_object(random):
         assert float(window.sum()) == pytest.approx(float(image.sum()))
         rows = np.flatnonzero(window.numpy().sum(1))
         assert abs(rows[0] - (63 - rows[-1])) <= 2
+        pair = centred(torch.roll(torch.stack((torch.from_numpy(image), torch.zeros(GRID, GRID))), shift, (-2, -1)))
+        torch.testing.assert_close(pair[0], window)
 
 
 def test_consensus_averages_what_agrees(random):
