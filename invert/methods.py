@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -53,9 +52,8 @@ NETWORK_LOOKS = {"fast": (1, "fast"), "balanced": (4, "balanced"), "best": (4, "
 UNCALIBRATED = (0.0, 1.0, 0.0, 0.0)
 """Confidence of a network without calibration: what it expects of itself."""
 
-BELIEVED = 0.35
-"""Correlation with the truth that a network must itself expect of its picture to claim an object: more than any sloping floor
-makes it expect. Classical starts agree on those, so the calibrated confidence cannot tell."""
+BELIEVED = 0.2
+"""Correlation with the truth that a network must expect of its picture to claim an object."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +138,7 @@ def _by_network(measurement: Measurement, quality: str, seed: int, device: str, 
     image, signs, transfer = draw(measurement, quality, seed, device, weights, progress)
     fit = load_network(weights, device)[1].get("calibration", {}).get(quality, UNCALIBRATED)
     trust = float(confidence(fit, np.array(signs)))
-    if signs[0] < math.log(BELIEVED / (1.0 - BELIEVED)):
+    if trust < BELIEVED:
         return replace(NOTHING, confidence=trust)
     return _normalised(image, trust, None, transfer)
 

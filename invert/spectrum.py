@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,6 +51,10 @@ class Measurement:
         return self.noise.floor * self.peak_error / self.peak**2 if self.peak > 0.0 else None
 
 
+SLOPE_WEIGHT = 1.5
+"""A signal must stand out of a sloping floor as well, by two thirds of what it must out of a flat one."""
+
+
 def read_measurement(estimate: np.ndarray, quantisation: float = 0.0, transfer: np.ndarray | None = None) -> Measurement:
     """Read the noise level, mend read-noise lines and fill zero lag of a raw estimate (127, 127).
 
@@ -58,7 +63,7 @@ def read_measurement(estimate: np.ndarray, quantisation: float = 0.0, transfer: 
     """
     noise = read_noise_level(estimate, quantisation)
     mended_estimate, mended = mend_lines(estimate, noise)
-    found = detection(mended_estimate, noise)
+    found = min(detection(mended_estimate, noise), SLOPE_WEIGHT * detection_above_slope(mended_estimate, noise))
     if transfer is not None:
         # Beyond the signal there is nothing to restore, only noise to raise.
         usable = np.where(noise.signal_ring >= RING, np.maximum(transfer, 0.05), 1.0)
@@ -101,6 +106,22 @@ def detection(estimate: np.ndarray, noise: NoiseLevel) -> float:
     for ring in (2, 4, 8, 16, 32):
         inside = INDEPENDENT & (ring >= RING)
         strengths.append(float((estimate[inside] - noise.floor).sum()) / (spread * float(inside.sum()) ** 0.5))
+    return max(strengths)
+
+
+def detection_above_slope(estimate: np.ndarray, noise: NoiseLevel) -> float:
+    """The same above a floor that may slope: a + b r^2 of the lags outside each ring, extrapolated into it."""
+    spread = max(noise.deviation, 1e-6 * noise.floor)
+    if spread <= 0.0:
+        return float("inf")
+    strengths = []
+    for ring in (2, 4, 8, 16, 32):
+        inside, outside = INDEPENDENT & (ring >= RING), INDEPENDENT & (ring < RING)
+        slope = np.stack([np.ones(int(outside.sum())), RING[outside].astype(np.float64) ** 2], 1)
+        total = np.array([float(inside.sum()), float((RING[inside].astype(np.float64) ** 2).sum())])
+        inverse = np.linalg.inv(slope.T @ slope)
+        excess = float(estimate[inside].sum()) - total @ (inverse @ (slope.T @ estimate[outside].astype(np.float64)))
+        strengths.append(excess / (spread * math.sqrt(inside.sum() + total @ inverse @ total)))
     return max(strengths)
 
 

@@ -286,7 +286,7 @@ def noise(random: np.random.Generator, kind: str) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["white", "lines", "slope"])
 @pytest.mark.parametrize(("quality", "count"), [("fast", 200), ("balanced", 40)])
 def test_noise_is_no_object(random, kind, quality, count):
-    """False alarms below 1 %."""
+    """False alarms below 1 %: the signal must stand out of a floor that slopes, and the network must believe its picture."""
     estimates = (read_measurement(noise(random, kind)) for _ in range(count))
     assert sum(retrieve(estimate, "unet", quality, 0, "cpu").object_found for estimate in estimates) <= 0.01 * count
 
