@@ -18,7 +18,7 @@ from invert.capture import CameraFacts, Capture
 from invert.estimate import estimate_from_frames
 from invert.hio import HioOptions, hio
 from invert.learned import looks, observation, predict
-from invert.methods import retrieve
+from invert.methods import classical_pictures, retrieve
 from invert.spectrum import fourier_modulus, read_measurement
 from invert.unet import PaperUnet
 from invert.weights import SHIPPED, load_network
@@ -54,8 +54,7 @@ def main() -> None:
     measurement = read_measurement(estimate.lags, transfer=estimate.transfer)
     network, _ = load_network(SHIPPED)
     paper = load_network(paper_weights)[0] if paper_weights else PaperUnet().to(memory_format=torch.channels_last).eval()
-    quick = retrieve(measurement, "classical", "fast", 0, "cpu")
-    seen = observation(measurement, quick.albedo)
+    seen = observation(measurement, classical_pictures(measurement, "fast", 0, "cpu")[0])
 
     def whole() -> None:
         fresh = estimate_from_frames(capture, None, "cpu")
