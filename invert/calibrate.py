@@ -49,14 +49,14 @@ def _observe(batch, weights: Path, quality: str) -> tuple[np.ndarray, np.ndarray
     from tqdm import tqdm
 
     from invert.losses import registered_pearson
-    from invert.methods import DETECTION_LIMIT, draw
+    from invert.methods import detectable, draw
     from invert.registration import centred
     from invert.spectrum import read_measurement
 
     signs, achieved = [], []
     for estimate, truth in zip(tqdm(batch.seen.estimate, desc=quality, disable=None), batch.truth, strict=True):
         measurement = read_measurement(estimate.numpy())
-        if measurement.detection < DETECTION_LIMIT or measurement.peak <= 0.0:
+        if not detectable(measurement):
             continue
         image, sign, _ = draw(measurement, quality, 0, "cpu", weights)
         found = float(registered_pearson(centred(image.clamp_min(0.0))[None], truth[None])[0]) if truth.any() else 0.0

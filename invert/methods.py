@@ -77,6 +77,11 @@ class Reconstruction:
 NOTHING = Reconstruction(np.zeros((OBJECT, OBJECT), np.float32), False, 0.0, None)
 
 
+def detectable(measurement: Measurement) -> bool:
+    """Whether a measurement shows enough for a retrieval to begin."""
+    return measurement.detection >= DETECTION_LIMIT and measurement.peak > 0.0
+
+
 def method_options(method: str, quality: str) -> Any:
     """A solver's options at a quality."""
     options = METHODS[method][1]
@@ -98,7 +103,7 @@ def retrieve(measurement: Measurement, method: str, quality: str, seed: int, dev
     Args:
         weights: another network than the shipped one, for `unet`.
     """
-    if measurement.detection < DETECTION_LIMIT or measurement.peak <= 0.0:
+    if not detectable(measurement):
         return NOTHING
     if method == "unet":
         return _by_network(measurement, quality, seed, device, progress, weights or SHIPPED)
@@ -123,7 +128,7 @@ def classical_pictures(measurement: Measurement, quality: str, seed: int, device
     The mean of the best starts, which is smooth where they differ, and the start of least residual, which is sharp; largest
     value 1 each, zeros where no object can be detected.
     """
-    if measurement.detection < DETECTION_LIMIT or measurement.peak <= 0.0:
+    if not detectable(measurement):
         return torch.zeros(2, OBJECT, OBJECT), 0.0
     found = _solve(measurement, "classical", quality, seed, device, progress)
     together = consensus(found.images, found.residual)

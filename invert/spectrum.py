@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,7 +62,7 @@ def read_measurement(estimate: np.ndarray, quantisation: float = 0.0, transfer: 
     """
     noise = read_noise_level(estimate, quantisation)
     mended_estimate, mended = mend_lines(estimate, noise)
-    found = min(detection(mended_estimate, noise), SLOPE_WEIGHT * detection_above_slope(mended_estimate, noise))
+    found = detection(mended_estimate, noise)
     if transfer is not None:
         # Beyond the signal there is nothing to restore, only noise to raise.
         usable = np.where(noise.signal_ring >= RING, np.maximum(transfer, 0.05), 1.0)
@@ -97,32 +96,23 @@ def mend_lines(estimate: np.ndarray, noise: NoiseLevel) -> tuple[np.ndarray, tup
 def detection(estimate: np.ndarray, noise: NoiseLevel) -> float:
     """Signal strength in standard deviations: the largest of the summed excesses over growing rings.
 
-    A matched filter for blobs of unknown size around zero lag; zero lag itself is left out.
+    A matched filter for blobs of unknown size around zero lag; zero lag itself is left out. The excess is that over the
+    floor or, where less, `SLOPE_WEIGHT` times that over a floor a + b r^2 of the lags outside the ring, extrapolated into it.
     """
     if noise.floor <= 0.0:
         return float("inf") if estimate[INDEPENDENT].max() > 0.0 else 0.0
     spread = max(noise.deviation, 1e-6 * noise.floor)
-    strengths = []
-    for ring in (2, 4, 8, 16, 32):
-        inside = INDEPENDENT & (ring >= RING)
-        strengths.append(float((estimate[inside] - noise.floor).sum()) / (spread * float(inside.sum()) ** 0.5))
-    return max(strengths)
-
-
-def detection_above_slope(estimate: np.ndarray, noise: NoiseLevel) -> float:
-    """The same above a floor that may slope: a + b r^2 of the lags outside each ring, extrapolated into it."""
-    spread = max(noise.deviation, 1e-6 * noise.floor)
-    if spread <= 0.0:
-        return float("inf")
-    strengths = []
+    flat, sloping = [], []
     for ring in (2, 4, 8, 16, 32):
         inside, outside = INDEPENDENT & (ring >= RING), INDEPENDENT & (ring < RING)
-        slope = np.stack([np.ones(int(outside.sum())), RING[outside].astype(np.float64) ** 2], 1)
-        total = np.array([float(inside.sum()), float((RING[inside].astype(np.float64) ** 2).sum())])
-        inverse = np.linalg.inv(slope.T @ slope)
-        excess = float(estimate[inside].sum()) - total @ (inverse @ (slope.T @ estimate[outside].astype(np.float64)))
-        strengths.append(excess / (spread * math.sqrt(inside.sum() + total @ inverse @ total)))
-    return max(strengths)
+        count = float(inside.sum())
+        flat.append(float((estimate[inside] - noise.floor).sum()) / (spread * count**0.5))
+        basis = np.stack([np.ones(int(outside.sum())), RING[outside].astype(np.float64) ** 2], 1)
+        total = np.array([count, float((RING[inside].astype(np.float64) ** 2).sum())])
+        inverse = np.linalg.inv(basis.T @ basis)
+        excess = float(estimate[inside].sum()) - total @ (inverse @ (basis.T @ estimate[outside].astype(np.float64)))
+        sloping.append(excess / (spread * (count + total @ inverse @ total) ** 0.5))
+    return min(max(flat), SLOPE_WEIGHT * max(sloping))
 
 
 def estimate_noise(measurement: Measurement) -> float:

@@ -106,7 +106,7 @@ class Simulation:
         if len(self._samples.amplitude) == 0:
             return self._ambient().expand(self.geometry.frame_shape).clone().cpu()
         factor, polarisations = self._modes.oversampling, self._modes.polarisations
-        exact = self._models("detector_roughness") and self.settings.accuracy == "field"
+        exact = self._modes.exact_roughness
         texture = self._texture(factor) if self._models("detector_texture") else None
         total = torch.zeros(self.geometry.frame_shape, device=self.device)
         for polarisation in range(polarisations):

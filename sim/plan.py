@@ -98,11 +98,13 @@ class Modes:
     """What a frame sums over, each with a wall field of its own.
 
     Attributes:
-        oversampling: samples of the field per pixel and axis, above 1 for the exact roughness of the virtual detector.
+        exact_roughness: whether the virtual detector's roughness is imaged, not drawn from its statistics.
+        oversampling: samples of the field per pixel and axis, 1 but for exact roughness.
         polarisations: 1, or 2 where light is depolarised.
         lines: (offset in Hz, weight) of each spectral line.
     """
 
+    exact_roughness: bool
     oversampling: int
     polarisations: int
     lines: tuple[tuple[float, float], ...]
@@ -117,7 +119,7 @@ def modes_of(geometry: Geometry, samples: ObjectSamples, effects: dict[str, Effe
     """The modes that the effects of a scene ask for."""
     exact = effects["detector_roughness"].modelled and accuracy == "field"
     spread = effects["linewidth"].modelled and len(samples.path_m) > 0
-    return Modes(oversampling(geometry) if exact else 1, 2 if effects["depolarisation"].modelled else 1,
+    return Modes(exact, oversampling(geometry) if exact else 1, 2 if effects["depolarisation"].modelled else 1,
                  tuple(spectral_lines(samples.path_m, geometry.linewidth_hz)) if spread else ((0.0, 1.0),))
 
 
