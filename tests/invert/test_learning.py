@@ -1,14 +1,8 @@
-"""Features, losses, weights and the training loop."""
+"""Features, losses, networks, weights; the shipped network on noise and on an F."""
 
 import hashlib
-import json
 import pickle
-import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,10 +15,9 @@ from invert.losses import LOSSES, registered_pearson
 from invert.methods import retrieve
 from invert.metrics import aligned_pearson
 from invert.spectrum import read_measurement
-from invert.train import main as train
 from invert.training_data import at_noise, paper_noise, varied
 from invert.unet import CorrelographyNet, PaperModulusUnet, PaperUnet
-from invert.weights import SHIPPED, load_network, read_weights, save_weights
+from invert.weights import SHIPPED, load_network, save_weights
 from radiometry.autocorrelation import autocorrelate
 from radiometry.errors import InputError
 from radiometry.noise_level import INDEPENDENT, OUTERMOST, RING
@@ -181,77 +174,6 @@ def test_weights_keep_their_card_and_refuse_what_is_not_theirs(tmp_path):
                        ("other", "of this version"), ("kind", "oracle"), ("nan", "NaN")):
         with pytest.raises(InputError, match=text):
             load_network(tmp_path / f"{name}.safetensors")
-
-
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory) -> Path:
-    from data_gen.__main__ import main
-
-    store = tmp_path_factory.mktemp("targets") / "set.zarr"
-    main([str(store), "--source", "strokes", "--count", "1600", "--workers", "1"])
-    return store
-
-
-def arguments(dataset: Path, output: Path) -> list[str]:
-    return [str(dataset), "-o", str(output), "--width", "32", "--steps", "12", "--batch", "4", "--checkpoint-every", "4"]
-
-
-@pytest.mark.slow
-def test_training_resumes_exactly_after_a_kill(tmp_path, dataset):
-    whole, killed = tmp_path / "whole.safetensors", tmp_path / "killed.safetensors"
-    train(arguments(dataset, whole))
-    process = subprocess.Popen([sys.executable, "-m", "invert.train", *arguments(dataset, killed)],
-                               cwd=Path(__file__).parents[2], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    checkpoint = tmp_path / "killed.checkpoint.safetensors"
-    while not checkpoint.is_file() and process.poll() is None:
-        time.sleep(0.02)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    assert not killed.is_file()
-    assert read_weights(checkpoint)[1]["step"] in (4, 8)
-    train(arguments(dataset, killed))
-    expected, found = read_weights(whole)[0], read_weights(killed)[0]
-    for name, value in expected.items():
-        torch.testing.assert_close(found[name], value, rtol=0, atol=0)
-    card = json.loads((tmp_path / "killed.json").read_text())
-    assert card["run"]["steps"] == 12
-    assert [point["step"] for point in card["curve"]] == [4, 8, 12]
-    assert (tmp_path / "killed.png").stat().st_size > 3000
-
-
-@pytest.mark.slow
-def test_training_learns_and_warm_starts_are_used(tmp_path, dataset, command):
-    from invert.warm_starts import main as warm_starts
-
-    store, output = tmp_path / "warm.zarr", tmp_path / "w.safetensors"
-    assert command(warm_starts, dataset, "-o", store, "--count", 32)[0] == 0
-    assert command(warm_starts, dataset, "-o", store, "--count", 64)[0] == 2
-    base = [dataset, "-o", output, "--width", 32, "--steps", 60, "--batch", 8, "--checkpoint-every", 5]
-    code, _, err = command(train, *base)
-    assert code == 0, err
-    curve = json.loads((tmp_path / "w.json").read_text())["curve"]
-    assert curve[-1]["loss"] < 0.8 * curve[0]["loss"]
-    code, _, err = command(train, *base, "--steps", 70)
-    assert code == 2
-    assert "checkpoint" in err
-    again = tmp_path / "again.safetensors"
-    code, _, err = command(train, dataset, "-o", again, "--width", 32, "--steps", 2, "--batch", 4, "--start-from", output,
-                           "--warm", store)
-    assert code == 0, err
-    tensors, card = read_weights(again)
-    assert card["run"]["start_from"]["run"]["steps"] == 60
-    earlier, _ = read_weights(output)
-    for name, value in earlier.items():  # the part that draws alone stays, the part that sees warm starts learns
-        assert torch.equal(tensors[name], value) == name.startswith("alone.") or "fusion" in name
-    assert not torch.equal(tensors["fusion.stem.weight"], earlier["fusion.stem.weight"])
-
-
-def test_bad_training_arguments(tmp_path, command):
-    for extra, text in ((["--steps", 0], "--steps"), (["--width", 20], "--width"), ([], "none at")):
-        code, _, err = command(train, tmp_path / "none.zarr", "-o", tmp_path / "w.safetensors", *extra)
-        assert code == 2
-        assert text in err
-    assert command(train, tmp_path, "-o", tmp_path / "w.pt")[0] == 2
 
 
 needs_weights = pytest.mark.skipif(not SHIPPED.is_file(), reason="no weights are shipped")

@@ -1,0 +1,102 @@
+"""The photographed wall: its roughness, its albedo, what of it fills a pixel, and what hides it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+pytest.importorskip("mitsuba")
+
+from radiometry.errors import InputError
+from scenes import scene_path
+from sim.detector_roughness import degrees_of_freedom, exact_image, gamma_image, oversampling
+from sim.frame import Simulation
+from sim.plan import Settings, make_plan
+
+
+def test_roughness_of_the_detector_has_the_pupil_s_statistics(scene):
+    """Even illumination: relative variance 1 / M by brute force; by the Gamma shortcut; mean unchanged."""
+    geometry = scene()
+    factor = oversampling(geometry)
+    assert factor == 3
+    flat = torch.ones(514 * factor, 616 * factor, dtype=torch.complex64)
+    images = [exact_image(flat, factor, geometry, np.random.default_rng(number)) for number in range(3)]
+    measured = np.mean([float(image.var() / image.mean() ** 2) for image in images])
+    dof = degrees_of_freedom(geometry)
+    assert measured == pytest.approx(1.0 / dof, rel=0.02)
+    assert np.mean([float(image.mean()) for image in images]) == pytest.approx(1.0, abs=0.01)
+    gamma = gamma_image(torch.ones(514, 616), geometry, np.random.default_rng(5))
+    assert float(gamma.var()) == pytest.approx(1.0 / dof, rel=0.02)
+    # negative-exponential subjective speckle where one pixel is far smaller than a grain
+    fine = scene(('name="pupil_diameter" value="51.4286e-3"', 'name="pupil_diameter" value="2e-3"'))
+    assert degrees_of_freedom(fine) == pytest.approx(1.0, abs=0.02)
+
+
+def test_exact_and_gamma_roughness_agree_on_rendered_frames(scene):
+    forced = (("detector_roughness", True),)
+    exact = Simulation(scene(), Settings("field", 1e-2, "fresnel", None, forced))
+    short = Simulation(scene(), Settings("statistical", 1e-2, "auto", None, forced))
+    variances = [np.mean([float(simulation.expected(3, n).var() / simulation.expected(3, n).mean() ** 2) for n in range(5)])
+                 for simulation in (exact, short)]
+    assert variances[0] == pytest.approx(variances[1], rel=0.08)
+    images = [Simulation(scene()).expected(11, number) for number in range(6)]
+    plain = np.mean([float(image.std() / image.mean()) for image in images]) ** 2
+    assert variances[0] > plain + 0.2
+
+
+def test_detector_roughness_is_decided_by_the_tolerance(scene):
+    assert not Simulation(scene()).effects["detector_roughness"].modelled
+    assert Simulation(scene(), Settings(tolerance=1e-3)).effects["detector_roughness"].modelled
+    plan = make_plan(scene(), 2, Settings(tolerance=1e-3, effects=(("detector_roughness", False),)))
+    line = next(effect for effect in plan["effects"] if effect["name"] == "detector_roughness")
+    assert not line["modelled"]
+    assert line["why"].startswith("forced off")
+    assert any("detector_roughness" in warning for warning in plan["warnings"])
+
+
+@pytest.mark.parametrize("settings", [Settings(), Settings("field", 1e-2, "fresnel", None, (("detector_roughness", True),))])
+def test_the_wall_s_own_albedo_shows_under_the_speckle(scene, tmp_path, settings):
+    """Four quarters of a painted wall: each as bright as its albedo, rows down and columns right, energy as the mean says."""
+    quarters = np.array([[0.25, 0.5], [0.75, 1.0]])
+    Image.fromarray(np.round(255 * quarters).astype(np.uint8)).save(tmp_path / "paint.png")
+    plain = '</transform>\n        <bsdf type="phase_screen">\n            <float name="height_rms" value="2e-6"/>\n'
+    text = scene_path("corner_letter").read_text()
+    wall = text[text.index('id="virtual_detector"') :]
+    old = wall[: wall.index("<sensor")]
+    paint = ('<texture type="bitmap" name="reflectance"><string name="filename" value="paint.png"/><boolean name="raw" '
+             'value="true"/><string name="filter_type" value="nearest"/></texture>')
+    assert plain in old
+    geometry = scene((old, old.replace('<spectrum name="reflectance" value="1"/>', paint)))
+    # Columns run along the rectangle's u; rows down, against its v, along which bitmaps are laid from their first row.
+    albedo = np.round(255 * quarters[::-1]) / 255
+    assert geometry.light_path.detector_albedo == pytest.approx(albedo.mean(), rel=1e-5)
+    simulation, even = Simulation(geometry, settings), Simulation(geometry, replace(settings, effects=(
+        *settings.effects, ("detector_texture", False))))
+    assert simulation.effects["detector_texture"].modelled
+    assert even.effects["detector_texture"].predicted_error == pytest.approx(albedo.std() ** 2 / albedo.mean() ** 2, rel=1e-4)
+    painted, bare = (sum(one.expected(4, number) for number in range(2)).numpy() for one in (simulation, even))
+    for row, rows in enumerate((slice(20, 237), slice(277, 494))):
+        for column, columns in enumerate((slice(20, 288), slice(328, 596))):
+            gain = painted[rows, columns].sum() / bare[rows, columns].sum()
+            assert gain == pytest.approx(albedo[row, column] / albedo.mean(), rel=5e-3)
+    assert Simulation(scene()).geometry.detector_texture is None
+
+
+def test_saturation_is_predicted_and_clips(scene):
+    """Negative-exponential speckle: the share exp(-full well / mean) of the pixels is full."""
+    mean = Simulation(scene()).mean_photoelectrons
+    full_well = 1.5 * mean
+    geometry = scene(('<float name="pixel_pitch"', f'<float name="full_well" value="{full_well}"/><float name="pixel_pitch"'))
+    frame = Simulation(geometry, Settings(effects=(("shot_noise", False), ("pupil_and_pixel", False)))).frame(3, 0).numpy()
+    assert frame.max() == pytest.approx(full_well, rel=1e-6)
+    assert (frame >= 0.999 * full_well).mean() == pytest.approx(np.exp(-1.5), rel=0.05)
+    assert any("22.3 % of the pixels will saturate" in warning for warning in make_plan(geometry, 1)["warnings"])
+
+
+def test_a_camera_that_sees_past_the_wall_is_refused(scene):
+    pole = ('<shape type="rectangle" id="pole"><transform name="to_world"><scale x="0.0002" y="0.02"/>'
+            '<rotate y="1" angle="180"/><translate x="-0.003" z="0.99"/></transform><bsdf type="diffuse"/></shape>')
+    with pytest.raises(InputError, match="% of them see something else"):
+        scene(("</scene>", f"{pole}</scene>"))
