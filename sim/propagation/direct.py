@@ -3,8 +3,8 @@
 Approximation: none beyond k r >> 1. Valid everywhere. Cost: scatterers x pixels. Source: see `sampling.py`.
 
 Phases of 1e7 radians do not fit single precision, so each 64 x 64 tile of pixels has a float64 reference. With c its
-centre, u a pixel's offset in it and w = c + u, the path of a scatterer s exceeds that of the object's centre by d = |c - s| - |c| at c
-and by d + q at w. Both differences have the form (|a + u|^2 - |a|^2) / (|a + u| + |a|), whence
+centre, u a pixel's offset in it and w = c + u, the path of a scatterer s exceeds that of the object's centre by
+d = |c - s| - |c| at c and by d + q at w. Both differences are (|a + u|^2 - |a|^2) / (|a + u| + |a|), whence
 
     q^2 + (b + 2 d) q + 2 u.s + 2 d n = 0,    n = (2 u.c + |u|^2) / D,    b = D + n,    D = |w| + |c|,
 
