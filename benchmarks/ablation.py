@@ -35,7 +35,7 @@ def main() -> None:
                 output.with_suffix(".json").read_text())["curve"]
     floor, dof = VALIDATION[POINT]
     print(f"| loss, mapping | correlation after {STEPS} steps of 16, b {255 * floor:.0f}/255, K {dof:g} |\n|---|---|")
-    for name, curve in sorted(curves.items(), key=lambda item: -item[1][-1]["pearson"][POINT]):
+    for name, curve in sorted(curves.items(), key=lambda item: -item[1][-1]["validation"][POINT]):
         print(f"| {name} | {curve[-1]['pearson'][POINT]:.3f} |")
     _draw(curves, options.output / "ablation.png")
 
@@ -46,7 +46,7 @@ def _draw(curves: dict[str, list], path: Path) -> None:
     figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.add_subplot()
     for name, curve in curves.items():
-        axes.plot([point["step"] for point in curve], [point["pearson"][POINT] for point in curve],
+        axes.plot([point["step"] for point in curve], [point["validation"][POINT] for point in curve],
                   "--" if "|F" in name else "-", label=name)
     axes.set_xlabel("step")
     axes.set_ylabel("registered correlation, validation")

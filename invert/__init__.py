@@ -7,7 +7,8 @@
     projections.py   what they share: projections, support, starts, residual
     hio.py raar.py error_reduction.py altmin.py admm_tv.py twf.py mtwf.py taf.py   one method a file
     registration.py  shift and 180-degree turn; registered mean of many starts
-    features.py unet.py learned.py weights.py   the network: what it sees, what it is, how it is used and stored
+    features.py blocks.py unet.py learned.py weights.py   the network: what it sees, what it is, how it is used and stored
+    paper_unet.py    the paper's network, the baseline
     train.py training_data.py losses.py warm_starts.py training_report.py calibrate.py   how it is trained
     metrics.py       scores against a truth; agreement without one
     identification.py  which character a picture shows

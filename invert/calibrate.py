@@ -45,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def _observe(batch, weights: Path, quality: str) -> tuple[np.ndarray, np.ndarray]:
-    """Signs (n, 3) of how good each reconstruction is, and how good it is, (n,)."""
+    """Signs (n, 4) of how good each reconstruction is, and how good it is, (n,)."""
     from tqdm import tqdm
 
     from invert.losses import registered_pearson

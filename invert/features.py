@@ -1,4 +1,4 @@
-"""What the networks see of an estimate: the signal, its significance, and the noise level."""
+"""What the networks see of an estimate: its signal, how significant each lag is, the noise level, and what was made of it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,14 @@ from torch.nn import functional
 from invert.registration import OBJECT
 from radiometry.autocorrelation import LAGS
 
-CHANNELS = 2 * (16 + 4) + 2
-"""All lags four by four, the inner ones (as far as the albedo reaches) two by two, for two pictures; two numbers."""
+LAG_CHANNELS = 2 * 2 * 4 + 2 + 2
+"""Two maps and their mirror images, two by two lags in a channel; two numbers; two coordinates."""
+
+FUSION_CHANNELS = 3 * (16 + 4) + 2
+"""Three maps, all lags four by four and the inner ones (as far as the albedo reaches) two by two; two numbers."""
+
+PICTURES = 4
+"""Classical pictures that the fusion is shown."""
 
 DOF_RANGE = (1.0, 1e6)
 
@@ -23,19 +29,22 @@ class Observation:
     Attributes:
         estimate: (n, 127, 127), zero lag at [63, 63], floor included.
         floor, dof: noise level of each, (n,).
-        classical: what classical retrieval makes of it, (n, 2, 64, 64), largest value 1 each: the mean of the best starts,
-            and the start of least residual, laid over it; zeros where it was not tried.
+        denoised: its signal without noise, (n, 127, 127), as far as the denoiser can tell; zeros where it was not asked.
+        classical: what classical retrieval makes of the estimate and of its denoised signal, (n, PICTURES, 64, 64), largest
+            value 1 each: of both the mean of the best starts, and the start of least residual; zeros where it was not tried.
     """
 
     estimate: torch.Tensor
     floor: torch.Tensor
     dof: torch.Tensor
+    denoised: torch.Tensor
     classical: torch.Tensor
 
     @classmethod
-    def alone(cls, estimate: torch.Tensor, floor: torch.Tensor, dof: torch.Tensor) -> Observation:
-        """Estimates without a classical reconstruction."""
-        return cls(estimate, floor, dof, estimate.new_zeros(len(estimate), 2, OBJECT, OBJECT))
+    def bare(cls, estimate: torch.Tensor, floor: torch.Tensor, dof: torch.Tensor) -> Observation:
+        """Estimates that nothing was made of yet."""
+        pictures = estimate.new_zeros(len(estimate), PICTURES, OBJECT, OBJECT)
+        return cls(estimate, floor, dof, torch.zeros_like(estimate), pictures)
 
     def __len__(self) -> int:
         return len(self.estimate)
@@ -45,28 +54,67 @@ class Observation:
         return Observation(*(getattr(self, field.name)[which].to(device) for field in fields(self)))
 
 
-def features(seen: Observation) -> torch.Tensor:
-    """Features of observations, free of the estimate's unit; zero lag is never looked at.
-
-    Returns:
-        (n, CHANNELS, 32, 32): the signal over its height near zero lag, under a square root; the signal over its
-        own noise, logarithmic where large; floor over height and K, logarithmic.
-    """
-    floor = seen.floor
-    freedom = seen.dof.clamp(*DOF_RANGE)[:, None, None]
+def _whitened(seen: Observation) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Free of the estimate's unit, and zero lag never looked at: the signal over its height near zero lag (n, 127, 127); the
+    signal over its own noise, logarithmic where large; floor over height and K, logarithmic (n, 2); the height (n,)."""
+    floor, freedom = seen.floor, seen.dof.clamp(*DOF_RANGE)
     filled = _without_zero_lag(seen.estimate)
     signal = filled - floor[:, None, None]
     near = signal[:, LAGS - 1 : LAGS + 2, LAGS - 1 : LAGS + 2].mean((-2, -1))
     # Where there is no signal its height is a few times its error.
-    height = torch.maximum(near, 3.0 * floor * (freedom[:, 0, 0] * 4.0).rsqrt()).clamp_min(1e-30)[:, None, None]
-    relative = signal / height
-    root = relative.sign() * relative.abs().sqrt()
-    significance = torch.asinh(signal * freedom.sqrt() / filled.clamp_min(1e-3 * height)) / 3.0
-    pictures = functional.pad(torch.stack((root, significance), 1), (1, 0, 1, 0))
-    inner = pictures[:, :, 32:96, 32:96]
-    numbers = torch.stack((torch.log10(floor / height[:, 0, 0] + 1e-3), 0.5 * torch.log10(freedom[:, 0, 0]) - 1.0), 1)
+    height = torch.maximum(near, 3.0 * floor * (freedom * 4.0).rsqrt()).clamp_min(1e-30)
+    scale = height[:, None, None]
+    significance = torch.asinh(signal * freedom.sqrt()[:, None, None] / filled.clamp_min(1e-3 * scale)) / 3.0
+    numbers = torch.stack((torch.log10(floor / height + 1e-3), 0.5 * torch.log10(freedom) - 1.0), 1)
+    return signal / scale, significance, numbers, height
+
+
+def _root(picture: torch.Tensor) -> torch.Tensor:
+    return picture.sign() * picture.abs().sqrt()
+
+
+def lag_features(seen: Observation) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """What the denoiser sees.
+
+    Returns:
+        (n, LAG_CHANNELS, 64, 32): the half plane of column lags 0 to 63. Beside each lag (v, h) stands (-v, h), so that
+        what lies across the cut, where h changes sign, is near as well;
+        the signal over its height (n, 127, 127); that height (n,).
+    """
+    relative, significance, numbers, height = _whitened(seen)
+    maps = half_plane(torch.stack((_root(relative), significance), 1))
+    both = functional.pixel_unshuffle(torch.cat((maps, _upside_down(maps)), 1), 2)
+    planes = numbers[:, :, None, None].expand(-1, -1, *both.shape[-2:])
+    row, column = (torch.linspace(low, 1.0, size, device=both.device) for low, size in zip((-1.0, 0.0), both.shape[-2:],
+                                                                                           strict=True))
+    places = torch.stack(torch.meshgrid(row, column, indexing="ij")).expand(len(both), -1, -1, -1)
+    return torch.cat((both, planes, places), 1), relative, height
+
+
+def picture_features(seen: Observation) -> torch.Tensor:
+    """What the fusion sees beside classical pictures, (n, FUSION_CHANNELS, 32, 32)."""
+    relative, significance, numbers, height = _whitened(seen)
+    maps = torch.stack((_root(relative), significance, _root(seen.denoised / height[:, None, None])), 1)
+    maps = functional.pad(maps, (1, 0, 1, 0))
     planes = numbers[:, :, None, None].expand(-1, -1, 32, 32)
-    return torch.cat((functional.pixel_unshuffle(pictures, 4), functional.pixel_unshuffle(inner, 2), planes), 1)
+    return torch.cat((functional.pixel_unshuffle(maps, 4), functional.pixel_unshuffle(maps[:, :, 32:96, 32:96], 2), planes), 1)
+
+
+def half_plane(lags: torch.Tensor) -> torch.Tensor:
+    """Lags (..., 127, 127) of column zero and beyond, (..., 128, 64); the first row is empty, zero lag at [64, 0]."""
+    return functional.pad(lags[..., LAGS:], (0, 0, 1, 0))
+
+
+def whole_plane(half: torch.Tensor) -> torch.Tensor:
+    """The centro-symmetric lags (..., 127, 127) of a half plane (..., 128, 64), of which column zero holds each lag twice."""
+    turned = _upside_down(half)
+    middle = 0.5 * (half + turned)[..., :1]
+    return torch.cat((turned[..., 1:].flip(-1), middle, half[..., 1:]), -1)[..., 1:, :]
+
+
+def _upside_down(half: torch.Tensor) -> torch.Tensor:
+    """Row lag v of a half plane where -v was."""
+    return functional.pad(half[..., 1:, :].flip(-2), (0, 0, 1, 0))
 
 
 def paper_picture(estimate: torch.Tensor) -> torch.Tensor:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 
+import numpy as np
 import torch
 from torch import nn
 
 from invert.features import Observation
 from invert.spectrum import Measurement
+from invert.unet import CorrelographyNet
 
 Pose = Callable[[torch.Tensor], torch.Tensor]
 
@@ -25,6 +26,17 @@ UNBOUNDED_DOF = 1e6
 """K of an estimate without measurable noise."""
 
 
+@torch.no_grad()
+def denoise(network: CorrelographyNet, seen: Observation, poses: int) -> torch.Tensor:
+    """Signals (n, 127, 127) of observations without floor and noise, on their device: the mean over so many poses."""
+    turned_back = []
+    for pose, back in POSES[:poses]:
+        posed = Observation.bare(pose(seen.estimate), seen.floor, seen.dof)
+        with torch.autocast(seen.estimate.device.type, dtype=torch.bfloat16):
+            turned_back.append(back(network.denoiser(posed)))
+    return torch.stack(turned_back).mean(0)
+
+
 def predict(network: nn.Module, seen: Observation) -> tuple[torch.Tensor, torch.Tensor]:
     """Albedos (n, 64, 64), and logits of the correlation with the truth that the network expects of each.
 
@@ -34,21 +46,20 @@ def predict(network: nn.Module, seen: Observation) -> tuple[torch.Tensor, torch.
         return network(seen)
 
 
-def observation(measurement: Measurement, classical: torch.Tensor | None = None) -> Observation:
-    """What the network is shown of one measurement."""
-    one = Observation.alone(torch.from_numpy(measurement.estimate)[None], torch.tensor([measurement.noise.floor]).float(),
-                            torch.tensor([measurement.noise.dof or UNBOUNDED_DOF]).float())
-    if classical is None:
-        return one
-    return replace(one, classical=classical[None])
+def observation(measurements: Sequence[Measurement]) -> Observation:
+    """What a network is shown of measurements."""
+    return Observation.bare(torch.from_numpy(np.stack([one.estimate for one in measurements])),
+                            torch.tensor([one.noise.floor for one in measurements], dtype=torch.float32),
+                            torch.tensor([one.noise.dof or UNBOUNDED_DOF for one in measurements], dtype=torch.float32))
 
 
 @torch.no_grad()
 def looks(network: nn.Module, seen: Observation, poses: int) -> tuple[torch.Tensor, float]:
     """Albedos (poses, 64, 64) from one observation in so many poses, each turned back, and the logit of the correlation it
     expects."""
-    posed = Observation(torch.cat([pose(seen.estimate) for pose, _ in POSES[:poses]]), seen.floor.expand(poses),
-                        seen.dof.expand(poses), torch.cat([pose(seen.classical) for pose, _ in POSES[:poses]]))
+    estimate, denoised, classical = (torch.cat([pose(picture) for pose, _ in POSES[:poses]])
+                                     for picture in (seen.estimate, seen.denoised, seen.classical))
+    posed = Observation(estimate, seen.floor.expand(poses), seen.dof.expand(poses), denoised, classical)
     albedo, expected = predict(network, posed)
     turned_back = torch.stack([back(one) for (_, back), one in zip(POSES, albedo, strict=False)])
     return turned_back, float(expected.mean())

@@ -1,4 +1,4 @@
-"""Losses that neither a shift nor a half turn of the object changes.
+"""Losses that neither a shift nor a half turn of the object changes, and that of the denoiser.
 
 The four of the paper's section 5.B, negative Pearson correlation of autocorrelations, and the registered one, which
 compares objects: an autocorrelation alone is deceived by a bright point beside a faint copy of the object.
@@ -7,8 +7,10 @@ compares objects: an autocorrelation alone is deceived by a bright point beside 
 from __future__ import annotations
 
 import torch
+from torch.nn import functional
 
 from invert.registration import OBJECT
+from radiometry.autocorrelation import LAGS
 
 _GRID = 2 * OBJECT
 
@@ -72,6 +74,32 @@ def modulus_l1(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
 def modulus_l2(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
     ours, theirs = _moduli(albedo), _moduli(truth)
     return (ours - theirs).square().sum((-2, -1)).add(1e-12).sqrt() / theirs.square().sum((-2, -1)).sqrt()
+
+
+def noise_left(found: torch.Tensor, signal: torch.Tensor, measured: torch.Tensor) -> torch.Tensor:
+    """Logarithm of how much of an estimate's error is left: geometric mean of those of the lags and of the Fourier modulus.
+
+    Args:
+        found, signal, measured: denoised, true, and as measured less its floor, (n, 127, 127).
+
+    Returns:
+        (n,): 0 where nothing is gained, log(1/2) where both errors are halved.
+    """
+    scale = signal.amax((-2, -1)).clamp_min(measured.square().mean((-2, -1)).sqrt())[:, None, None]
+    found, signal, measured = found / scale, signal / scale, measured.clone() / scale
+    measured[:, LAGS, LAGS] = signal[:, LAGS, LAGS]  # never measured
+    shares = []
+    for view in (lambda lags: lags, _lags_modulus):
+        ours, theirs, begun = view(found), view(signal), view(measured)
+        left = (ours - theirs).square().sum((-2, -1)) / (begun - theirs).square().sum((-2, -1)).clamp_min(1e-12)
+        shares.append(left.add(1e-4).log())
+    return 0.25 * (shares[0] + shares[1])
+
+
+def _lags_modulus(lags: torch.Tensor) -> torch.Tensor:
+    """|F(r)| from r*r (n, 127, 127), zero lag in the middle; (n, 128, 65)."""
+    spectrum = torch.fft.rfft2(functional.pad(lags, (0, 1, 0, 1)).roll((-LAGS, -LAGS), (-2, -1))).real
+    return (spectrum.clamp_min(0.0) + 1e-2).sqrt()
 
 
 LOSSES = {"registered": registered_loss, "autocorrelation-l1": autocorrelation_l1, "autocorrelation-l2": autocorrelation_l2,

@@ -13,13 +13,14 @@ from invert.admm_tv import AdmmTvOptions, admm_tv
 from invert.altmin import AltMinOptions, altmin
 from invert.calibrate import confidence
 from invert.error_reduction import ErrorReductionOptions, error_reduction
+from invert.features import PICTURES
 from invert.hio import HioOptions, hio
-from invert.learned import looks, observation
+from invert.learned import denoise, looks, observation
 from invert.mtwf import MTWF_OPTIONS, mtwf
 from invert.projections import Candidates, Progress
 from invert.raar import RaarOptions, raar
 from invert.registration import OBJECT, centred, consensus, registered
-from invert.spectrum import Measurement, fourier_modulus
+from invert.spectrum import Measurement, denoised_modulus, fourier_modulus
 from invert.taf import TafOptions, taf
 from invert.twf import TwfOptions, twf
 from invert.unet import CorrelographyNet
@@ -49,7 +50,7 @@ QUALITIES = {"fast": (4, 0.3), "balanced": (16, 1.0), "best": (64, 1.0)}
 NETWORK_LOOKS = {"fast": (1, "fast"), "balanced": (4, "balanced"), "best": (4, "best")}
 """Poses in which the network looks, and the quality of the classical reconstruction that it is shown."""
 
-UNCALIBRATED = (0.0, 1.0, 0.0, 0.0)
+UNCALIBRATED = (0.0, 1.0, 0.0, 0.0, 0.0)
 """Confidence of a network without calibration: what it expects of itself."""
 
 BELIEVED = 0.2
@@ -92,7 +93,7 @@ def method_options(method: str, quality: str) -> Any:
 def iterations(method: str, quality: str) -> int:
     """How often a retrieval will report progress."""
     if method == "unet":
-        return method_options("classical", NETWORK_LOOKS[quality][1]).iterations
+        return 2 * method_options("classical", NETWORK_LOOKS[quality][1]).iterations
     return method_options(method, quality).iterations
 
 
@@ -107,34 +108,39 @@ def retrieve(measurement: Measurement, method: str, quality: str, seed: int, dev
         return NOTHING
     if method == "unet":
         return _by_network(measurement, quality, seed, device, progress, weights or SHIPPED)
-    found = _solve(measurement, method, quality, seed, device, progress)
+    found = _solve(measurement, fourier_modulus(measurement), method, quality, seed, device, progress)
     together = consensus(found.images, found.residual)
     image = together.image if method == "classical" else found.images[found.residual.argmin()]
     return _normalised(image, together.agreement, float(found.residual.min()), together.transfer)
 
 
-def _solve(measurement: Measurement, method: str, quality: str, seed: int, device: str, progress: Progress) -> Candidates:
-    modulus = fourier_modulus(measurement).to(device)
+def _solve(measurement: Measurement, modulus: torch.Tensor, method: str, quality: str, seed: int, device: str,
+           progress: Progress) -> Candidates:
     # r*r that ends at a ring belongs to an object as wide as the ring's radius, plus one.
     box = min(OBJECT, measurement.noise.signal_ring + 3) if method == "classical" else OBJECT
     generator = torch.Generator(device=device).manual_seed(seed)
-    return METHODS[method][0](modulus, box, generator, method_options(method, quality), progress)
+    return METHODS[method][0](modulus.to(device), box, generator, method_options(method, quality), progress)
 
 
-def classical_pictures(measurement: Measurement, quality: str, seed: int, device: str,
-                       progress: Progress = lambda: None) -> tuple[torch.Tensor, float]:
-    """What a network is shown of the classical retrieval: pictures (2, 64, 64), and how far its starts agree.
+def classical_pictures(measurement: Measurement, denoised: torch.Tensor, quality: str, seed: int, device: str,
+                       progress: Progress = lambda: None) -> tuple[torch.Tensor, list[float]]:
+    """What a network is shown of the classical retrieval: pictures (PICTURES, 64, 64), and how far its starts agree.
 
-    The mean of the best starts, which is smooth where they differ, and the start of least residual, which is sharp; largest
-    value 1 each, zeros where no object can be detected.
+    From the estimate and from its denoised signal (127, 127), whose noise is less but whose fine structure is, too: of each
+    the mean of the best starts, which is smooth where they differ, and the start of least residual, which is sharp. Laid over
+    the first, largest value 1 each; zeros where no object can be detected.
     """
     if not detectable(measurement):
-        return torch.zeros(2, OBJECT, OBJECT), 0.0
-    found = _solve(measurement, "classical", quality, seed, device, progress)
-    together = consensus(found.images, found.residual)
-    sharpest, _ = registered(found.images[found.residual.argmin()][None], together.image)
-    pictures = centred(torch.cat((together.image[None], sharpest)).clamp_min(0.0))
-    return pictures / pictures.amax((-2, -1), keepdim=True).clamp_min(1e-30), together.agreement
+        return torch.zeros(PICTURES, OBJECT, OBJECT), [0.0, 0.0]
+    pictures, agreement = [], []
+    for modulus in (fourier_modulus(measurement), denoised_modulus(denoised.cpu().numpy(), measurement)):
+        found = _solve(measurement, modulus, "classical", quality, seed, device, progress)
+        together = consensus(found.images, found.residual)
+        pictures += [together.image, found.images[found.residual.argmin()]]
+        agreement.append(together.agreement)
+    laid_over, _ = registered(torch.stack(pictures), pictures[0])
+    window = centred(laid_over.clamp_min(0.0))
+    return window / window.amax((-2, -1), keepdim=True).clamp_min(1e-30), agreement
 
 
 def _by_network(measurement: Measurement, quality: str, seed: int, device: str, progress: Progress,
@@ -149,21 +155,23 @@ def _by_network(measurement: Measurement, quality: str, seed: int, device: str, 
 
 
 def draw(measurement: Measurement, quality: str, seed: int, device: str, weights: Path,
-         progress: Progress = lambda: None) -> tuple[torch.Tensor, tuple[float, float, float], tuple[float, ...]]:
-    """One look of the network, or the registered mean of several at an estimate and its classical reconstruction.
+         progress: Progress = lambda: None) -> tuple[torch.Tensor, tuple[float, ...], tuple[float, ...]]:
+    """Denoise the estimate, retrieve from that, and let the network look at what was retrieved, in one pose or several.
 
     Returns:
         the picture (128, 128), periodic; signs of how good it is (the logit of the correlation that the network
-        expects, agreement of its poses, of the classical starts); the poses' transfer function.
+        expects, agreement of its poses, of the classical starts with and without noise); the poses' transfer function.
     """
     network, _ = load_network(weights, device)
     poses, classical_quality = NETWORK_LOOKS[quality]
-    pictures, agreement = None, 0.0
+    seen, agreement = observation([measurement]).part(slice(None), device), [0.0, 0.0]
     if isinstance(network, CorrelographyNet):
-        pictures, agreement = classical_pictures(measurement, classical_quality, seed, device, progress)
-    images, logit = looks(network, observation(measurement, pictures).part(slice(None), device), poses)
+        denoised = denoise(network, seen, poses)
+        pictures, agreement = classical_pictures(measurement, denoised[0], classical_quality, seed, device, progress)
+        seen = replace(seen, denoised=denoised, classical=pictures[None].to(device))
+    images, logit = looks(network, seen, poses)
     together = consensus(torch.nn.functional.pad(images, (0, OBJECT, 0, OBJECT)), torch.zeros(poses))
-    return together.image, (logit, together.agreement, agreement), together.transfer if poses > 1 else ()
+    return together.image, (logit, together.agreement, *agreement), together.transfer if poses > 1 else ()
 
 
 def _normalised(image: torch.Tensor, confidence: float, residual: float | None,

@@ -133,18 +133,44 @@ def fourier_modulus(measurement: Measurement) -> torch.Tensor:
     highest frequencies falls to zero; with noise, so that four fifths of them do, since an object
     has next to nothing there and noise would be read as structure.
     """
-    guard = min(1.0, estimate_noise(measurement) / RESOLVED_ERROR)
+    guard = _guard(measurement)
     excess = centre_filled(measurement.estimate - np.float32(measurement.noise.floor), 0.0)
     if measurement.noise.dof:  # without noise even what leaks beyond the signal is worth keeping
         excess[measurement.noise.signal_ring + 1 < RING] = 0.0
+    spectrum = _power(excess)
+    spectrum -= np.quantile(spectrum[(_ROW > 0.3) & (_COLUMN > 0.3)], 0.8 * guard)
+    return _modulus(spectrum, guard)
+
+
+def denoised_modulus(signal: np.ndarray, measurement: Measurement) -> torch.Tensor:
+    """|F(r)| as `fourier_modulus` gives it, from the signal (127, 127) that a network found in a measurement.
+
+    It holds neither floor nor noise, and zero lag, too.
+    """
+    return _modulus(_power(signal), _guard(measurement))
+
+
+_ROW = np.abs(np.fft.fftfreq(GRID))[:, None]
+_COLUMN = np.fft.rfftfreq(GRID)[None, :]
+"""Cycles per lag of the retrieval grid's spectrum."""
+
+
+def _guard(measurement: Measurement) -> float:
+    """How far noise has to be guarded against, 0 to 1."""
+    return min(1.0, estimate_noise(measurement) / RESOLVED_ERROR)
+
+
+def _power(lags: np.ndarray) -> np.ndarray:
+    """Spectrum of centro-symmetric lags (127, 127), (128, 65)."""
     padded = np.zeros((GRID, GRID), np.float32)
-    padded[:SIDE, :SIDE] = excess
-    spectrum = np.fft.rfft2(np.roll(padded, (-LAGS, -LAGS), (0, 1))).real
-    row = np.abs(np.fft.fftfreq(GRID))[:, None]
-    column = np.fft.rfftfreq(GRID)[None, :]
-    spectrum -= np.quantile(spectrum[(row > 0.3) & (column > 0.3)], 0.8 * guard)
-    spectrum /= (1.0 - row) * (1.0 - column)
-    spectrum *= np.exp(-((2.0 * np.pi * guard * RESOLUTION_LAGS) ** 2) * (row**2 + column**2))
-    modulus = np.sqrt(np.maximum(spectrum, 0.0))
+    padded[:SIDE, :SIDE] = lags
+    return np.fft.rfft2(np.roll(padded, (-LAGS, -LAGS), (0, 1))).real
+
+
+def _modulus(power: np.ndarray, guard: float) -> torch.Tensor:
+    """Patch window deconvolved, resolution limited, root taken, 1 at zero frequency."""
+    sharp = power / ((1.0 - _ROW) * (1.0 - _COLUMN))
+    limit = np.exp(-((2.0 * np.pi * guard * RESOLUTION_LAGS) ** 2) * (_ROW**2 + _COLUMN**2))
+    modulus = np.sqrt(np.maximum(sharp * limit, 0.0))
     scale = modulus[0, 0] or modulus.max() or 1.0
     return torch.from_numpy((modulus / scale).astype(np.float32))

@@ -17,10 +17,9 @@ from typing import Any
 import torch
 from torch import nn
 
-from invert.learned import predict
-from invert.losses import LOSSES, registered_pearson
+from invert.losses import LOSSES, noise_left, registered_pearson
 from invert.training_data import Batch, at_noise, paper_noise, varied, warm
-from invert.unet import CorrelographyNet
+from invert.unet import CorrelographyNet, Denoiser, Fusion
 from invert.warm_starts import load_warm_starts, split_warm_starts
 from invert.weights import NETWORKS, load_network, read_weights, save_weights
 from radiometry.errors import ArgumentParser, InputError, check_device, check_seed, run_command
@@ -37,10 +36,10 @@ def parser() -> ArgumentParser:
     p.add_argument("dataset", help="dataset made by python -m data_gen; only its targets are used")
     p.add_argument("-o", "--output", required=True, type=Path, help="weights, .safetensors; a checkpoint is kept beside them")
     p.add_argument("--network", choices=tuple(NETWORKS), default="unet")
-    p.add_argument("--width", type=int, default=64, help="channels of the widest picture")
-    p.add_argument("--loss", choices=tuple(LOSSES), default="registered")
+    p.add_argument("--width", type=int, help="channels of the widest picture: 40, and 64 for the paper's network")
+    p.add_argument("--loss", choices=tuple(LOSSES), default="registered", help="of pictures; the denoiser has its own")
     p.add_argument("--noise", choices=("varied", "paper"), default="varied")
-    p.add_argument("--warm", nargs="+", help="stores of python -m invert.warm_starts: train the part that sees them, alone")
+    p.add_argument("--warm", nargs="+", help="stores of python -m invert.warm_starts: train the fusion; without, the denoiser")
     p.add_argument("--start-from", type=Path, help="weights of an earlier run to begin with")
     p.add_argument("--steps", type=int, default=6000)
     p.add_argument("--checkpoint-every", type=int, default=250, metavar="STEPS")
@@ -81,19 +80,19 @@ def main(argv: Sequence[str] | None = None) -> None:
 class Training:
     """State of a run: network, its moving average, optimiser, step, curve.
 
-    `rank` of `world` processes works on its part of each batch.
+    Of the default network one half is trained, the denoiser or, on warm starts, the fusion. `rank` of `world` processes works
+    on its part of each batch.
     """
 
     def __init__(self, options: Any, rank: int = 0, world: int = 1) -> None:
         self.options, self.rank, self.world = options, rank, world
         torch.manual_seed(options.seed)
         self.network = NETWORKS[options.network](options.width).to(device=options.device, memory_format=torch.channels_last)
+        self.part: nn.Module = self.network
         if isinstance(self.network, CorrelographyNet):
-            frozen = self.network.alone if options.warm else self.network.fusion
-            frozen.requires_grad_(False)
-            self.network.fuses = bool(options.warm)
-        self.trained = [value for value in self.network.parameters() if value.requires_grad]
-        self.parallel = nn.parallel.DistributedDataParallel(self.network) if world > 1 else self.network
+            self.part = self.network.fusion if options.warm else self.network.denoiser
+        self.trained = list(self.part.parameters())
+        self.parallel = nn.parallel.DistributedDataParallel(self.part) if world > 1 else self.part
         self.average = {name: value.clone() for name, value in self.network.state_dict().items()}
         self.optimiser = torch.optim.AdamW(self.trained, options.learning_rate, (0.9, 0.99), weight_decay=0.01)
         self.step, self.curve = 0, []
@@ -111,15 +110,7 @@ class Training:
         for group in self.optimiser.param_groups:
             group["lr"] = options.learning_rate * _schedule(self.step, options.steps)
         self.parallel.train()
-        albedo, judged = predict(self.parallel, batch.seen)
-        shown = batch.truth.amax((-2, -1)) > 0.0
-        # Samples of noise alone have no loss; a stand-in keeps their gradient finite.
-        truth = torch.where(shown[:, None, None], batch.truth, 1.0 + albedo.detach())
-        loss = (LOSSES[options.loss](albedo, truth) * shown).sum() / shown.sum().clamp_min(1)
-        if isinstance(self.network, CorrelographyNet):
-            with torch.no_grad():
-                achieved = registered_pearson(albedo, batch.truth).clamp(0.0, 1.0) * shown
-            loss = loss + JUDGE_WEIGHT * nn.functional.binary_cross_entropy_with_logits(judged, achieved)
+        loss = self._loss(batch)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
         nn.utils.clip_grad_norm_(self.trained, 1.0)
@@ -135,6 +126,22 @@ class Training:
         self.seconds += time.perf_counter() - begin
         self.cpu_seconds += time.process_time() - begin_cpu
         return float(loss.detach())
+
+    def _loss(self, batch: Batch) -> torch.Tensor:
+        with torch.autocast(self.options.device, dtype=torch.bfloat16):
+            answer = self.parallel(batch.seen)
+        if isinstance(self.part, Denoiser):
+            return noise_left(answer, batch.signal, batch.seen.estimate - batch.seen.floor[:, None, None]).mean()
+        albedo, judged = answer
+        shown = batch.truth.amax((-2, -1)) > 0.0
+        # Samples of noise alone have no loss; a stand-in keeps their gradient finite.
+        truth = torch.where(shown[:, None, None], batch.truth, 1.0 + albedo.detach())
+        loss = (LOSSES[self.options.loss](albedo, truth) * shown).sum() / shown.sum().clamp_min(1)
+        if isinstance(self.part, Fusion):
+            with torch.no_grad():
+                achieved = registered_pearson(albedo, batch.truth).clamp(0.0, 1.0) * shown
+            loss = loss + JUDGE_WEIGHT * nn.functional.binary_cross_entropy_with_logits(judged, achieved)
+        return loss
 
     def _draw(self, targets: torch.Tensor) -> Batch:
         """The batch of this step."""
@@ -155,22 +162,30 @@ class Training:
         """Measure the averaged network and add a point to the curve."""
         trained = {name: value.clone() for name, value in self.network.state_dict().items()}
         self.network.load_state_dict(self.average)
-        self.network.eval()
-        pearson = []
+        self.part.eval()
         with torch.no_grad():
-            for batch in validation:
-                moved = batch.part(slice(None), self.options.device)
-                albedo, _ = predict(self.network, moved.seen)
-                shown = moved.truth.amax((-2, -1)) > 0.0
-                pearson.append(float(registered_pearson(albedo[shown], moved.truth[shown]).mean()))
+            measured = [self._measure(batch.part(slice(None), self.options.device)) for batch in validation]
         self.network.load_state_dict(trained)
         self.curve.append({"step": self.step, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds, "loss": loss,
-                           "pearson": pearson})
+                           "validation": measured})
+
+    @property
+    def measure(self) -> str:
+        """What the curve shows."""
+        return "share of the noise left" if isinstance(self.part, Denoiser) else "registered correlation"
+
+    def _measure(self, batch: Batch) -> float:
+        if isinstance(self.part, Denoiser):
+            return float(self._loss(batch).exp())
+        with torch.autocast(self.options.device, dtype=torch.bfloat16):
+            albedo, _ = self.part(batch.seen)
+        shown = batch.truth.amax((-2, -1)) > 0.0
+        return float(registered_pearson(albedo[shown], batch.truth[shown]).mean())
 
     def last_line(self) -> str:
         point = self.curve[-1]
-        figures = " ".join(f"{value:.3f}" for value in point["pearson"])
-        return f"step {point['step']}, {point['seconds']:.0f} s: loss {point['loss']:.3f}, validation correlation {figures}"
+        figures = " ".join(f"{value:.3f}" for value in point["validation"])
+        return f"step {point['step']}, {point['seconds']:.0f} s: loss {point['loss']:.3f}, {self.measure} {figures}"
 
     @property
     def _checkpoint_path(self) -> Path:
@@ -228,11 +243,11 @@ class Training:
         half = {name: value.half() if value.is_floating_point() else value for name, value in self.average.items()}
         card = {"network": self.options.network, "width": self.options.width, "run": self._run(),
                 "seconds": round(self.seconds), "cpu_seconds": round(self.cpu_seconds), "dataset": dataset,
-                "validation": "warm starts" if self.options.warm else [list(level) for level in VALIDATION],
-                "pearson": self.curve[-1]["pearson"],
+                "levels": "warm starts" if self.options.warm else [list(level) for level in VALIDATION],
+                "measure": self.measure, "validation": self.curve[-1]["validation"],
                 "torch": torch.__version__, "threads": torch.get_num_threads()}
         save_weights(self.options.output, half, card)
-        save_curve(self.options.output.with_suffix(".png"), self.curve)
+        save_curve(self.options.output.with_suffix(".png"), self.curve, self.measure)
         self.options.output.with_suffix(".json").write_text(json.dumps({**card, "curve": self.curve}, indent=2) + "\n")
 
 
@@ -258,15 +273,17 @@ def _join_processes(device: str) -> tuple[int, int]:
 def _check(options: Any) -> None:
     check_seed(options.seed)
     check_device(options.device)
+    if options.width is None:
+        options.width = 40 if options.network == "unet" else 64
     for name in ("steps", "batch", "width", "checkpoint_every"):
         if getattr(options, name) < 1:
             raise InputError(f"--{name}", "a whole number above zero", getattr(options, name), "choose another")
     if options.warm and (options.network != "unet" or options.noise == "paper" or options.start_from is None):
         raise InputError("--warm", "--network unet, --noise varied and --start-from WEIGHTS beside it",
                          f"{options.network}, {options.noise}, {options.start_from}",
-                         "train the first part without --warm, then this")
-    if options.width % 32 and (options.network == "unet" or options.width % 8):
-        raise InputError("--width", "a multiple of 32 (of 8 for the paper's)", options.width, "choose another")
+                         "train the denoiser, without --warm, then the fusion")
+    if options.width % 8:
+        raise InputError("--width", "a multiple of 8", options.width, "choose another")
     if options.output.suffix != ".safetensors":
         raise InputError("-o", "a name that ends in .safetensors", options.output, "rename it")
     if not options.output.parent.is_dir():

@@ -22,16 +22,18 @@ _RADIUS_SQUARED = torch.from_numpy(np.hypot(*np.mgrid[-LAGS : LAGS + 1, -LAGS : 
 
 @dataclass(frozen=True)
 class Batch:
-    """Observations, the noise level as it would be read from each, and truths (n, 64, 64).
+    """Observations, with the noise level as it would be read from each, truths (n, 64, 64), and their signals without floor
+    and noise (n, 127, 127).
 
     A truth of zeros stands for an estimate without signal.
     """
 
     seen: Observation
     truth: torch.Tensor
+    signal: torch.Tensor
 
     def part(self, which: slice, device: str) -> Batch:
-        return Batch(self.seen.part(which, device), self.truth[which].to(device))
+        return Batch(self.seen.part(which, device), self.truth[which].to(device), self.signal[which].to(device))
 
 
 def at_noise(truth: torch.Tensor, floor: torch.Tensor | float, dof: torch.Tensor | float, generator: torch.Generator) -> Batch:
@@ -39,8 +41,9 @@ def at_noise(truth: torch.Tensor, floor: torch.Tensor | float, dof: torch.Tensor
     n = len(truth)
     floor = torch.as_tensor(floor).expand(n).float()
     dof = torch.as_tensor(dof).expand(n).float()
-    estimate = draw_estimate(_signal(truth) + floor[:, None, None], dof, generator)
-    return Batch(Observation.alone(estimate, floor, dof), truth)
+    signal = _signal(truth)
+    estimate = draw_estimate(signal + floor[:, None, None], dof, generator)
+    return Batch(Observation.bare(estimate, floor, dof), truth, signal)
 
 
 def varied(targets: torch.Tensor, count: int, generator: torch.Generator) -> Batch:
@@ -76,20 +79,21 @@ def varied(targets: torch.Tensor, count: int, generator: torch.Generator) -> Bat
         view[:, LAGS] = torch.where(chance(mended)[:, 0], beside, line)
     read_error = torch.randn(2, count, generator=generator)
     read_floor, read_dof = floor * (1.0 + read_error[0] * (dof * _OUTER).rsqrt()), dof * (1.0 + 0.04 * read_error[1])
-    return Batch(Observation.alone(estimate, read_floor, read_dof), truth)
+    return Batch(Observation.bare(estimate, read_floor, read_dof), truth, signal)
 
 
 def warm(stored: dict[str, torch.Tensor], count: int, generator: torch.Generator) -> Batch:
-    """Random stored estimates with their classical reconstructions (see `invert.warm_starts`), flipped and transposed."""
+    """Random stored estimates, denoised, with their classical reconstructions (see `invert.warm_starts`), flipped and
+    transposed."""
     chosen = torch.randint(len(stored["albedo"]), (count,), generator=generator)
     pictures = [stored[name][chosen].float() * scale
-                for name, scale in (("estimate", 1.0), ("albedo", 1.0 / 255.0), ("classical", 1.0 / 255.0))]
+                for name, scale in (("estimate", 1.0), ("denoised", 1.0), ("albedo", 1.0 / 255.0), ("classical", 1.0 / 255.0))]
     for turn in (lambda x: x.mT, lambda x: x.flip(-1), lambda x: x.flip(-2)):
         turned = torch.rand(count, generator=generator) < 0.5
         pictures = [torch.where(turned.view(-1, *[1] * (picture.ndim - 1)), turn(picture), picture) for picture in pictures]
-    estimate, truth, classical = pictures
-    seen = Observation(estimate, *(stored[name][chosen] for name in ("floor", "dof")), classical)
-    return Batch(seen, truth)
+    estimate, denoised, truth, classical = pictures
+    seen = Observation(estimate, *(stored[name][chosen] for name in ("floor", "dof")), denoised, classical)
+    return Batch(seen, truth, _signal(truth))
 
 
 def paper_noise(targets: torch.Tensor, count: int, generator: torch.Generator) -> Batch:

@@ -8,8 +8,8 @@ from typing import Any
 from radiometry.output import atomic
 
 
-def save_curve(path: Path, curve: list[dict[str, Any]]) -> None:
-    """Validation correlation of each noise level against training time."""
+def save_curve(path: Path, curve: list[dict[str, Any]], measure: str) -> None:
+    """A measure of each validation level against training time."""
     from matplotlib.figure import Figure
 
     from invert.train import VALIDATION
@@ -17,10 +17,10 @@ def save_curve(path: Path, curve: list[dict[str, Any]]) -> None:
     figure = Figure(figsize=(6, 4), layout="constrained")
     axes = figure.add_subplot()
     levels = [f"b {255 * floor:.0f}/255, K {dof:g}" for floor, dof in VALIDATION]
-    for index, label in enumerate(levels if len(curve[0]["pearson"]) > 1 else ["warm starts, every level"]):
-        axes.plot([point["seconds"] / 60.0 for point in curve], [point["pearson"][index] for point in curve], label=label)
+    for index, label in enumerate(levels if len(curve[0]["validation"]) > 1 else ["warm starts, every level"]):
+        axes.plot([point["seconds"] / 60.0 for point in curve], [point["validation"][index] for point in curve], label=label)
     axes.set_xlabel("minutes")
-    axes.set_ylabel("registered correlation, validation")
+    axes.set_ylabel(f"{measure}, validation")
     axes.legend(fontsize=8)
     with atomic(path) as partial:
         figure.savefig(partial, format="png", dpi=110)

@@ -1,22 +1,28 @@
-"""`python -m invert.warm_starts TARGETS.zarr -o WARM.zarr`: noisy estimates with what classical retrieval makes of each.
+"""`python -m invert.warm_starts TARGETS.zarr --weights DENOISER.safetensors -o WARM.zarr`: what the fusion is trained with.
 
-Networks that are shown a classical reconstruction beside the estimate are trained on these. Goes on where it was stopped.
+Noisy estimates, denoised, with what classical retrieval makes of each. Goes on where it was stopped.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 import zarr
 
+from invert.features import PICTURES
 from radiometry.autocorrelation import SIDE
 from radiometry.errors import ArgumentParser, InputError, check_seed, run_command
 
+if TYPE_CHECKING:
+    from invert.unet import CorrelographyNet
+
 CHUNK = 32
-ARRAYS = {"albedo": ((64, 64), "uint8"), "classical": ((2, 64, 64), "uint8"), "estimate": ((SIDE, SIDE), "float16"),
+ARRAYS = {"albedo": ((64, 64), "uint8"), "classical": ((PICTURES, 64, 64), "uint8"), "estimate": ((SIDE, SIDE), "float16"),
+          "denoised": ((SIDE, SIDE), "float16"),
           "floor": ((), "float32"), "dof": ((), "float32")}
 
 QUALITY = "fast"
@@ -27,6 +33,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = ArgumentParser(prog="python -m invert.warm_starts", description="Classical reconstructions to train with.")
     parser.add_argument("targets", help="dataset made by python -m data_gen")
     parser.add_argument("-o", "--output", required=True)
+    parser.add_argument("--weights", required=True, type=Path, help="a trained denoiser, .safetensors")
     parser.add_argument("--count", type=int, default=12800)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args(argv)
@@ -36,12 +43,18 @@ def main(argv: Sequence[str] | None = None) -> None:
     from tqdm import tqdm
 
     from data_gen.dataset import load_targets
+    from invert.unet import CorrelographyNet
+    from invert.weights import load_network
 
-    group = _open(options.output, {"targets": options.targets, "seed": options.seed, "count": options.count})
+    network, card = load_network(options.weights)
+    if not isinstance(network, CorrelographyNet):
+        raise InputError("--weights", "a network with a denoiser", f"the kind {card['network']}", "train --network unet")
+    group = _open(options.output, {"targets": options.targets, "seed": options.seed, "count": options.count,
+                                   "denoiser": card["run"]})
     targets, _ = load_targets(options.targets)
     for chunk in tqdm(range(options.count // CHUNK), unit="chunk", disable=None):
         if not group["complete"][chunk]:
-            for name, values in _chunk(targets, options.seed, chunk).items():
+            for name, values in _chunk(network, targets, options.seed, chunk).items():
                 group[name][chunk * CHUNK : (chunk + 1) * CHUNK] = values
             group["complete"][chunk] = 1
 
@@ -58,21 +71,26 @@ def _open(address: str, recipe: dict[str, Any]) -> zarr.Group:
     return group
 
 
-def _chunk(targets: torch.Tensor, seed: int, chunk: int) -> dict[str, np.ndarray]:
-    """Estimates at noise of every kind, and their classical reconstructions."""
+def _chunk(network: CorrelographyNet, targets: torch.Tensor, seed: int, chunk: int) -> dict[str, np.ndarray]:
+    """Estimates at noise of every kind, as they are read, and their classical reconstructions."""
+    from invert.learned import denoise, observation
     from invert.methods import classical_pictures
     from invert.spectrum import read_measurement
     from invert.training_data import varied
 
     batch = varied(targets, CHUNK, torch.Generator().manual_seed((seed << 32) + chunk))
-    pictures = torch.stack([classical_pictures(read_measurement(estimate.numpy()), QUALITY, seed, "cpu")[0]
-                            for estimate in batch.seen.estimate])
+    read = [read_measurement(estimate.numpy()) for estimate in batch.seen.estimate]
+    seen = observation(read)
+    denoised = denoise(network, seen, 1)
+    pictures = torch.stack([classical_pictures(one, signal, QUALITY, seed, "cpu")[0]
+                            for one, signal in zip(read, denoised, strict=True)])
     return {
         "albedo": (255.0 * batch.truth).round().to(torch.uint8).numpy(),
         "classical": (255.0 * pictures).round().to(torch.uint8).numpy(),
-        "estimate": batch.seen.estimate.half().numpy(),
-        "floor": batch.seen.floor.numpy(),
-        "dof": batch.seen.dof.numpy(),
+        "estimate": seen.estimate.half().numpy(),
+        "denoised": denoised.half().numpy(),
+        "floor": seen.floor.numpy(),
+        "dof": seen.dof.numpy(),
     }
 
 

@@ -12,7 +12,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
 
-from invert.unet import CorrelographyNet, PaperModulusUnet, PaperUnet
+from invert.paper_unet import PaperModulusUnet, PaperUnet
+from invert.unet import CorrelographyNet
 from radiometry.errors import InputError
 from radiometry.output import atomic
 
