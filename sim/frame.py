@@ -91,7 +91,8 @@ class Simulation:
             return fresnel(scatterers, samples.place, samples.grid, wall, self.device.type)
         if chosen.propagator == "nufft":
             field = nufft(scatterers, wall, tolerance=chosen.patches.tolerance, precision=chosen.precision,
-                          patches=chosen.patches if oversampling == 1 else None, progress=progress)
+                          patches=chosen.patches if oversampling == 1 else None, device=self.device.type,
+                          progress=progress)
         else:
             field = direct(scatterers, wall, precision=chosen.precision, device=self.device.type,
                            visible=self.geometry.hidden_object.visible_from(self.geometry.detector_centre, wall.centre_m),

@@ -1,4 +1,4 @@
-"""Propagation from scatterers in space to patches of the wall by non-uniform FFTs (finufft).
+"""Propagation from scatterers in space to patches of the wall by non-uniform FFTs (finufft; cufinufft on a GPU).
 
 Within a patch of centre c the path difference is p(c, s) + u.g(s) + rest: the first phase goes into the amplitude; the
 second, g = (c - s) / |c - s| - c / |c|, is a non-uniform FFT over the pixels u; and the slow rest, amplitude included,
@@ -69,22 +69,22 @@ class Patches:
 
 
 def nufft(scatterers: Scatterers, wall: Wall, *, tolerance: float = 1e-6, precision: str = "float64",
-          patches: Patches | None = None, progress: Callable[[int], object] = lambda patches: None) -> np.ndarray:
+          patches: Patches | None = None, device: str = "cpu",
+          progress: Callable[[int], object] = lambda patches: None) -> np.ndarray:
     """Field on the wall, complex64 or complex128 (H, W), relative L2 error at most `tolerance`.
 
     Args:
         patches: from `plan_patches` for scatterers in the same places, wall and precision; found afresh when None.
 
-    Raises InputError for a tolerance that the precision cannot hold, and where even the smallest patch needs too long a sum.
+    Raises InputError for a tolerance that the precision cannot hold, where even the smallest patch needs too long a sum, and
+    for a GPU without cufinufft.
     """
-    import finufft
-
     patches = patches or plan_patches(scatterers.position_m, wall, tolerance, precision)
     object_basis = _object_basis(scatterers.position_m)
     size, terms = patches.size, patches.terms
     height, width = wall.shape
     kind = np.complex64 if precision == "float32" else np.complex128
-    plan = finufft.Plan(1, (size, size), n_trans=terms, eps=patches.eps, isign=1, dtype=kind)
+    transform = _transform(patches, kind, device)
     field = np.empty(wall.shape, kind)
     for row in range(0, height, size):
         for column in range(0, width, size):
@@ -95,13 +95,43 @@ def nufft(scatterers: Scatterers, wall: Wall, *, tolerance: float = 1e-6, precis
                                  "use --propagator direct")
             gradient = 2.0 * np.pi / wall.wavelength_m * wall.pitch_m * _gradient(centre, scatterers.position_m)
             places = [np.ascontiguousarray(gradient @ axis, kind(0).real.dtype) for axis in (wall.down, wall.right)]
-            plan.setpts(*places)
             first = scatterers.amplitude * phasor(path_difference(centre, scatterers.position_m), wall.wavelength_m)
-            waves = plan.execute(np.ascontiguousarray(expansion.beta * first, kind)).reshape(terms, size, size)
+            waves = transform(places, np.ascontiguousarray(expansion.beta * first, kind)).reshape(terms, size, size)
             patch = (expansion.alpha * waves).sum(0)
             field[row : row + size, column : column + size] = patch[: height - row, : width - column]
             progress(1)
     return field
+
+
+def _transform(patches: Patches, kind: type, device: str) -> Callable[[list[np.ndarray], np.ndarray], np.ndarray]:
+    """Non-uniform FFT of weights (terms, n) at places [(n,), (n,)] to (terms, P, P), planned once."""
+    shape = (patches.size, patches.size)
+    options = {"n_trans": patches.terms, "eps": patches.eps, "isign": 1, "dtype": kind}
+    if device == "cpu":
+        import finufft
+
+        plan = finufft.Plan(1, shape, **options)
+
+        def on_cpu(places: list[np.ndarray], weights: np.ndarray) -> np.ndarray:
+            plan.setpts(*places)
+            return plan.execute(weights)
+
+        return on_cpu
+    try:
+        import cufinufft
+    except ImportError:
+        raise InputError("--propagator nufft on a GPU", "the package cufinufft", "none",
+                         "pip install correlograph[cuda], or --propagator direct") from None
+    import torch
+
+    plan = cufinufft.Plan(1, shape, **options)
+    out = torch.empty(patches.terms, *shape, dtype=torch.complex64 if kind is np.complex64 else torch.complex128, device=device)
+
+    def on_gpu(places: list[np.ndarray], weights: np.ndarray) -> np.ndarray:
+        plan.setpts(*(torch.from_numpy(place).to(device) for place in places))
+        return plan.execute(torch.from_numpy(weights).to(device), out=out).cpu().numpy()
+
+    return on_gpu
 
 
 def plan_patches(position_m: np.ndarray, wall: Wall, tolerance: float, precision: str) -> Patches:

@@ -1,0 +1,66 @@
+"""The same results on a GPU as on the CPU; skipped, with the reason, where there is none."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+
+from sim.propagation.direct import direct
+from sim.propagation.nufft import nufft
+from sim.propagation.sampling import Scatterers, Wall
+
+pytestmark = [pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA GPU")]
+
+
+@pytest.fixture
+def scattered(random) -> tuple[Scatterers, Wall]:
+    """Scatterers in a box 10 mm deep, and a wall that is neither square nor centred."""
+    place = random.uniform(-4e-3, 4e-3, (300, 3)) + np.array([0.0, 0.0, 1e-3])
+    amplitude = random.standard_normal(300) + 1j * random.standard_normal(300)
+    wall = Wall(np.array([0.02, -0.01, 0.5]), np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]), (130, 200), 7e-6, 532e-9)
+    return Scatterers(place, amplitude), wall
+
+
+def distance(found: np.ndarray, expected: np.ndarray) -> float:
+    return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
+
+
+@pytest.mark.parametrize(("precision", "limit"), [("float32", 1e-4), ("float64", 1e-9)])
+def test_direct(scattered, precision, limit):
+    expected = direct(*scattered, precision="float64")
+    assert distance(direct(*scattered, precision=precision, device="cuda"), expected) < limit
+
+
+def test_nufft(scattered):
+    pytest.importorskip("cufinufft")
+    expected = direct(*scattered, precision="float64")
+    assert distance(nufft(*scattered, tolerance=1e-6, device="cuda"), expected) < 1e-6
+
+
+@pytest.mark.parametrize("propagator", ["fraunhofer", "fresnel"])
+def test_frames(tmp_path, command, propagator):
+    from radiometry.frames import read_frame
+    from scenes import scene_path
+    from sim.__main__ import main as sim
+
+    frames = []
+    for device in ("cpu", "cuda"):
+        code, _, err = command(sim, scene_path("corner_letter"), "-o", tmp_path / device, "--mean", "--frames", 1, "--device",
+                               device, "--propagator", propagator)
+        assert code == 0, err
+        frames.append(read_frame(tmp_path / device / "frame_0000.exr")[0])
+    assert distance(frames[1], frames[0]) < 1e-3
+
+
+def test_inversion(tmp_path, command, measured):
+    from invert.__main__ import main as invert
+
+    albedo = []
+    for device in ("cpu", "cuda"):
+        code, _, err = command(invert, "--autocorrelation", measured / "F_n50_corr_x100_nzero1.png", "-o", tmp_path / device,
+                               "--device", device)
+        assert code == 0, err
+        assert json.loads((tmp_path / device / "result.json").read_text())["object_found"]
+        albedo.append(np.load(tmp_path / device / "albedo.npy"))
+    assert np.corrcoef(albedo[0].ravel(), albedo[1].ravel())[0, 1] > 0.9
