@@ -93,7 +93,7 @@ def method_options(method: str, quality: str) -> Any:
 def iterations(method: str, quality: str) -> int:
     """How often a retrieval will report progress."""
     if method == "unet":
-        return 2 * method_options("classical", NETWORK_LOOKS[quality][1]).iterations
+        return method_options("classical", NETWORK_LOOKS[quality][1]).iterations
     return method_options(method, quality).iterations
 
 
@@ -116,6 +116,7 @@ def retrieve(measurement: Measurement, method: str, quality: str, seed: int, dev
 
 def _solve(measurement: Measurement, modulus: torch.Tensor, method: str, quality: str, seed: int, device: str,
            progress: Progress) -> Candidates:
+    """Reconstructions from one modulus (128, 65) or several (n, 128, 65) of a measurement."""
     # r*r that ends at a ring belongs to an object as wide as the ring's radius, plus one.
     box = min(OBJECT, measurement.noise.signal_ring + 3) if method == "classical" else OBJECT
     generator = torch.Generator(device=device).manual_seed(seed)
@@ -133,10 +134,11 @@ def classical_pictures(measurement: Measurement, denoised: torch.Tensor, quality
     if not detectable(measurement):
         return torch.zeros(PICTURES, OBJECT, OBJECT), [0.0, 0.0]
     pictures, agreement = [], []
-    for modulus in (fourier_modulus(measurement), denoised_modulus(denoised.cpu().numpy(), measurement)):
-        found = _solve(measurement, modulus, "classical", quality, seed, device, progress)
-        together = consensus(found.images, found.residual)
-        pictures += [together.image, found.images[found.residual.argmin()]]
+    moduli = torch.stack((fourier_modulus(measurement), denoised_modulus(denoised.cpu().numpy(), measurement)))
+    found = _solve(measurement, moduli, "classical", quality, seed, device, progress)
+    for images, residual in zip(found.images, found.residual, strict=True):
+        together = consensus(images, residual)
+        pictures += [together.image, images[residual.argmin()]]
         agreement.append(together.agreement)
     laid_over, _ = registered(torch.stack(pictures), pictures[0])
     window = centred(laid_over.clamp_min(0.0))
