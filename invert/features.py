@@ -13,8 +13,8 @@ from radiometry.autocorrelation import LAGS
 LAG_CHANNELS = 2 * 2 * 4 + 2 + 2
 """Two maps and their mirror images, two by two lags in a channel; two numbers; two coordinates."""
 
-FUSION_CHANNELS = 3 * (16 + 4) + 2
-"""Three maps, all lags four by four and the inner ones (as far as the albedo reaches) two by two; two numbers."""
+SKETCH_CHANNELS, FUSION_CHANNELS = (maps * (16 + 4) + 2 for maps in (2, 3))
+"""Maps, all lags four by four and the inner ones (as far as the albedo reaches) two by two; two numbers."""
 
 PICTURES = 4
 """Classical pictures that the fusion is shown."""
@@ -91,10 +91,20 @@ def lag_features(seen: Observation) -> tuple[torch.Tensor, torch.Tensor, torch.T
     return torch.cat((both, planes, places), 1), relative, height
 
 
+def sketch_features(seen: Observation) -> torch.Tensor:
+    """What the sketch sees, (n, SKETCH_CHANNELS, 32, 32)."""
+    relative, significance, numbers, _ = _whitened(seen)
+    return _in_cells(torch.stack((_root(relative), significance), 1), numbers)
+
+
 def picture_features(seen: Observation) -> torch.Tensor:
-    """What the fusion sees beside classical pictures, (n, FUSION_CHANNELS, 32, 32)."""
+    """What the fusion sees beside pictures, (n, FUSION_CHANNELS, 32, 32): the same and the denoised signal."""
     relative, significance, numbers, height = _whitened(seen)
-    maps = torch.stack((_root(relative), significance, _root(seen.denoised / height[:, None, None])), 1)
+    return _in_cells(torch.stack((_root(relative), significance, _root(seen.denoised / height[:, None, None])), 1), numbers)
+
+
+def _in_cells(maps: torch.Tensor, numbers: torch.Tensor) -> torch.Tensor:
+    """Maps (n, m, 127, 127) and numbers (n, k) as channels of 32 x 32 cells."""
     maps = functional.pad(maps, (1, 0, 1, 0))
     planes = numbers[:, :, None, None].expand(-1, -1, 32, 32)
     return torch.cat((functional.pixel_unshuffle(maps, 4), functional.pixel_unshuffle(maps[:, :, 32:96, 32:96], 2), planes), 1)

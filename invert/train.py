@@ -19,7 +19,7 @@ from torch import nn
 
 from invert.losses import LOSSES, noise_left, registered_pearson
 from invert.training_data import Batch, at_noise, paper_noise, varied, warm
-from invert.unet import CorrelographyNet, Denoiser, Fusion
+from invert.unet import CorrelographyNet, Denoiser, Fusion, Sketch
 from invert.warm_starts import load_warm_starts, split_warm_starts
 from invert.weights import NETWORKS, load_network, read_weights, save_weights
 from radiometry.errors import ArgumentParser, InputError, check_device, check_seed, run_command
@@ -37,9 +37,10 @@ def parser() -> ArgumentParser:
     p.add_argument("-o", "--output", required=True, type=Path, help="weights, .safetensors; a checkpoint is kept beside them")
     p.add_argument("--network", choices=tuple(NETWORKS), default="unet")
     p.add_argument("--width", type=int, help="channels of the widest picture: 40, and 64 for the paper's network")
+    p.add_argument("--part", choices=("denoiser", "sketch", "fusion"), default="denoiser", help="of the default network")
     p.add_argument("--loss", choices=tuple(LOSSES), default="registered", help="of pictures; the denoiser has its own")
     p.add_argument("--noise", choices=("varied", "paper"), default="varied")
-    p.add_argument("--warm", nargs="+", help="stores of python -m invert.warm_starts: train the fusion; without, the denoiser")
+    p.add_argument("--warm", nargs="+", help="stores of python -m invert.warm_starts, for the fusion")
     p.add_argument("--start-from", type=Path, help="weights of an earlier run to begin with")
     p.add_argument("--steps", type=int, default=6000)
     p.add_argument("--checkpoint-every", type=int, default=250, metavar="STEPS")
@@ -80,8 +81,8 @@ def main(argv: Sequence[str] | None = None) -> None:
 class Training:
     """State of a run: network, its moving average, optimiser, step, curve.
 
-    Of the default network one half is trained, the denoiser or, on warm starts, the fusion. `rank` of `world` processes works
-    on its part of each batch.
+    Of the default network one part is trained and the others are kept. `rank` of `world` processes works on its share of each
+    batch.
     """
 
     def __init__(self, options: Any, rank: int = 0, world: int = 1) -> None:
@@ -90,9 +91,11 @@ class Training:
         self.network = NETWORKS[options.network](options.width).to(device=options.device, memory_format=torch.channels_last)
         self.part: nn.Module = self.network
         if isinstance(self.network, CorrelographyNet):
-            self.part = self.network.fusion if options.warm else self.network.denoiser
+            self.network.requires_grad_(False)
+            self.part = getattr(self.network, options.part).requires_grad_(True)
         self.trained = list(self.part.parameters())
-        self.parallel = nn.parallel.DistributedDataParallel(self.part) if world > 1 else self.part
+        module = self.network if isinstance(self.part, Fusion) else self.part  # the fusion sees a sketch
+        self.parallel = nn.parallel.DistributedDataParallel(module) if world > 1 else module
         self.average = {name: value.clone() for name, value in self.network.state_dict().items()}
         self.optimiser = torch.optim.AdamW(self.trained, options.learning_rate, (0.9, 0.99), weight_decay=0.01)
         self.step, self.curve = 0, []
@@ -132,7 +135,7 @@ class Training:
             answer = self.parallel(batch.seen)
         if isinstance(self.part, Denoiser):
             return noise_left(answer, batch.signal, batch.seen.estimate - batch.seen.floor[:, None, None]).mean()
-        albedo, judged = answer
+        albedo, judged = (answer, None) if isinstance(self.part, Sketch) else answer
         shown = batch.truth.amax((-2, -1)) > 0.0
         # Samples of noise alone have no loss; a stand-in keeps their gradient finite.
         truth = torch.where(shown[:, None, None], batch.truth, 1.0 + albedo.detach())
@@ -178,7 +181,8 @@ class Training:
         if isinstance(self.part, Denoiser):
             return float(self._loss(batch).exp())
         with torch.autocast(self.options.device, dtype=torch.bfloat16):
-            albedo, _ = self.part(batch.seen)
+            answer = self.parallel(batch.seen)
+        albedo = answer if isinstance(self.part, Sketch) else answer[0]
         shown = batch.truth.amax((-2, -1)) > 0.0
         return float(registered_pearson(albedo[shown], batch.truth[shown]).mean())
 
@@ -233,7 +237,7 @@ class Training:
         self.average = {name: value.clone() for name, value in self.network.state_dict().items()}
 
     def _run(self) -> dict[str, Any]:
-        names = ("dataset", "network", "width", "loss", "noise", "steps", "batch", "learning_rate", "seed", "warm")
+        names = ("dataset", "network", "width", "loss", "noise", "steps", "batch", "learning_rate", "seed", "part", "warm")
         return {**{name: getattr(self.options, name) for name in names}, "start_from": self.earlier}
 
     def finish(self, dataset: dict[str, Any]) -> None:
@@ -278,10 +282,11 @@ def _check(options: Any) -> None:
     for name in ("steps", "batch", "width", "checkpoint_every"):
         if getattr(options, name) < 1:
             raise InputError(f"--{name}", "a whole number above zero", getattr(options, name), "choose another")
-    if options.warm and (options.network != "unet" or options.noise == "paper" or options.start_from is None):
-        raise InputError("--warm", "--network unet, --noise varied and --start-from WEIGHTS beside it",
-                         f"{options.network}, {options.noise}, {options.start_from}",
-                         "train the denoiser, without --warm, then the fusion")
+    fuses = options.network == "unet" and options.part == "fusion"
+    if bool(options.warm) != fuses or (fuses and (options.noise == "paper" or options.start_from is None)):
+        raise InputError("--part fusion", "--warm STORES, --start-from WEIGHTS and --noise varied beside it",
+                         f"--part {options.part}, {options.warm}, {options.start_from}, {options.noise}",
+                         "train denoiser and sketch, each from the last, then the fusion")
     if options.width % 8:
         raise InputError("--width", "a multiple of 8", options.width, "choose another")
     if options.output.suffix != ".safetensors":

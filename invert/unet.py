@@ -1,4 +1,4 @@
-"""The network: a U-net that takes the noise out of an autocorrelation, and one that draws what retrieval made of both."""
+"""The network: U-nets that take the noise out of an autocorrelation, sketch its object, and fuse what retrieval made of it."""
 
 from __future__ import annotations
 
@@ -11,12 +11,15 @@ from invert.features import (
     FUSION_CHANNELS,
     LAG_CHANNELS,
     PICTURES,
+    SKETCH_CHANNELS,
     Observation,
     half_plane,
     lag_features,
     picture_features,
+    sketch_features,
     whole_plane,
 )
+from invert.registration import laid_over
 
 
 class Denoiser(nn.Module):
@@ -41,9 +44,38 @@ class Denoiser(nn.Module):
         return whole_plane(signal) * height[:, None, None]
 
 
+class Drawing(nn.Module):
+    """From features (n, width, 32, 32) to pictures (n, outputs, 64, 64)."""
+
+    def __init__(self, width: int, outputs: int) -> None:
+        super().__init__()
+        self.expand = nn.Conv2d(width, 2 * width, 1)
+        self.fine = ResidualBlock(width // 2, width // 2)
+        self.draw = nn.Sequential(nn.GroupNorm(GROUPS, width // 2), nn.SiLU(), nn.Conv2d(width // 2, outputs, 3, padding=1))
+
+    def forward(self, level: torch.Tensor) -> torch.Tensor:
+        return self.draw(self.fine(functional.pixel_shuffle(self.expand(level), 2))).float()
+
+
+class Sketch(nn.Module):
+    """Albedo (n, 64, 64), zero or more, from the estimate at once.
+
+    It does not choose between the object and its half turn but draws both, faintly, over one another: all that can be told
+    of an object before its turn is known.
+    """
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.unet, self.drawing = Unet(SKETCH_CHANNELS, width), Drawing(width, 1)
+
+    def forward(self, seen: Observation) -> torch.Tensor:
+        level, _ = self.unet(sketch_features(seen).to(memory_format=torch.channels_last))
+        return functional.softplus(self.drawing(level)[:, 0])
+
+
 class Fusion(nn.Module):
-    """Albedo (n, 64, 64), zero or more, from classical pictures and the estimate, and the correlation with the truth that it
-    expects of it (n,), as a logit.
+    """Albedo (n, 64, 64), zero or more, from the estimate and pictures, and the correlation with the truth that it expects of
+    it (n,), as a logit.
 
     The pictures are among the features and also added to the drawing, as far as each place trusts them: a good classical
     reconstruction is kept and cleaned, a bad one overruled.
@@ -51,30 +83,31 @@ class Fusion(nn.Module):
 
     def __init__(self, width: int) -> None:
         super().__init__()
-        self.unet = Unet(FUSION_CHANNELS + 4 * PICTURES, width)
-        self.expand = nn.Conv2d(width, 2 * width, 1)
-        self.fine = ResidualBlock(width // 2, width // 2)
-        self.draw = nn.Sequential(nn.GroupNorm(GROUPS, width // 2), nn.SiLU(),
-                                  nn.Conv2d(width // 2, 1 + PICTURES, 3, padding=1))
-        nn.init.constant_(self.draw[-1].bias[1:], 1.5)  # begin by trusting
+        self.unet = Unet(FUSION_CHANNELS + 4 * (1 + PICTURES), width)
+        self.drawing = Drawing(width, 2 + PICTURES)
+        nn.init.constant_(self.drawing.draw[-1].bias[1:], 1.0)  # begin by trusting
         self.judge = nn.Sequential(nn.Linear(5 * width, 2 * width), nn.SiLU(), nn.Linear(2 * width, 1))
 
-    def forward(self, seen: Observation) -> tuple[torch.Tensor, torch.Tensor]:
-        shown = torch.cat((picture_features(seen), functional.pixel_unshuffle(seen.classical, 2)), 1)
+    def forward(self, seen: Observation, pictures: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        shown = torch.cat((picture_features(seen), functional.pixel_unshuffle(pictures, 2)), 1)
         level, coarsest = self.unet(shown.to(memory_format=torch.channels_last))
-        drawn = self.draw(self.fine(functional.pixel_shuffle(self.expand(level), 2))).float()
-        albedo = functional.softplus(drawn[:, 0] + (drawn[:, 1:] * seen.classical).sum(1))
+        drawn = self.drawing(level)
+        albedo = functional.softplus(drawn[:, 0] + (drawn[:, 1:] * pictures).sum(1))
         seen_by_judge = torch.cat((coarsest, level.mean((-2, -1))), 1).detach()
         return albedo, self.judge(seen_by_judge)[:, 0].float()
 
 
 class CorrelographyNet(nn.Module):
-    """Both. Between them stands classical phase retrieval (`invert/methods.py`)."""
+    """All three. Between denoiser and fusion stands classical phase retrieval (`invert/methods.py`)."""
 
     def __init__(self, width: int = 40) -> None:
         super().__init__()
         self.denoiser = Denoiser(width)
+        self.sketch = Sketch(width)
         self.fusion = Fusion(width)
 
     def forward(self, seen: Observation) -> tuple[torch.Tensor, torch.Tensor]:
-        return self.fusion(seen)
+        """Sketch the object, lay the classical pictures over the sketch, and fuse them."""
+        sketch = self.sketch(seen)
+        sketch = sketch / sketch.amax((-2, -1), keepdim=True).clamp_min(1e-6)
+        return self.fusion(seen, torch.cat((sketch[:, None], laid_over(seen.classical, sketch)), 1))

@@ -13,12 +13,14 @@ from invert.features import (
     FUSION_CHANNELS,
     LAG_CHANNELS,
     PICTURES,
+    SKETCH_CHANNELS,
     Observation,
     half_plane,
     lag_features,
     modulus_picture,
     paper_picture,
     picture_features,
+    sketch_features,
     whole_plane,
 )
 from invert.learned import POSES, predict
@@ -63,7 +65,8 @@ def lags_seen(seen: Observation) -> torch.Tensor:
 
 def test_features_know_no_unit_and_never_see_zero_lag(observed):
     observed = replace(observed, denoised=0.5 * observed.estimate)
-    for features, shape in ((picture_features, (FUSION_CHANNELS, 32, 32)), (lags_seen, (LAG_CHANNELS, 64, 32))):
+    for features, shape in ((picture_features, (FUSION_CHANNELS, 32, 32)), (sketch_features, (SKETCH_CHANNELS, 32, 32)),
+                            (lags_seen, (LAG_CHANNELS, 64, 32))):
         reference = features(observed)
         assert reference.shape == (6, *shape)
         scaled = replace(observed, **{name: getattr(observed, name) * 1e-9 for name in ("estimate", "floor", "denoised")})
@@ -111,14 +114,14 @@ def test_noise_left_is_the_share_that_is_left(objects):
 
 
 def test_the_fusion_keeps_a_good_classical_picture(objects, observed):
-    """Untrained, the fusion adds what it is shown."""
+    """Untrained, the fusion adds what it is shown, laid over the sketch, in whichever turn and place it came."""
     torch.manual_seed(0)
     network = CorrelographyNet(32).eval()
     truth = objects.float() / 255.0
     shown = torch.roll(truth.flip((-2, -1)), (5, 3), (-2, -1))
     with torch.no_grad():
         albedo, _ = predict(network, replace(observed, classical=shown[:, None].expand(-1, PICTURES, -1, -1)))
-    assert float(registered_pearson(albedo, truth).min()) > 0.8
+    assert float(registered_pearson(albedo, truth).min()) > 0.5
 
 
 @pytest.mark.parametrize("name", LOSSES)

@@ -67,15 +67,17 @@ def test_training_learns_and_warm_starts_are_used(tmp_path, dataset, command):
     assert command(warm_starts, dataset, "--weights", output, "-o", store, "--count", 32)[0] == 0
     assert command(warm_starts, dataset, "--weights", output, "-o", store, "--count", 64)[0] == 2
     again = tmp_path / "again.safetensors"
-    code, _, err = command(train, dataset, "-o", again, "--width", 32, "--steps", 2, "--batch", 4, "--start-from", output,
-                           "--warm", store)
-    assert code == 0, err
-    tensors, card = read_weights(again)
-    assert card["run"]["start_from"]["run"]["steps"] == 60
-    earlier, _ = read_weights(output)
-    for name, value in earlier.items():  # the denoiser stays, the fusion learns
-        assert torch.equal(tensors[name], value) or name.startswith("fusion.")
-    assert not torch.equal(tensors["fusion.unet.stem.weight"], earlier["fusion.unet.stem.weight"])
+    for part, extra in (("sketch", []), ("fusion", ["--warm", store])):
+        code, _, err = command(train, dataset, "-o", again, "--width", 32, "--steps", 2, "--batch", 4, "--start-from", output,
+                               "--part", part, *extra)
+        assert code == 0, err
+        tensors, card = read_weights(again)
+        assert card["run"]["start_from"]["run"]["steps"] == 60
+        earlier, _ = read_weights(output)
+        for name, value in earlier.items():  # one part learns, the others stay
+            assert torch.equal(tensors[name], value) or name.startswith(f"{part}.")
+        assert not torch.equal(tensors[f"{part}.unet.stem.weight"], earlier[f"{part}.unet.stem.weight"])
+        again.with_suffix(".checkpoint.safetensors").unlink()
 
 
 def test_bad_training_arguments(tmp_path, command):
