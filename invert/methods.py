@@ -53,7 +53,7 @@ NETWORK_LOOKS = {"fast": (1, "fast"), "balanced": (4, "balanced"), "best": (4, "
 UNCALIBRATED = (0.0, 1.0, 0.0, 0.0, 0.0)
 """Confidence of a network without calibration: what it expects of itself."""
 
-BELIEVED = 0.2
+BELIEVED = 0.1
 """Correlation with the truth that a network must expect of its picture to claim an object."""
 
 
