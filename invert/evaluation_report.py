@@ -27,16 +27,21 @@ def write_report(output: Path, results: list[dict[str, Any]], cells: Path) -> No
 
 
 def _summary(result: dict[str, Any]) -> dict[str, Any]:
-    """Means over the cases of a cell, each with its bootstrap error."""
+    """Means over the cases of a cell, each with its bootstrap error (None of a single case)."""
     rows, asked = result["rows"], result["asked"]
     scores = {}
     for name in SCORES:
         if name in rows[0]:
             values = np.array([row[name] for row in rows], float)
-            scores[name] = {"mean": float(values.mean()), "error": bootstrap_error(values)}
+            scores[name] = {"mean": float(values.mean()), "error": bootstrap_error(values) if len(rows) > 1 else None}
     return {"set": asked["set"], "level": asked["level"], "method": asked["method"], "cases": len(rows),
             "confidence_error": float(np.mean([abs(row["confidence"] - row["pearson"]) for row in rows])),
             "seconds": float(np.median([row["seconds"] for row in rows])), **scores}
+
+
+def _with_error(score: dict[str, Any]) -> str:
+    error = "" if score["error"] is None else f" ± {score['error']:.1g}"
+    return f"{score['mean']:.3g}{error}"
 
 
 def _tables(summary: list[dict[str, Any]]) -> str:
@@ -54,7 +59,7 @@ def _tables(summary: list[dict[str, Any]]) -> str:
                 continue
             parts.append(f"**{name}**\n\n| method | {' | '.join(levels)} |\n|---|{'---|' * len(levels)}")
             for method, row in by_method.items():
-                cells = [f"{row[level][name]['mean']:.3g} ± {row[level][name]['error']:.1g}" for level in levels]
+                cells = [_with_error(row[level][name]) for level in levels]
                 parts.append(f"| {method} | {' | '.join(cells)} |")
             parts.append("")
         seconds = ", ".join(f"{method} {np.median([entry['seconds'] for entry in row.values()]):.2g}"
