@@ -168,9 +168,9 @@ def _power(lags: np.ndarray) -> np.ndarray:
 
 
 def _modulus(power: np.ndarray, guard: float) -> torch.Tensor:
-    """Patch window deconvolved, resolution limited, root taken, 1 at zero frequency."""
-    sharp = power / ((1.0 - _ROW) * (1.0 - _COLUMN))
-    limit = np.exp(-((2.0 * np.pi * guard * RESOLUTION_LAGS) ** 2) * (_ROW**2 + _COLUMN**2))
-    modulus = np.sqrt(np.maximum(sharp * limit, 0.0))
+    """Patch window deconvolved, resolution limited, root taken, 1 at zero frequency; `power` is used up."""
+    power /= (1.0 - _ROW) * (1.0 - _COLUMN)
+    power *= np.exp(-((2.0 * np.pi * guard * RESOLUTION_LAGS) ** 2) * (_ROW**2 + _COLUMN**2))
+    modulus = np.sqrt(np.maximum(power, 0.0))
     scale = modulus[0, 0] or modulus.max() or 1.0
     return torch.from_numpy((modulus / scale).astype(np.float32))

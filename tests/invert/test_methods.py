@@ -179,10 +179,9 @@ def test_extremes(random, name):
     estimate = gamma_estimate(random, signal / signal.max() + 0.02, 64.0)
     reference = retrieve(read_measurement(estimate), name, "fast", 0, "cpu")
     assert reference.object_found
-    for scale in (1e-30, 1e30):
+    for scale in (2.0**-100, 2.0**100):  # exact factors: others round, and rounding grows along a chaotic iteration
         scaled = retrieve(read_measurement(estimate * np.float32(scale)), name, "fast", 0, "cpu")
-        # rounding grows along a chaotic iteration: the same object, not the same bits
-        assert aligned_pearson(scaled.albedo, reference.albedo)[0] > 0.9, scale
+        assert aligned_pearson(scaled.albedo, reference.albedo)[0] > 0.99, scale
 
 
 @pytest.mark.parametrize("name", ["hio", "classical", "raar"])
