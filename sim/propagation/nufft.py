@@ -33,6 +33,9 @@ FINUFFT_ERROR = 0.7
 ROUNDING = {"float32": 9e-8, "float64": 1e-16}
 """Error from places rounded to the precision, per pixel of a patch's side."""
 
+LEAST_ERROR = {"float32": 0.0, "float64": 1e-11}
+"""A prediction never falls below this, whatever its parts add up to."""
+
 
 _Basis = tuple[np.ndarray, list[np.ndarray]]
 
@@ -163,7 +166,8 @@ def plan_patches(position_m: np.ndarray, wall: Wall, tolerance: float, precision
             if math.hypot(own, sums[-1]) > tolerance:
                 break
         else:
-            return Patches(size, terms, tolerance, max(low, math.hypot(own, float(np.sqrt(np.mean(np.square(sums)))))))
+            error = math.hypot(own, float(np.sqrt(np.mean(np.square(sums)))))
+            return Patches(size, terms, tolerance, max(LEAST_ERROR[precision], error))
         size = (size // 2) | 1
     raise InputError("--propagator", "a scene whose phases nufft can expand", "one too close or too deep for it",
                      "use --propagator direct")
