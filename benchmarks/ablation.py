@@ -36,7 +36,7 @@ def main() -> None:
     floor, dof = VALIDATION[POINT]
     print(f"| loss, mapping | correlation after {STEPS} steps of 16, b {255 * floor:.0f}/255, K {dof:g} |\n|---|---|")
     for name, curve in sorted(curves.items(), key=lambda item: -item[1][-1]["validation"][POINT]):
-        print(f"| {name} | {curve[-1]['pearson'][POINT]:.3f} |")
+        print(f"| {name} | {curve[-1]['validation'][POINT]:.3f} |")
     _draw(curves, options.output / "ablation.png")
 
 
