@@ -179,9 +179,10 @@ def test_extremes(random, name):
     estimate = gamma_estimate(random, signal / signal.max() + 0.02, 64.0)
     reference = retrieve(read_measurement(estimate), name, "fast", 0, "cpu")
     assert reference.object_found
-    for scale in (2.0**-100, 2.0**100):  # exact factors: others round, and rounding grows along a chaotic iteration
+    # rounding grows along a chaotic iteration: the same object, not the same bits; powers of two round nothing
+    for scale, limit in ((1e-30, 0.9), (1e30, 0.9), (2.0**-100, 0.99), (2.0**100, 0.99)):
         scaled = retrieve(read_measurement(estimate * np.float32(scale)), name, "fast", 0, "cpu")
-        assert aligned_pearson(scaled.albedo, reference.albedo)[0] > 0.99, scale
+        assert aligned_pearson(scaled.albedo, reference.albedo)[0] > limit, scale
 
 
 @pytest.mark.parametrize("name", ["hio", "classical", "raar"])
