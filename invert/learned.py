@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -26,24 +27,23 @@ UNBOUNDED_DOF = 1e6
 """K of an estimate without measurable noise."""
 
 
+def predict(network: nn.Module, seen: Observation) -> Any:
+    """What a network, or one part of it, makes of observations; bfloat16 inside, float32 outside.
+
+    Networks that draw give albedos (n, 64, 64), and logits of the correlation with the truth that they expect of each.
+    """
+    with torch.autocast(seen.estimate.device.type, dtype=torch.bfloat16):
+        return network(seen)
+
+
 @torch.no_grad()
 def denoise(network: CorrelographyNet, seen: Observation, poses: int) -> torch.Tensor:
     """Signals (n, 127, 127) of observations without floor and noise, on their device: the mean over so many poses."""
     turned_back = []
     for pose, back in POSES[:poses]:
         posed = Observation.bare(pose(seen.estimate), seen.floor, seen.dof)
-        with torch.autocast(seen.estimate.device.type, dtype=torch.bfloat16):
-            turned_back.append(back(network.denoiser(posed)))
+        turned_back.append(back(predict(network.denoiser, posed)))
     return torch.stack(turned_back).mean(0)
-
-
-def predict(network: nn.Module, seen: Observation) -> tuple[torch.Tensor, torch.Tensor]:
-    """Albedos (n, 64, 64), and logits of the correlation with the truth that the network expects of each.
-
-    bfloat16 inside, float32 outside.
-    """
-    with torch.autocast(seen.estimate.device.type, dtype=torch.bfloat16):
-        return network(seen)
 
 
 def observation(measurements: Sequence[Measurement]) -> Observation:

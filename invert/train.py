@@ -17,6 +17,7 @@ from typing import Any
 import torch
 from torch import nn
 
+from invert.learned import predict
 from invert.losses import LOSSES, noise_left, registered_pearson
 from invert.training_data import Batch, at_noise, paper_noise, varied, warm
 from invert.unet import CorrelographyNet, Denoiser, Fusion, Sketch
@@ -131,8 +132,7 @@ class Training:
         return float(loss.detach())
 
     def _loss(self, batch: Batch) -> torch.Tensor:
-        with torch.autocast(self.options.device, dtype=torch.bfloat16):
-            answer = self.parallel(batch.seen)
+        answer = predict(self.parallel, batch.seen)
         if isinstance(self.part, Denoiser):
             return noise_left(answer, batch.signal, batch.seen.estimate - batch.seen.floor[:, None, None]).mean()
         albedo, judged = (answer, None) if isinstance(self.part, Sketch) else answer
@@ -180,8 +180,7 @@ class Training:
     def _measure(self, batch: Batch) -> float:
         if isinstance(self.part, Denoiser):
             return float(self._loss(batch).exp())
-        with torch.autocast(self.options.device, dtype=torch.bfloat16):
-            answer = self.parallel(batch.seen)
+        answer = predict(self.parallel, batch.seen)
         albedo = answer if isinstance(self.part, Sketch) else answer[0]
         shown = batch.truth.amax((-2, -1)) > 0.0
         return float(registered_pearson(albedo[shown], batch.truth[shown]).mean())
