@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +17,8 @@ import torch
 from invert.capture import CameraFacts, Capture
 from invert.estimate import estimate_from_frames
 from invert.hio import HioOptions, hio
-from invert.learned import denoise, looks, observation, predict
-from invert.methods import classical_pictures, retrieve
+from invert.learned import denoise, looks, predict
+from invert.methods import retrieve, shown
 from invert.paper_unet import PaperUnet
 from invert.spectrum import fourier_modulus, read_measurement
 from invert.weights import SHIPPED, load_network
@@ -55,10 +54,7 @@ def main() -> None:
     measurement = read_measurement(estimate.lags, transfer=estimate.transfer)
     network, _ = load_network(SHIPPED)
     paper = load_network(paper_weights)[0] if paper_weights else PaperUnet().to(memory_format=torch.channels_last).eval()
-    bare = observation([measurement])
-    denoised = denoise(network, bare, 1)
-    pictures, _ = classical_pictures(measurement, denoised[0], "fast", 0, "cpu")
-    seen = replace(bare, denoised=denoised, classical=pictures[None])
+    seen, _ = shown(network, measurement, "fast", 0, "cpu")
 
     def whole() -> None:
         fresh = estimate_from_frames(capture, None, "cpu")
@@ -72,7 +68,7 @@ def main() -> None:
     rows = [
         ("autocorrelation of two frames", lambda: estimate_from_frames(capture, None, "cpu")),
         ("noise level", lambda: read_measurement(estimate.lags, transfer=estimate.transfer)),
-        ("network, batch 1: denoiser and fusion", lambda: (denoise(network, bare, 1), looks(network, seen, 1))),
+        ("network, batch 1: denoiser and fusion", lambda: (denoise(network, seen, 1), looks(network, seen, 1))),
         ("two frames to albedo, fast", whole),
         ("estimate to albedo, balanced", lambda: retrieve(measurement, "unet", "balanced", 0, "cpu")),
         ("estimate to albedo, best", lambda: retrieve(measurement, "unet", "best", 0, "cpu")),

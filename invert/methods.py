@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import nn
 
 from invert.admm_tv import AdmmTvOptions, admm_tv
 from invert.altmin import AltMinOptions, altmin
 from invert.calibrate import confidence
 from invert.error_reduction import ErrorReductionOptions, error_reduction
-from invert.features import PICTURES
+from invert.features import PICTURES, Observation
 from invert.hio import HioOptions, hio
 from invert.learned import denoise, looks, observation
 from invert.mtwf import MTWF_OPTIONS, mtwf
@@ -156,6 +157,18 @@ def _by_network(measurement: Measurement, quality: str, seed: int, device: str, 
     return _normalised(image, trust, None, transfer)
 
 
+def shown(network: nn.Module, measurement: Measurement, quality: str, seed: int, device: str,
+          progress: Progress = lambda: None) -> tuple[Observation, list[float]]:
+    """What a network is shown of a measurement, and how far the classical starts with and without noise agree."""
+    seen = observation([measurement]).part(slice(None), device)
+    if not isinstance(network, CorrelographyNet):
+        return seen, [0.0, 0.0]
+    poses, classical_quality = NETWORK_LOOKS[quality]
+    denoised = denoise(network, seen, poses)
+    pictures, agreement = classical_pictures(measurement, denoised[0], classical_quality, seed, device, progress)
+    return replace(seen, denoised=denoised, classical=pictures[None].to(device)), agreement
+
+
 def draw(measurement: Measurement, quality: str, seed: int, device: str, weights: Path,
          progress: Progress = lambda: None) -> tuple[torch.Tensor, tuple[float, ...], tuple[float, ...]]:
     """Denoise the estimate, retrieve from that, and let the network look at what was retrieved, in one pose or several.
@@ -165,12 +178,8 @@ def draw(measurement: Measurement, quality: str, seed: int, device: str, weights
         expects, agreement of its poses, of the classical starts with and without noise); the poses' transfer function.
     """
     network, _ = load_network(weights, device)
-    poses, classical_quality = NETWORK_LOOKS[quality]
-    seen, agreement = observation([measurement]).part(slice(None), device), [0.0, 0.0]
-    if isinstance(network, CorrelographyNet):
-        denoised = denoise(network, seen, poses)
-        pictures, agreement = classical_pictures(measurement, denoised[0], classical_quality, seed, device, progress)
-        seen = replace(seen, denoised=denoised, classical=pictures[None].to(device))
+    poses, _ = NETWORK_LOOKS[quality]
+    seen, agreement = shown(network, measurement, quality, seed, device, progress)
     images, logit = looks(network, seen, poses)
     together = consensus(torch.nn.functional.pad(images, (0, OBJECT, 0, OBJECT)), torch.zeros(poses))
     return together.image, (logit, together.agreement, *agreement), together.transfer if poses > 1 else ()
