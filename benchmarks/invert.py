@@ -17,8 +17,8 @@ import torch
 from invert.capture import CameraFacts, Capture
 from invert.estimate import estimate_from_frames
 from invert.hio import HioOptions, hio
-from invert.learned import denoise, looks, predict
-from invert.methods import retrieve, shown
+from invert.learned import denoise, look, observation, predict
+from invert.methods import retrieve
 from invert.paper_unet import PaperUnet
 from invert.spectrum import fourier_modulus, read_measurement
 from invert.weights import SHIPPED, load_network
@@ -54,7 +54,7 @@ def main() -> None:
     measurement = read_measurement(estimate.lags, transfer=estimate.transfer)
     network, _ = load_network(SHIPPED)
     paper = load_network(paper_weights)[0] if paper_weights else PaperUnet().to(memory_format=torch.channels_last).eval()
-    seen, _ = shown(network, measurement, "fast", 0, "cpu")
+    seen = observation([measurement])
 
     def whole() -> None:
         fresh = estimate_from_frames(capture, None, "cpu")
@@ -68,7 +68,7 @@ def main() -> None:
     rows = [
         ("autocorrelation of two frames", lambda: estimate_from_frames(capture, None, "cpu")),
         ("noise level", lambda: read_measurement(estimate.lags, transfer=estimate.transfer)),
-        ("network, batch 1: denoiser and fusion", lambda: (denoise(network, seen, 1), looks(network, seen, 1))),
+        ("network, batch 1: denoiser and fusion", lambda: (denoise(network, seen, 1), look(network, seen, seen.classical, 1))),
         ("two frames to albedo, fast", whole),
         ("estimate to albedo, balanced", lambda: retrieve(measurement, "unet", "balanced", 0, "cpu")),
         ("estimate to albedo, best", lambda: retrieve(measurement, "unet", "best", 0, "cpu")),

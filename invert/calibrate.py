@@ -1,8 +1,8 @@
 """`python -m invert.calibrate WEIGHTS TARGETS.zarr`: make a network's `confidence` mean what it says.
 
 On targets held out from training, at noise of every kind, the correlation that each quality achieves is fitted by a
-logistic function of what is known without the truth: the network's own expectation, how far its poses agree, how far the
-classical starts do. The coefficients go into the weights' card.
+logistic function of what is known without the truth: the network's own expectation, how far its drawings agree, how far
+the classical starts do. The coefficients go into the weights' card.
 """
 
 from __future__ import annotations
@@ -49,18 +49,20 @@ def _observe(batch, weights: Path, quality: str) -> tuple[np.ndarray, np.ndarray
     from tqdm import tqdm
 
     from invert.losses import registered_pearson
-    from invert.methods import detectable, draw
+    from invert.learned import draw
     from invert.registration import centred
     from invert.spectrum import read_measurement
+    from invert.weights import load_network
 
+    network, _ = load_network(weights)
     signs, achieved = [], []
     for estimate, truth in zip(tqdm(batch.seen.estimate, desc=quality, disable=None), batch.truth, strict=True):
         measurement = read_measurement(estimate.numpy())
-        if not detectable(measurement):
+        if not measurement.detectable:
             continue
-        image, sign, _ = draw(measurement, quality, 0, "cpu", weights)
-        found = float(registered_pearson(centred(image.clamp_min(0.0))[None], truth[None])[0]) if truth.any() else 0.0
-        signs.append(sign)
+        drawing = draw(network, measurement, quality, 0, "cpu")
+        found = float(registered_pearson(centred(drawing.image)[None], truth[None])[0]) if truth.any() else 0.0
+        signs.append(drawing.signs)
         achieved.append(max(found, 0.0))
     return np.array(signs), np.array(achieved)
 

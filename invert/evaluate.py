@@ -114,7 +114,7 @@ def _digest(level: Any, settings: dict[str, Any]) -> str:
 
 def _check(options: Any) -> dict[str, dict[str, Any]]:
     """Check options; returns the settings of each method by name."""
-    from invert.methods import METHODS, QUALITIES
+    from invert.solvers import METHODS, QUALITIES
 
     check_seed(options.seed)
     if options.count < 1 or (options.levels is not None and options.levels < 1):

@@ -22,7 +22,7 @@ class HioOptions:
         beta: feedback of the pixels that break the constraints.
         starts: random starting images.
         shrink_from, shrink_every: when the support is first, and how often it is then, redrawn; 0 never.
-        shrink_threshold: of the blurred image's maximum.
+        shrink_threshold: of the blurred image's maximum; where there are several, the starts take turns.
         shrink_blur: first and last standard deviation of the blur, in pixels; it falls by 5 % each time.
     """
 
@@ -32,7 +32,7 @@ class HioOptions:
     error_reduction: int = 100
     shrink_from: int = 300
     shrink_every: int = 100
-    shrink_threshold: float = 0.03
+    shrink_threshold: tuple[float, ...] = (0.03,)
     shrink_blur: tuple[float, float] = (4.0, 2.0)
 
 
@@ -51,6 +51,7 @@ def hio(modulus: torch.Tensor, box: int, generator: torch.Generator, options: Hi
     support = box_support(modulus, box)
     image = random_starts(modulus, support, options.starts, generator)
     blur, last_blur = options.shrink_blur
+    threshold = torch.tensor(options.shrink_threshold, device=modulus.device).repeat(options.starts)[: options.starts, None, None]
     hybrid = options.iterations - options.error_reduction
     for iteration in range(options.iterations):
         projected = to_modulus(image, target)
@@ -62,7 +63,7 @@ def hio(modulus: torch.Tensor, box: int, generator: torch.Generator, options: Hi
             image = image.sub_(projected, alpha=options.beta).lerp_(projected, allowed)
             if options.shrink_every and iteration >= options.shrink_from and iteration % options.shrink_every == 0:
                 smooth = blurred(projected * allowed, blur)
-                support = (smooth > options.shrink_threshold * smooth.amax((-2, -1), keepdim=True)).float()
+                support = (smooth > threshold * smooth.amax((-2, -1), keepdim=True)).float()
                 blur = max(last_blur, 0.95 * blur)
         progress()
     return Candidates(image, modulus_residual(image, target))

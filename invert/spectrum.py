@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from invert.registration import OBJECT
 from radiometry.autocorrelation import LAGS, SIDE
 from radiometry.noise_level import INDEPENDENT, RING, NoiseLevel, centre_filled, extrapolated_peak, read_noise_level
 
@@ -18,6 +19,10 @@ RESOLUTION_LAGS = 0.5
 
 RESOLVED_ERROR = 0.01
 """Relative error of the estimate above which noise is guarded against in full; below, in proportion."""
+
+
+DETECTION_LIMIT = 6.0
+"""Standard deviations above the floor below which no object is claimed."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,16 @@ class Measurement:
     peak_error: float
     detection: float
     mended: tuple[str, ...]
+
+    @property
+    def detectable(self) -> bool:
+        """Whether it shows enough for a retrieval to begin."""
+        return self.detection >= DETECTION_LIMIT and self.peak > 0.0
+
+    @property
+    def box(self) -> int:
+        """Side of a square that holds the object: r*r that ends at a ring is that of one as wide as the ring's radius, plus one."""
+        return min(OBJECT, self.noise.signal_ring + 3)
 
     @property
     def floor_over_peak(self) -> float | None:

@@ -51,6 +51,18 @@ def test_noise_free_objects_are_found():
         assert max(aligned_pearson(np.roll(result, s, (0, 1))[:64, :64], image)[0] for s in ((0, 0), (-32, -32))) > 0.97
 
 
+def test_starts_take_turns_at_thresholds(random):
+    modulus = exact_modulus(stroke_object(random))
+
+    def images(*thresholds: float) -> torch.Tensor:
+        options = HioOptions(iterations=450, starts=3, shrink_threshold=thresholds)
+        return hio(modulus, 40, torch.Generator().manual_seed(0), options).images
+
+    low, high, both = images(0.03), images(0.3), images(0.03, 0.3)
+    torch.testing.assert_close(both, torch.stack((low[0], high[1], low[2])))
+    assert not torch.allclose(low[1], high[1])
+
+
 def measured_from(image: np.ndarray, floor: float, dof: float, random) -> np.ndarray:
     lags = autocorrelate(image)
     mean = window_smooth(lags) / lags.max() + floor

@@ -9,10 +9,11 @@ import torch
 from invert.__main__ import parser
 from invert.admm_tv import divergence, gradients, shrunk
 from invert.error_reduction import ErrorReductionOptions, error_reduction
-from invert.methods import METHODS, QUALITIES, method_options, retrieve
+from invert.methods import retrieve
 from invert.metrics import aligned_pearson
 from invert.projections import box_support, modulus_residual
 from invert.registration import centred, registered
+from invert.solvers import METHODS, QUALITIES, method_options
 from invert.spectrum import read_measurement
 from invert.taf import amplitude_gradient
 from invert.twf import full_intensity, poisson_gradient
