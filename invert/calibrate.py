@@ -48,8 +48,8 @@ def _observe(batch, weights: Path, quality: str) -> tuple[np.ndarray, np.ndarray
     """Signs (n, 4) of how good each reconstruction is, and how good it is, (n,)."""
     from tqdm import tqdm
 
-    from invert.losses import registered_pearson
     from invert.learned import draw
+    from invert.losses import registered_pearson
     from invert.registration import centred
     from invert.spectrum import read_measurement
     from invert.weights import load_network

@@ -51,7 +51,8 @@ def hio(modulus: torch.Tensor, box: int, generator: torch.Generator, options: Hi
     support = box_support(modulus, box)
     image = random_starts(modulus, support, options.starts, generator)
     blur, last_blur = options.shrink_blur
-    threshold = torch.tensor(options.shrink_threshold, device=modulus.device).repeat(options.starts)[: options.starts, None, None]
+    thresholds = torch.tensor(options.shrink_threshold, device=modulus.device).repeat(options.starts)
+    threshold = thresholds[: options.starts, None, None]
     hybrid = options.iterations - options.error_reduction
     for iteration in range(options.iterations):
         projected = to_modulus(image, target)

@@ -40,7 +40,7 @@ def overview(found: Candidates) -> tuple[torch.Tensor, list[float]]:
 
 def proposals(found: Candidates) -> torch.Tensor:
     """The same for every start, (n, PICTURES, 64, 64): the mean of it and of the best starts that agree with it, it alone, and
-    of the best starts of the other retrieval the mean of those that fit it nearly as well as any, and the one that fits best."""
+    of the best starts of the other retrieval the mean of those that fit it nearly as well as any, and that which fits best."""
     best = found.residual.argsort(dim=1, stable=True)[:, :COMPANIONS]
     proposed = []
     for own, images in enumerate(found.images):

@@ -52,7 +52,7 @@ class Measurement:
 
     @property
     def box(self) -> int:
-        """Side of a square that holds the object: r*r that ends at a ring is that of one as wide as the ring's radius, plus one."""
+        """Side of a square that holds the object: r*r that ends at a ring is that of one as wide as its radius, plus one."""
         return min(OBJECT, self.noise.signal_ring + 3)
 
     @property

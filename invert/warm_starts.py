@@ -25,11 +25,10 @@ if TYPE_CHECKING:
 
 CHUNK = 32
 SETS = 4
-"""Sets of pictures an estimate: that of all starts together, and of so many less one single starts."""
+"""Sets of pictures of an estimate: one of all starts together, the others of single starts."""
 
-ARRAYS = {"albedo": ((64, 64), "uint8"), "classical": ((SETS, PICTURES, 64, 64), "uint8"), "estimate": ((SIDE, SIDE), "float16"),
-          "denoised": ((SIDE, SIDE), "float16"),
-          "floor": ((), "float32"), "dof": ((), "float32")}
+ARRAYS = {"albedo": ((64, 64), "uint8"), "classical": ((SETS, PICTURES, 64, 64), "uint8"),
+          "estimate": ((SIDE, SIDE), "float16"), "denoised": ((SIDE, SIDE), "float16"), "floor": ((), "float32"), "dof": ((), "float32")}
 
 QUALITY = "fast"
 """Quality of the classical retrieval: the least that the network will be shown."""
