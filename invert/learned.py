@@ -36,7 +36,7 @@ SHRINK_THRESHOLDS = (0.03, 0.06, 0.1, 0.18)
 comes of either tells which was right."""
 
 LOOKS = {"fast": 1, "balanced": len(POSES), "best": len(POSES)}
-"""Poses in which the network looks at an estimate; with one it draws what all starts show together, with more each start too."""
+"""Poses in which the network looks at an estimate; with one it draws all starts together, with more each by itself, too."""
 
 KEPT = 8
 """Drawings, the likeliest, of which the mean is taken."""

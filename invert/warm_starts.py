@@ -28,7 +28,8 @@ SETS = 4
 """Sets of pictures of an estimate: one of all starts together, the others of single starts."""
 
 ARRAYS = {"albedo": ((64, 64), "uint8"), "classical": ((SETS, PICTURES, 64, 64), "uint8"),
-          "estimate": ((SIDE, SIDE), "float16"), "denoised": ((SIDE, SIDE), "float16"), "floor": ((), "float32"), "dof": ((), "float32")}
+          "estimate": ((SIDE, SIDE), "float16"), "denoised": ((SIDE, SIDE), "float16"),
+          "floor": ((), "float32"), "dof": ((), "float32")}
 
 QUALITY = "fast"
 """Quality of the classical retrieval: the least that the network will be shown."""
