@@ -83,12 +83,11 @@ def varied(targets: torch.Tensor, count: int, generator: torch.Generator) -> Bat
 
 
 def warm(stored: dict[str, torch.Tensor], count: int, generator: torch.Generator) -> Batch:
-    """Random stored estimates, denoised, each with one of its sets of classical pictures (see `invert.warm_starts`), flipped
-    and transposed."""
+    """Random stored estimates, denoised, with their classical reconstructions (see `invert.warm_starts`), flipped and
+    transposed."""
     chosen = torch.randint(len(stored["albedo"]), (count,), generator=generator)
-    sets = torch.randint(stored["classical"].shape[1], (count,), generator=generator)
-    pictures = [stored["estimate"][chosen].float(), stored["denoised"][chosen].float(),
-                stored["albedo"][chosen].float() / 255.0, stored["classical"][chosen, sets].float() / 255.0]
+    pictures = [stored[name][chosen].float() * scale
+                for name, scale in (("estimate", 1.0), ("denoised", 1.0), ("albedo", 1.0 / 255.0), ("classical", 1.0 / 255.0))]
     for turn in (lambda x: x.mT, lambda x: x.flip(-1), lambda x: x.flip(-2)):
         turned = torch.rand(count, generator=generator) < 0.5
         pictures = [torch.where(turned.view(-1, *[1] * (picture.ndim - 1)), turn(picture), picture) for picture in pictures]

@@ -1,7 +1,6 @@
 """`python -m invert.warm_starts TARGETS.zarr --weights DENOISER.safetensors -o WARM.zarr`: what the fusion is trained with.
 
-Noisy estimates, denoised, with what classical retrieval makes of each: all starts together, and some by themselves. Goes on
-where it was stopped.
+Noisy estimates, denoised, with what classical retrieval makes of each. Goes on where it was stopped.
 """
 
 from __future__ import annotations
@@ -15,20 +14,15 @@ import torch
 import zarr
 
 from invert.features import PICTURES
-from invert.registration import OBJECT
 from radiometry.autocorrelation import SIDE
 from radiometry.errors import ArgumentParser, InputError, check_seed, run_command
 
 if TYPE_CHECKING:
-    from invert.spectrum import Measurement
     from invert.unet import CorrelographyNet
 
 CHUNK = 32
-SETS = 4
-"""Sets of pictures of an estimate: one of all starts together, the others of single starts."""
-
-ARRAYS = {"albedo": ((64, 64), "uint8"), "classical": ((SETS, PICTURES, 64, 64), "uint8"),
-          "estimate": ((SIDE, SIDE), "float16"), "denoised": ((SIDE, SIDE), "float16"),
+ARRAYS = {"albedo": ((64, 64), "uint8"), "classical": ((PICTURES, 64, 64), "uint8"), "estimate": ((SIDE, SIDE), "float16"),
+          "denoised": ((SIDE, SIDE), "float16"),
           "floor": ((), "float32"), "dof": ((), "float32")}
 
 QUALITY = "fast"
@@ -79,17 +73,17 @@ def _open(address: str, recipe: dict[str, Any]) -> zarr.Group:
 
 def _chunk(network: CorrelographyNet, targets: torch.Tensor, seed: int, chunk: int) -> dict[str, np.ndarray]:
     """Estimates at noise of every kind, as they are read, and their classical reconstructions."""
-    from invert.learned import denoise, observation
+    from invert.learned import denoise, observation, retrieved
+    from invert.proposals import overview
     from invert.spectrum import read_measurement
     from invert.training_data import varied
 
-    generator = torch.Generator().manual_seed((seed << 32) + chunk)
-    batch = varied(targets, CHUNK, generator)
+    batch = varied(targets, CHUNK, torch.Generator().manual_seed((seed << 32) + chunk))
     read = [read_measurement(estimate.numpy()) for estimate in batch.seen.estimate]
     seen = observation(read)
     denoised = denoise(network, seen, 1)
-    seeds = torch.randint(2**31, (CHUNK,), generator=generator).tolist()
-    pictures = torch.stack([_sets(*one) for one in zip(read, denoised, seeds, strict=True)])
+    pictures = torch.stack([overview(retrieved(one, signal, QUALITY, seed, "cpu"))[0] if one.detectable else nothing
+                            for one, signal, nothing in zip(read, denoised, seen.classical, strict=True)])
     return {
         "albedo": (255.0 * batch.truth).round().to(torch.uint8).numpy(),
         "classical": (255.0 * pictures).round().to(torch.uint8).numpy(),
@@ -98,19 +92,6 @@ def _chunk(network: CorrelographyNet, targets: torch.Tensor, seed: int, chunk: i
         "floor": seen.floor.numpy(),
         "dof": seen.dof.numpy(),
     }
-
-
-def _sets(measurement: Measurement, denoised: torch.Tensor, seed: int) -> torch.Tensor:
-    """Pictures (SETS, PICTURES, 64, 64); zeros where no object can be detected."""
-    from invert.learned import retrieved
-    from invert.proposals import overview, proposals
-
-    if not measurement.detectable:
-        return torch.zeros(SETS, PICTURES, OBJECT, OBJECT)
-    found = retrieved(measurement, denoised, QUALITY, seed, "cpu")
-    single = proposals(found)
-    chosen = torch.randperm(len(single), generator=torch.Generator().manual_seed(seed))[: SETS - 1]
-    return torch.cat((overview(found)[0][None], single[chosen]))
 
 
 def load_warm_starts(addresses: Sequence[str]) -> dict[str, torch.Tensor]:
