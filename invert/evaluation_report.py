@@ -14,16 +14,20 @@ from radiometry.output import atomic, save_json
 SCORES = ("pearson", "ssim", "iou", "edge_f1", "psnr_db", "success", "agreement", "recognised")
 
 
+COMPARED = ("pearson", "ssim", "iou")
+"""Scores of which the lead of the first method over the others is told."""
+
+
 def write_report(output: Path, results: list[dict[str, Any]], cells: Path) -> None:
     """Write table.md, results.json, one picture a test set and pareto.png."""
-    summary = [_summary(result) for result in results]
+    summary, leads = [_summary(result) for result in results], _leads(results)
     with atomic(output / "table.md") as partial:
-        partial.write_text(_tables(summary))
+        partial.write_text(_tables(summary, leads))
     for test_set in dict.fromkeys(entry["set"] for entry in summary):
         chosen = [result for result in results if result["asked"]["set"] == test_set]
         _save_panels(output / f"{test_set.replace(' ', '_')}.png", chosen, cells)
     _save_pareto(output / "pareto.png", summary)
-    save_json(output / "results.json", {"summary": summary})
+    save_json(output / "results.json", {"summary": summary, "leads": leads})
 
 
 def _summary(result: dict[str, Any]) -> dict[str, Any]:
@@ -39,13 +43,30 @@ def _summary(result: dict[str, Any]) -> dict[str, Any]:
             "seconds": float(np.median([row["seconds"] for row in rows])), **scores}
 
 
+def _leads(results: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """How far the first method is ahead of each other one, image by image: images differ far more than methods do."""
+    rows = {(result["asked"]["set"], result["asked"]["level"], result["asked"]["method"]): result["rows"] for result in results}
+    first = results[0]["asked"]["method"]
+    leads = []
+    for (test_set, level, method), others in rows.items():
+        if method == first or len(others) == 1:
+            continue
+        ours = rows[test_set, level, first]
+        entry: dict[str, Any] = {"set": test_set, "level": level, "method": method}
+        for name in COMPARED:
+            values = np.array([own[name] - other[name] for own, other in zip(ours, others, strict=True)])
+            entry[name] = {"mean": float(values.mean()), "error": bootstrap_error(values)}
+        leads.append(entry)
+    return leads
+
+
 def _with_error(score: dict[str, Any]) -> str:
     error = "" if score["error"] is None else f" ± {score['error']:.1g}"
     return f"{score['mean']:.3g}{error}"
 
 
-def _tables(summary: list[dict[str, Any]]) -> str:
-    """One Markdown table a test set and score: methods down, levels across."""
+def _tables(summary: list[dict[str, Any]], leads: list[dict[str, Any]]) -> str:
+    """One Markdown table a test set and score: methods down, levels across; below them the lead of the first method."""
     parts = []
     for test_set in dict.fromkeys(entry["set"] for entry in summary):
         entries = [entry for entry in summary if entry["set"] == test_set]
@@ -61,6 +82,11 @@ def _tables(summary: list[dict[str, Any]]) -> str:
             for method, row in by_method.items():
                 cells = [_with_error(row[level][name]) for level in levels]
                 parts.append(f"| {method} | {' | '.join(cells)} |")
+            lead: dict[str, list[str]] = defaultdict(list)
+            for entry in leads:
+                if entry["set"] == test_set and name in entry:
+                    lead[entry["method"]].append(f"{entry[name]['mean']:+.3f} ± {entry[name]['error']:.1g}")
+            parts += [f"| lead over {method} | {' | '.join(cells)} |" for method, cells in lead.items()]
             parts.append("")
         seconds = ", ".join(f"{method} {np.median([entry['seconds'] for entry in row.values()]):.2g}"
                             for method, row in by_method.items())

@@ -19,8 +19,13 @@ def test_tables_pictures_and_json(tmp_path, command, small):
     table = (tmp_path / "out" / "table.md").read_text()
     assert "| hio:fast |" in table
     assert "b 80, K 64" in table
-    summary = json.loads((tmp_path / "out" / "results.json").read_text())["summary"]
+    results = json.loads((tmp_path / "out" / "results.json").read_text())
+    summary, leads = results["summary"], results["leads"]
     assert len(summary) == 4
+    assert [(lead["level"], lead["method"]) for lead in leads] == [(entry["level"], "er:fast") for entry in summary[1::2]]
+    for lead, ours, other in zip(leads, summary[::2], summary[1::2], strict=True):
+        assert lead["iou"]["mean"] == pytest.approx(ours["iou"]["mean"] - other["iou"]["mean"])
+    assert "| lead over er:fast |" in table
     first = summary[0]
     assert 0.0 < first["pearson"]["mean"] <= 1.0
     assert first["pearson"]["error"] > 0.0
