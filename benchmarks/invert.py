@@ -68,7 +68,7 @@ def main() -> None:
     rows = [
         ("autocorrelation of two frames", lambda: estimate_from_frames(capture, None, "cpu")),
         ("noise level", lambda: read_measurement(estimate.lags, transfer=estimate.transfer)),
-        ("network, batch 1: denoiser and fusion", lambda: (denoise(network, seen, 1), look(network, seen, seen.classical, 1))),
+        ("network, batch 1: all three parts", lambda: (denoise(network, seen, 1), look(network, seen, seen.classical, 1))),
         ("two frames to albedo, fast", whole),
         ("estimate to albedo, balanced", lambda: retrieve(measurement, "unet", "balanced", 0, "cpu")),
         ("estimate to albedo, best", lambda: retrieve(measurement, "unet", "best", 0, "cpu")),

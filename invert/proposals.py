@@ -5,19 +5,16 @@ from __future__ import annotations
 import torch
 
 from invert.projections import Candidates
-from invert.registration import centred, consensus, registered
+from invert.registration import agreeing_mean, centred, consensus, registered
 from invert.spectrum import Measurement
 from radiometry.noise_level import INDEPENDENT, RING
 from radiometry.noise_model import window_smoothed
-
-AGREEING = 0.7
-"""Correlation from which starts are taken to show the same object."""
 
 COMPANIONS = 8
 """Starts, of least residual, with which every start is compared."""
 
 LEAST_FLOOR = 1e-3
-"""Over the largest lag but zero: no drawing explains its estimate better than to so much."""
+"""Over the largest lag that is used: no drawing explains its estimate better than to so much."""
 
 _USED = torch.from_numpy((RING > 1) & INDEPENDENT)
 """Lags next to zero lag say little of a shape."""
@@ -48,8 +45,8 @@ def proposals(found: Candidates) -> torch.Tensor:
         for index, start in enumerate(images):
             siblings, likeness = registered(torch.cat((start[None], images[best[own][best[own] != index]])), start)
             cousins, fit = registered(others, start)
-            here = [siblings[likeness >= AGREEING].mean(0), start]
-            there = [cousins[fit >= AGREEING * fit.max()].mean(0), cousins[fit.argmax()]]
+            here = [agreeing_mean(siblings, likeness), start]
+            there = [agreeing_mean(cousins, fit), cousins[fit.argmax()]]
             proposed.append(_in_window(torch.stack(here + there if own == 0 else there + here)))
     return torch.stack(proposed)
 

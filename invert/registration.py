@@ -114,8 +114,13 @@ def consensus(images: torch.Tensor, residual: torch.Tensor, best: int = 8) -> Co
     aligned, correlation = registered(chosen, chosen[mutual.sum(1).argmax()])
     count = len(chosen)
     others = (mutual.sum() - mutual.diagonal().sum()) / (count * (count - 1)) if count > 1 else mutual.new_ones(())
-    kept = aligned[correlation >= 0.7 * correlation.max()]
-    return Consensus(kept.mean(0), float(others.clamp(0.0, 1.0)), phase_retrieval_transfer(aligned))
+    return Consensus(agreeing_mean(aligned, correlation), float(others.clamp(0.0, 1.0)), phase_retrieval_transfer(aligned))
+
+
+def agreeing_mean(aligned: torch.Tensor, correlation: torch.Tensor) -> torch.Tensor:
+    """Mean (H, W) of registered images (n, H, W), without those whose correlation (n,) with the reference is below 0.7 of the
+    best one's."""
+    return aligned[correlation >= 0.7 * correlation.max()].mean(0)
 
 
 def phase_retrieval_transfer(aligned: torch.Tensor) -> tuple[float, ...]:

@@ -93,6 +93,12 @@ def test_every_start_is_shown_with_its_likes():
     assert len(agreement) == 2
 
 
+def test_a_start_that_came_to_nothing_is_shown_as_nothing():
+    images = torch.stack((padded(RIGHT, torch.zeros(64, 64)), padded(RIGHT, RIGHT)))
+    found = Candidates(images, torch.tensor([[0.1, 1.0], [0.1, 0.1]]))
+    assert torch.isfinite(proposals(found)).all()
+
+
 class Copyist(torch.nn.Module):
     """Draws the first picture that it is shown."""
 
