@@ -3,11 +3,12 @@
     capture.py       reads frames and autocorrelation pictures, checks them
     estimate.py      frames -> autocorrelation estimate, with what is known of the camera
     spectrum.py      noisy estimate -> noise level, detection, Fourier modulus
-    methods.py       retrieval methods by name
+    methods.py solvers.py   retrieval methods by name; the classical ones' options
     projections.py   what they share: projections, support, starts, residual
     hio.py raar.py error_reduction.py altmin.py admm_tv.py twf.py mtwf.py taf.py   one method a file
     registration.py  shift and 180-degree turn; registered mean of many starts
     features.py blocks.py unet.py learned.py weights.py   the network: what it sees, what it is, how it is used and stored
+    proposals.py likelihood.py   what classical retrieval proposes to it, and which of its drawings the estimate speaks for
     paper_unet.py    the paper's network, the baseline
     train.py training_data.py losses.py warm_starts.py training_report.py calibrate.py   how it is trained
     metrics.py       scores against a truth; agreement without one

@@ -69,6 +69,7 @@ def _levels(options: Any) -> Iterator:
 def _cell(cells: Path, level: Any, name: str, settings: dict[str, Any], options: Any) -> dict[str, Any]:
     """One method on one level: read from an earlier run of the same arguments, or computed and written."""
     from invert.identification import identify
+    from invert.likelihood import nats_over
     from invert.methods import retrieve
     from invert.metrics import agreement, score
     from radiometry.output import save_array, save_json
@@ -88,6 +89,8 @@ def _cell(cells: Path, level: Any, name: str, settings: dict[str, Any], options:
                                "confidence": found.confidence, **score(found.albedo, case.truth).as_dict()}
         noise = case.measurement.noise
         row["agreement"] = agreement(found.albedo, case.measurement.estimate, noise.floor, noise.signal_ring)
+        if case.others:
+            row["nats"] = nats_over(case.truth, found.albedo, case.others)
         if level.test_set in CHARACTER_SETS:
             ranking = identify(found.albedo, mirrored=level.test_set.startswith("measured"))
             row["recognised"] = ranking[0][0] == case.name
@@ -105,6 +108,8 @@ def _digest(level: Any, settings: dict[str, Any]) -> str:
     whole = hashlib.sha256()
     for case in level.cases:
         whole.update(case.measurement.estimate.tobytes() + case.truth.tobytes())
+        for measurement in case.others:
+            whole.update(measurement.estimate.tobytes())
     if settings["method"] == "unet":
         from invert.weights import SHIPPED
 

@@ -11,7 +11,7 @@ import numpy as np
 from invert.metrics import bootstrap_error
 from radiometry.output import atomic, save_json
 
-SCORES = ("pearson", "ssim", "iou", "edge_f1", "psnr_db", "success", "agreement", "recognised")
+SCORES = ("pearson", "ssim", "iou", "edge_f1", "psnr_db", "success", "agreement", "nats", "recognised")
 
 
 COMPARED = ("pearson", "ssim", "iou")

@@ -12,8 +12,9 @@ from torch import nn
 
 from invert.features import Observation
 from invert.hio import HioOptions, hio
+from invert.likelihood import log_likelihoods
 from invert.projections import Candidates, Progress
-from invert.proposals import log_likelihoods, overview, proposals
+from invert.proposals import overview, proposals
 from invert.registration import OBJECT, consensus
 from invert.spectrum import Measurement, denoised_modulus, fourier_modulus
 from invert.unet import CorrelographyNet
@@ -123,7 +124,7 @@ def draw(network: nn.Module, measurement: Measurement, quality: str, seed: int, 
         together, agreement = overview(found)
         shown = together.expand(poses, -1, -1, -1)
         if poses > 1:
-            shown = torch.cat((shown, proposals(found)))
+            shown = torch.cat((shown, proposals(found, len(SHRINK_THRESHOLDS))))
     albedos, expected = look(network, seen, shown, poses)
     kept = log_likelihoods(albedos, measurement).argsort(descending=True, stable=True)[:KEPT]
     drawings = torch.nn.functional.pad(albedos[kept], (0, OBJECT, 0, OBJECT))

@@ -1,4 +1,4 @@
-"""What classical retrieval proposes to the network: pictures of each start, and which of the drawings made of them to keep."""
+"""What classical retrieval proposes to the network: pictures of all starts together, and of each."""
 
 from __future__ import annotations
 
@@ -6,18 +6,9 @@ import torch
 
 from invert.projections import Candidates
 from invert.registration import agreeing_mean, centred, consensus, registered
-from invert.spectrum import Measurement
-from radiometry.noise_level import INDEPENDENT, RING
-from radiometry.noise_model import window_smoothed
 
 COMPANIONS = 8
 """Starts, of least residual, with which every start is compared."""
-
-LEAST_FLOOR = 1e-3
-"""Over the largest lag that is used: no drawing explains its estimate better than to so much."""
-
-_USED = torch.from_numpy((RING > 1) & INDEPENDENT)
-"""Lags next to zero lag say little of a shape."""
 
 
 def overview(found: Candidates) -> tuple[torch.Tensor, list[float]]:
@@ -35,40 +26,25 @@ def overview(found: Candidates) -> tuple[torch.Tensor, list[float]]:
     return _in_window(laid_over), agreement
 
 
-def proposals(found: Candidates) -> torch.Tensor:
+def proposals(found: Candidates, kinds: int) -> torch.Tensor:
     """The same for every start, (n, PICTURES, 64, 64): the mean of it and of the best starts that agree with it, it alone, and
-    of the best starts of the other retrieval the mean of those that fit it nearly as well as any, and that which fits best."""
-    best = found.residual.argsort(dim=1, stable=True)[:, :COMPANIONS]
-    proposed = []
-    for own, images in enumerate(found.images):
-        others = found.images[1 - own, best[1 - own]]
-        for index, start in enumerate(images):
-            siblings, likeness = registered(torch.cat((start[None], images[best[own][best[own] != index]])), start)
-            cousins, fit = registered(others, start)
-            here = [agreeing_mean(siblings, likeness), start]
-            there = [agreeing_mean(cousins, fit), cousins[fit.argmax()]]
-            proposed.append(_in_window(torch.stack(here + there if own == 0 else there + here)))
-    return torch.stack(proposed)
+    of the best starts of the other retrieval the mean of those that fit it nearly as well as any, and that which fits best.
 
-
-def log_likelihoods(albedo: torch.Tensor, measurement: Measurement) -> torch.Tensor:
-    """Log-likelihood of a measurement if its object looked like each albedo (n, 64, 64), but for a constant; (n,).
-
-    The noise model's: Gamma of shape K with mean S = a H (r*r) + b, with b and K as they were read; the brightness a of each is
-    the likeliest one (weighted least squares, weights 1 / S^2, repeated).
+    Starts of so many kinds took turns; each is compared with its own kind, since a loose support always leaves less residual.
     """
-    used = _USED.to(albedo.device)
-    estimate = torch.from_numpy(measurement.estimate).to(albedo.device).double()[used]
-    height = estimate.abs().amax().clamp_min(1e-300)
-    estimate, floor = estimate / height, max(measurement.noise.floor / float(height), LEAST_FLOOR)
-    signal = window_smoothed(albedo.double())[:, used]
-    signal = signal / signal.amax(1, keepdim=True).clamp_min(1e-300)
-    expected = torch.full_like(signal, floor)
-    for _ in range(8):
-        weighted = signal / expected.square()
-        brightness = (weighted * (estimate - floor)).sum(1) / (weighted * signal).sum(1).clamp_min(1e-300)
-        expected = floor + brightness.clamp_min(0.0)[:, None] * signal
-    return -(measurement.noise.dof or 1.0) * (expected.log() + estimate / expected).sum(1)
+    proposed = []
+    for kind in range(kinds):
+        alike, residual = found.images[:, kind::kinds], found.residual[:, kind::kinds]
+        best = residual.argsort(dim=1, stable=True)[:, :COMPANIONS]
+        for own, images in enumerate(alike):
+            others = alike[1 - own, best[1 - own]]
+            for index, start in enumerate(images):
+                siblings, likeness = registered(torch.cat((start[None], images[best[own][best[own] != index]])), start)
+                cousins, fit = registered(others, start)
+                here = [agreeing_mean(siblings, likeness), start]
+                there = [agreeing_mean(cousins, fit), cousins[fit.argmax()]]
+                proposed.append(_in_window(torch.stack(here + there if own == 0 else there + here)))
+    return torch.stack(proposed)
 
 
 def _in_window(pictures: torch.Tensor) -> torch.Tensor:

@@ -47,6 +47,7 @@ def test_measured_files_have_references(tmp_path, command, measured):
     assert code == 0, err
     rows = json.loads(next((tmp_path / "cells").glob("*.json")).read_text())["rows"]
     assert rows[0]["agreement"] > 0.7
+    assert np.isfinite(rows[0]["nats"])
     assert np.load(next((tmp_path / "cells").glob("*-truth.npy"))).shape == (1, 64, 64)
 
 

@@ -1,0 +1,79 @@
+"""`python -m benchmarks.turn_limit [--count 16]`: a short stem on a long bar, and what noise leaves of its place.
+
+An object like the lab's 7 over floors from a quarter to four times the largest lag of the signal. What an estimate holds at
+best: the nats by which the object is likelier than the bar alone (their divergence under the noise model), and how often an
+observer finds the stem's place who knows bar and stem and only has to choose one of five. Beside it, what the default draws
+from the same estimates, and which of the five is nearest to that.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import torch
+from tqdm import tqdm
+
+from invert.likelihood import log_likelihoods
+from invert.methods import retrieve
+from invert.registration import on_grid, registered
+from invert.spectrum import Measurement, read_measurement
+from radiometry.noise_level import NoiseLevel
+from radiometry.noise_model import draw_estimate, window_smoothed
+
+DOF = 64.0
+FLOORS = (0.25, 0.5, 1.0, 2.0, 4.0)
+"""The lab's are .23, .47, .89 and 2.1 at 1/4, 1/8, 1/16 and 1/32 s."""
+
+COLUMNS = (32, 24, 16, 8, 0)
+"""Places of the stem along the bar, the right one first. Above the bar are half turns of these."""
+
+
+def bar_and_stem(column: int | None) -> torch.Tensor:
+    """A bar 38 long and 2 wide that rises by one in eight, with a stem 7 long and 4 wide below it, or none; (64, 64)."""
+    image = torch.zeros(64, 64)
+    for place in range(38):
+        image[35 - place // 8 : 37 - place // 8, 13 + place] = 1.0
+    if column is not None:
+        top = 37 - column // 8
+        image[top : top + 7, 13 + column : 17 + column] = 1.0
+    return image
+
+
+def signal() -> torch.Tensor:
+    """H (r*r) of the object, 1 at its largest lag but zero."""
+    lags = window_smoothed(bar_and_stem(COLUMNS[0]).double())
+    return lags / lags[63, 62:65:2].max()
+
+
+def stem_nats(floor: float) -> float:
+    """Mean log-likelihood ratio between the object and the bar alone."""
+    expected = Measurement((floor + signal()).float().numpy(), NoiseLevel(floor, DOF, 40), 1.0, 0.0, 100.0, ())
+    nats = log_likelihoods(torch.stack((bar_and_stem(COLUMNS[0]), bar_and_stem(None))), expected)
+    return float(nats[0] - nats[1])
+
+
+def main() -> None:
+    """Print a table, one row a floor."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--count", type=int, default=16, help="estimates a floor")
+    count = parser.parse_args().count
+    candidates = torch.stack([bar_and_stem(column) for column in COLUMNS])
+    print(f"| floor | stem, nats | of {count}: found by the observer | drawn | in its place | likeness |")
+    print("|---|---|---|---|---|---|")
+    for floor in FLOORS:
+        observed, likeness = [], []
+        for number in tqdm(range(count), desc=f"floor {floor:g}", disable=None):
+            estimate = draw_estimate(floor + signal(), DOF, torch.Generator().manual_seed(number))
+            measurement = read_measurement(estimate.float().numpy())
+            observed.append(int(log_likelihoods(candidates, measurement).argmax()))
+            result = retrieve(measurement, "unet", "balanced", number, "cpu")
+            if result.object_found:
+                picture = on_grid(result.albedo)[None]
+                likeness.append([float(registered(picture, on_grid(one.numpy()))[1]) for one in candidates])
+        fits = torch.tensor(likeness).view(-1, len(COLUMNS))
+        print(f"| {floor:g} | {stem_nats(floor):.0f} | {observed.count(0)} | {len(fits)} | {int((fits.argmax(1) == 0).sum())} "
+              f"| {float(fits[:, 0].mean()):.2f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

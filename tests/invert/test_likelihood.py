@@ -1,0 +1,80 @@
+"""Likelihood of an estimate under drawings: the noise model's, and blind to what an autocorrelation cannot tell."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from scipy.optimize import minimize
+
+from invert.likelihood import log_likelihoods, nats_over
+from invert.spectrum import read_measurement
+from radiometry.noise_level import RING, NoiseLevel
+from radiometry.noise_model import draw_estimate, log_likelihood, window_smoothed
+from tests.invert.steps import MIRRORED_STEM, RIGHT, noisy
+
+LAG = torch.arange(-63, 64).double()
+PEDESTAL = torch.exp(-(LAG[:, None] ** 2 + LAG**2) / (2.0 * 32.0**2))
+
+
+def test_likelihoods_are_those_of_the_noise_model():
+    """Differences between drawings are those of `log_likelihood` at each one's likeliest brightness and pedestal."""
+    albedos = torch.stack((RIGHT, MIRRORED_STEM, RIGHT + 0.02 * MIRRORED_STEM))
+    near = torch.from_numpy(RING <= 1)  # the same for all
+    noise, estimate = noisy().noise, torch.from_numpy(noisy().estimate).double().masked_fill(near, 1.0)
+
+    def at_best(albedo: torch.Tensor) -> float:
+        def cost(parameters: np.ndarray) -> float:
+            bright, faint = parameters
+            expected = noise.floor + float(bright) * window_smoothed(albedo.double()) + float(faint) * PEDESTAL
+            return -float(log_likelihood(estimate, expected.masked_fill(near, 1.0), noise.dof))
+
+        return -minimize(cost, (1e-3, 1e-3), method="Nelder-Mead", bounds=((0.0, 1.0), (0.0, 1.0)),
+                         options={"xatol": 1e-9, "fatol": 1e-6, "maxiter": 2000}).fun
+
+    found, wanted = log_likelihoods(albedos, noisy()), torch.tensor([at_best(one) for one in albedos])
+    torch.testing.assert_close(found - found[0], wanted - wanted[0], rtol=1e-3, atol=0.05, check_dtype=False)
+    assert float(found[0] - found[1]) > 20.0
+
+
+@pytest.mark.parametrize("unit", [1e-30, 1.0, 1e30])
+def test_likelihood_knows_no_shift_turn_brightness_or_unit(unit):
+    same = torch.stack((RIGHT, 7.0 * RIGHT, torch.roll(RIGHT, (5, -3), (0, 1)), RIGHT.flip((0, 1))))
+    noise = replace(noisy().noise, floor=unit * noisy().noise.floor)
+    scaled = replace(noisy(), estimate=np.float32(unit) * noisy().estimate, noise=noise)
+    found = log_likelihoods(same, scaled)
+    assert float((found - log_likelihoods(RIGHT[None], noisy())).abs().max()) < 0.02
+
+
+def test_likelihood_of_an_empty_drawing_and_without_noise():
+    """Nothing explains an object worse than any object does; without noise the truth is the likeliest."""
+    blank = log_likelihoods(torch.stack((torch.zeros(64, 64), MIRRORED_STEM)), noisy())
+    assert torch.isfinite(blank).all()
+    assert blank[1] > blank[0]
+    silent = read_measurement(window_smoothed(RIGHT).numpy())
+    found = log_likelihoods(torch.stack((MIRRORED_STEM, RIGHT)), silent)
+    assert torch.isfinite(found).all()
+    assert found[1] > found[0]
+
+
+@pytest.mark.parametrize("height", [0.0, 0.003, 0.03])
+def test_a_pedestal_is_not_taken_for_the_object(height):
+    """Faint light all over the window would explain some of a pedestal; the object without it is likelier all the same."""
+    smeared = RIGHT + 0.003
+    spectrum = window_smoothed(RIGHT).double()
+    spectrum = 0.1 + spectrum / spectrum.max() + height * PEDESTAL
+    drawn = draw_estimate(spectrum, 256.0, torch.Generator().manual_seed(3))
+    shown = replace(read_measurement(drawn.float().numpy()), noise=NoiseLevel(0.1, 256.0, 40))
+    right, wrong = log_likelihoods(torch.stack((RIGHT, smeared)), shown).tolist()
+    assert right - wrong > 5.0
+
+
+def test_other_captures_judge_a_picture():
+    """Independent estimates of one object prefer it to a wrong turn, by the same whichever is the reference."""
+    spectrum = window_smoothed(RIGHT).double()
+    spectrum = 0.3 + spectrum / spectrum.max()
+    captures = [read_measurement(draw_estimate(spectrum, 64.0, torch.Generator().manual_seed(seed)).float().numpy())
+                for seed in range(3)]
+    ahead = nats_over(MIRRORED_STEM.numpy(), RIGHT.numpy(), captures)
+    assert ahead > 20.0
+    assert nats_over(RIGHT.numpy(), MIRRORED_STEM.numpy(), captures) == pytest.approx(-ahead)
