@@ -118,7 +118,7 @@ def _save_panels(path: Path, results: list[dict[str, Any]], cells: Path) -> None
         grid[row, column].imshow(moved, cmap="gray", interpolation="nearest", vmin=0.0)
         grid[row, column].set_xlabel(f"{pearson:.2f}", fontsize=8)
         grid[row, 0].set_ylabel(result["asked"]["method"], fontsize=8)
-    grid[0, 0].set_ylabel("truth", fontsize=8)
+    grid[0, 0].set_ylabel("reference" if results[0]["asked"]["set"].startswith("measured") else "truth", fontsize=8)
     with atomic(path) as partial:
         figure.savefig(partial, format="png", dpi=100)
 

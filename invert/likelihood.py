@@ -13,8 +13,8 @@ from radiometry.noise_level import INDEPENDENT, RING
 from radiometry.noise_model import window_smoothed
 
 PEDESTAL_LAGS = 32.0
-"""Standard deviation of the pedestal that an estimate may have, half the window. The lab's have one of 1 to 3 % of the peak,
-alike for every object; taken for part of the object, it favours smeared drawings."""
+"""Standard deviation of the pedestal that an estimate may have, half the window. The lab's have one, 2 to 4 % of the brightest
+lag whatever the object; taken for part of it, it favours smeared drawings."""
 
 LEAST_FLOOR = 1e-3
 """Over the largest lag that is used: no drawing explains its estimate better than to so much."""

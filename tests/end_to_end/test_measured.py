@@ -4,11 +4,16 @@ import json
 
 import numpy as np
 import pytest
+import torch
+from scipy.optimize import minimize
 
 from invert.__main__ import main as invert
 from invert.capture import read_autocorrelation
 from invert.identification import identify
-from radiometry.noise_level import read_noise_level
+from invert.methods import retrieve
+from invert.spectrum import read_measurement
+from radiometry.noise_level import RING, read_noise_level
+from radiometry.noise_model import log_likelihood, window_smoothed
 
 
 @pytest.mark.slow
@@ -20,6 +25,32 @@ def test_a_measured_letter_is_recognised(measured, tmp_path, method, letter):
     assert json.loads((tmp_path / "result.json").read_text())["object_found"]
     ranking = identify(np.load(tmp_path / "albedo.npy"), mirrored=True)
     assert ranking[0][0] == letter, ranking[:3]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("letter", ["5", "7", "F", "t"])
+def test_the_lab_has_a_pedestal(measured, letter):
+    """Over the floor and the drawn object's r*r, some 30 lags wide and 2 to 4 % high, whatever the object."""
+    shown = read_measurement(*read_autocorrelation(measured / f"{letter}_n50_corr_x100_nzero1.png"))
+    albedo = torch.from_numpy(retrieve(shown, "unet", "balanced", 0, "cpu").albedo).double()
+    used, lag = torch.from_numpy(RING > 1), torch.arange(-63, 64).double()
+    estimate = torch.from_numpy(shown.estimate).double().where(used, 1.0)
+    signal = window_smoothed(albedo) / window_smoothed(albedo)[used].max()
+
+    def likeliest(pedestal_lags: float | None) -> tuple[float, float]:
+        def cost(heights: np.ndarray) -> float:
+            expected = shown.noise.floor + float(heights[0]) * signal
+            if pedestal_lags:
+                expected = expected + float(heights[1]) * torch.exp(-(lag[:, None] ** 2 + lag**2) / (2.0 * pedestal_lags**2))
+            return -float(log_likelihood(estimate, expected.where(used, 1.0), shown.noise.dof))
+
+        found = minimize(cost, (150.0, 3.0), method="Nelder-Mead", bounds=((1.0, 400.0), (0.0, 50.0)))
+        return -found.fun, found.x[1] / found.x[0]
+
+    (without, _), (narrow, _), (wide, height) = likeliest(None), likeliest(8.0), likeliest(30.0)
+    assert wide - without > 10_000.0
+    assert wide > narrow
+    assert 0.01 < height < 0.05
 
 
 @pytest.mark.parametrize("letter", ["5", "7", "F", "t"])
