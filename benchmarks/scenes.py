@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 from pathlib import Path
 
@@ -17,21 +16,20 @@ from scenes import scene_path
 from sim.__main__ import main as sim
 
 SCENES = ("corner_letter", "tilted_letter", "occluded_letter", "two_depths", "glyph_mesh", "strong_ambient", "long_standoff")
+CORNER = 257
+"""Pixels of the first frame that are shown."""
 
 
 def reconstruct(name: str, folder: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
     """A corner of the first frame, the estimate, the reconstruction laid over the truth, the truth, their correlation."""
     sim([str(scene_path(name)), "-o", str(folder / "capture"), "--frames", "2", "--seed", "1"])
-    truth = folder / "capture" / "truth.npy"
-    invert([str(folder / "capture"), "-o", str(folder / "result"), "--truth", str(truth)])
-    load = {file: np.load(folder / "result" / f"{file}.npy", allow_pickle=False) for file in ("albedo", "autocorrelation")}
-    shown = np.load(truth, allow_pickle=False)
-    _, moved = aligned_pearson(load["albedo"], shown)
-    estimate = load["autocorrelation"]
+    invert([str(folder / "capture"), "-o", str(folder / "result")])
+    truth, albedo, estimate = (np.load(folder / file, allow_pickle=False)
+                               for file in ("capture/truth.npy", "result/albedo.npy", "result/autocorrelation.npy"))
+    pearson, moved = aligned_pearson(albedo, truth)
     estimate[LAGS, LAGS] = np.partition(estimate.ravel(), -2)[-2]
     frame, _ = read_frame(folder / "capture" / "frame_0000.exr")
-    pearson = json.loads((folder / "result" / "result.json").read_text())["pearson"]
-    return frame[:257, :257], estimate, moved, shown, pearson
+    return frame[:CORNER, :CORNER], estimate, moved, truth, pearson
 
 
 def main() -> None:

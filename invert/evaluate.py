@@ -89,8 +89,9 @@ def _cell(cells: Path, level: Any, name: str, settings: dict[str, Any], options:
                                "confidence": found.confidence, **score(found.albedo, case.truth).as_dict()}
         noise = case.measurement.noise
         row["agreement"] = agreement(found.albedo, case.measurement.estimate, noise.floor, noise.signal_ring)
-        if case.others:
-            row["nats"] = nats_over(case.truth, found.albedo, case.others)
+        if case.others and found.object_found:
+            row["nats_each"] = nats_over(case.truth, found.albedo, case.others)
+            row["nats"] = float(np.mean(row["nats_each"]))
         if level.test_set in CHARACTER_SETS:
             ranking = identify(found.albedo, mirrored=level.test_set.startswith("measured"))
             row["recognised"] = ranking[0][0] == case.name

@@ -35,7 +35,7 @@ def _summary(result: dict[str, Any]) -> dict[str, Any]:
     rows, asked = result["rows"], result["asked"]
     scores = {}
     for name in SCORES:
-        if name in rows[0]:
+        if all(name in row for row in rows):
             values = np.array([row[name] for row in rows], float)
             scores[name] = {"mean": float(values.mean()), "error": bootstrap_error(values) if len(rows) > 1 else None}
     return {"set": asked["set"], "level": asked["level"], "method": asked["method"], "cases": len(rows),
@@ -60,9 +60,12 @@ def _leads(results: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return leads
 
 
-def _with_error(score: dict[str, Any]) -> str:
+def _with_error(score: dict[str, Any] | None) -> str:
+    if score is None:
+        return ""
     error = "" if score["error"] is None else f" ± {score['error']:.1g}"
-    return f"{score['mean']:.3g}{error}"
+    digits = ".0f" if abs(score["mean"]) >= 100.0 else ".3g"
+    return f"{score['mean']:{digits}}{error}"
 
 
 def _tables(summary: list[dict[str, Any]], leads: list[dict[str, Any]]) -> str:
@@ -76,11 +79,11 @@ def _tables(summary: list[dict[str, Any]], leads: list[dict[str, Any]]) -> str:
             by_method[entry["method"]][entry["level"]] = entry
         parts.append(f"## {test_set}, {entries[0]['cases']} images a level\n")
         for name in SCORES:
-            if name not in entries[0]:
+            if not any(name in entry for entry in entries):
                 continue
             parts.append(f"**{name}**\n\n| method | {' | '.join(levels)} |\n|---|{'---|' * len(levels)}")
             for method, row in by_method.items():
-                cells = [_with_error(row[level][name]) for level in levels]
+                cells = [_with_error(row[level].get(name)) for level in levels]
                 parts.append(f"| {method} | {' | '.join(cells)} |")
             lead: dict[str, list[str]] = defaultdict(list)
             for entry in leads:

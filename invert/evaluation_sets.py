@@ -19,8 +19,8 @@ NOISE_LEVELS = ((80.0, 64.0), (80.0, 16.0), (80.0, 256.0), (80.0, 1e4), (5.0, 64
 """Floor (of 255 at the largest lag but zero) and K; the authors' training point first."""
 
 EXPOSURES_S = tuple(2.0**-power for power in range(2, 10))
-JUDGES_S = 0.45
-"""Measured exposures above this, but the longest, of which the reference is made, judge what is made of others."""
+JUDGES_S = 0.5
+"""Shortest measured exposure that judges what is made of others."""
 
 LETTERS = ("F", "7", "L", "R", "5", "t")
 UNSEEN = "EGHJKMNPSYZ2345679"
@@ -110,7 +110,7 @@ def measured(folder: Path) -> Iterator[Level]:
     """Published captures: the exposure series of a 7, and letters over the patches of two frames.
 
     No truth is known; in its place stands what many-start classical retrieval makes of the longest exposure, or of
-    fifty frames. What is made of one exposure of the 7 is judged by the likelihood of others, long ones, too.
+    fifty frames. What is made of one exposure of the 7 is judged by the likelihood of the other long exposures, too.
     """
     files = sorted(folder.glob("*.png"))
     series = sorted((file for file in files if "usec" in file.name), key=_microseconds, reverse=True)
@@ -118,7 +118,7 @@ def measured(folder: Path) -> Iterator[Level]:
     if not series or not letters:
         raise InputError("--measured", "a folder of published autocorrelations", f"none in {folder}", "check the path")
     longest = _reference(series[0])
-    judges = {file: _published(file) for file in series[1:] if _microseconds(file) > JUDGES_S * 1e6}
+    judges = {file: _published(file) for file in series if _microseconds(file) >= JUDGES_S * 1e6}
     for file in series:
         others = tuple(judge for name, judge in judges.items() if name != file)
         yield Level("measured 7", f"{_microseconds(file) / 1e3:.4g} ms", [Case("7", _published(file), longest, others)])

@@ -13,11 +13,11 @@ from radiometry.noise_level import INDEPENDENT, RING
 from radiometry.noise_model import window_smoothed
 
 PEDESTAL_LAGS = 32.0
-"""Standard deviation of the pedestal that an estimate may have, half the window. The lab's have one, 2 to 4 % of the brightest
-lag whatever the object; taken for part of it, it favours smeared drawings."""
+"""Standard deviation of the pedestal that an estimate may have, half the 64-lag window of the object. The lab's estimates have
+such an excess, 1 to 4 % of the largest lag, of unknown origin; taken for part of the object it favours smeared drawings."""
 
 LEAST_FLOOR = 1e-3
-"""Over the largest lag that is used: no drawing explains its estimate better than to so much."""
+"""Over the largest lag that is used: model errors of this size are to be expected of any drawing."""
 
 _USED = torch.from_numpy((RING > 1) & INDEPENDENT)
 """Lags next to zero lag say little of a shape."""
@@ -27,10 +27,11 @@ _PEDESTAL = torch.outer(_PROFILE, _PROFILE)[_USED]
 
 
 def log_likelihoods(albedo: torch.Tensor, measurement: Measurement) -> torch.Tensor:
-    """Log-likelihood of a measurement if its object looked like each albedo (n, 64, 64), but for a constant; (n,).
+    """Log-likelihood of a measurement if its object looked like each albedo (n, 64, 64), up to an additive constant; (n,).
 
-    The noise model's: Gamma of shape K with mean S = a H (r*r) + c p + b, with b and K as they were read and p a wide pedestal;
-    a and c, zero or more, are the likeliest for each (weighted least squares, weights 1 / S^2, repeated).
+    The noise model's: Gamma of shape K with mean S = a H (r*r) + c p + b, with b and K as they were read (b at least
+    `LEAST_FLOOR`, K 1 where there is no noise, which leaves the order) and p a wide pedestal; a and c, zero or more, are the
+    likeliest for each (weighted least squares, weights 1 / S^2, repeated).
     """
     used, pedestal = _USED.to(albedo.device), _PEDESTAL.to(albedo.device)
     estimate = torch.from_numpy(measurement.estimate).to(albedo.device).double()[used]
@@ -45,23 +46,22 @@ def log_likelihoods(albedo: torch.Tensor, measurement: Measurement) -> torch.Ten
     return -(measurement.noise.dof or 1.0) * (expected.log() + estimate / expected).sum(1)
 
 
-def nats_over(reference: np.ndarray, albedo: np.ndarray, captures: Sequence[Measurement]) -> float:
-    """How much likelier captures of an object are, in nats each, if it looks like `albedo` than like `reference`.
+def nats_over(reference: np.ndarray, albedo: np.ndarray, captures: Sequence[Measurement]) -> list[float]:
+    """How much likelier each noisy capture of an object is, in nats, if it looks like `albedo` than like `reference`.
 
-    Where neither was made of these captures, this favours none of them for its noise.
+    Of captures that neither was made of, neither picture has fitted the noise.
     """
     both = torch.from_numpy(np.stack((albedo, reference)))
-    likelihoods = torch.stack([log_likelihoods(both, capture) for capture in captures])
-    return float((likelihoods[:, 0] - likelihoods[:, 1]).mean())
+    likelihoods = [log_likelihoods(both, capture) for capture in captures]
+    return [float(ours - theirs) for ours, theirs in likelihoods]
 
 
 def _brightnesses(signal: torch.Tensor, pedestal: torch.Tensor, excess: torch.Tensor,
                   weight: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Weighted least squares: a and c (n,), zero or more, that bring a signal (n, lags) + c pedestal nearest to an excess."""
-    signals, pedestals = (weight * signal.square()).sum(1).clamp_min(1e-300), (weight * pedestal.square()).sum(1)
-    share = (weight * signal * pedestal).sum(1) / signals
-    found, wide = (weight * excess * signal).sum(1) / signals, (weight * excess * pedestal).sum(1)
-    unshared = (pedestals - share.square() * signals).clamp_min(1e-12 * pedestals)
+    """Weighted least squares: a, c (n,), zero or more, that bring a * signal (n, lags) + c * pedestal nearest to an excess."""
+    ss, pp = (weight * signal.square()).sum(1).clamp_min(1e-300), (weight * pedestal.square()).sum(1)
+    sp, se, pe = ((weight * one * other).sum(1) for one, other in ((signal, pedestal), (signal, excess), (pedestal, excess)))
+    faint = (pe - sp * (se / ss)) / (pp - sp * (sp / ss)).clamp_min(1e-12 * pp)
     # At the most what the pedestal explains without a signal, where the best signal would be negative.
-    faint = torch.minimum((wide - share * signals * found) / unshared, wide / pedestals).clamp_min(0.0)
-    return (found - share * faint).clamp_min(0.0), faint
+    faint = torch.minimum(faint, pe / pp).clamp_min(0.0)
+    return ((se - sp * faint) / ss).clamp_min(0.0), faint

@@ -30,7 +30,7 @@ def test_a_measured_letter_is_recognised(measured, tmp_path, method, letter):
 @pytest.mark.slow
 @pytest.mark.parametrize("letter", ["5", "7", "F", "t"])
 def test_the_lab_has_a_pedestal(measured, letter):
-    """Over the floor and the drawn object's r*r, some 30 lags wide and 2 to 4 % high, whatever the object."""
+    """Over the floor and the drawn object's r*r there is an excess some 30 lags wide, 1 to 5 % high, not a mere offset."""
     shown = read_measurement(*read_autocorrelation(measured / f"{letter}_n50_corr_x100_nzero1.png"))
     albedo = torch.from_numpy(retrieve(shown, "unet", "balanced", 0, "cpu").albedo).double()
     used, lag = torch.from_numpy(RING > 1), torch.arange(-63, 64).double()
@@ -47,9 +47,9 @@ def test_the_lab_has_a_pedestal(measured, letter):
         found = minimize(cost, (150.0, 3.0), method="Nelder-Mead", bounds=((1.0, 400.0), (0.0, 50.0)))
         return -found.fun, found.x[1] / found.x[0]
 
-    (without, _), (narrow, _), (wide, height) = likeliest(None), likeliest(8.0), likeliest(30.0)
+    (without, _), (narrow, _), (wide, height), (offset, _) = map(likeliest, (None, 8.0, 30.0, 1e4))
     assert wide - without > 10_000.0
-    assert wide > narrow
+    assert wide - max(narrow, offset) > 3000.0
     assert 0.01 < height < 0.05
 
 
