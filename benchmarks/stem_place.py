@@ -1,18 +1,21 @@
-"""`python -m benchmarks.stem_place [--count 16]`: a short stem on a long bar, and what noise leaves of its place.
+"""`python -m benchmarks.stem_place [--count 16 | --measured PNG...]`: a stem on a bar, and what noise leaves of its place.
 
 An object like the lab's 7 over floors from a quarter to four times the largest lag of the signal. What an estimate holds at
 best: the nats by which the object is likelier than the bar alone, and than the stem in the nearest other place (divergences of
 the noise model), and how often an observer finds the place who knows bar and stem and only has to choose one of five. Beside
-it, what the default draws from the same estimates, and which of the five is nearest to that.
+it, what the default draws from the same estimates, and which of the five is nearest to that. Or, with files of the lab's 7,
+what the same observer sees in these.
 """
 
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 import torch
 from tqdm import tqdm
 
+from invert.capture import read_autocorrelation
 from invert.likelihood import log_likelihoods
 from invert.methods import retrieve
 from invert.registration import on_grid, registered
@@ -22,7 +25,7 @@ from radiometry.noise_model import draw_estimate, window_smoothed
 
 DOF = 64.0
 FLOORS = (0.25, 0.5, 1.0, 2.0, 4.0)
-"""The lab's are .23, .47, .89 and 2.1 at 1/4, 1/8, 1/16 and 1/32 s."""
+"""The lab's are .23, .46, .84 and 2.0 at 1/4, 1/8, 1/16 and 1/32 s."""
 
 COLUMNS = (32, 24, 16, 8, 0)
 """Places of the stem along the bar, the right one first. A stem above the bar is the half turn of one below it."""
@@ -52,11 +55,24 @@ def divergences(floor: float) -> tuple[float, float]:
     return float(nats[0] - nats[-1]), float(nats[0] - nats[1:-1].max())
 
 
+def observe(file: Path) -> str:
+    """Nats of each place of the stem over the bar alone in a published autocorrelation, as a table row."""
+    drawings = torch.stack([bar_and_stem(column) for column in (*COLUMNS, None)])
+    *places, none = log_likelihoods(drawings, read_measurement(*read_autocorrelation(file))).tolist()
+    return f"| {file.stem} | {' | '.join(f'{place - none:.1f}' for place in places)} |"
+
+
 def main() -> None:
-    """Print a table, one row a floor."""
+    """Print a table, one row a floor or a file."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=16, help="estimates a floor")
-    count = parser.parse_args().count
+    parser.add_argument("--measured", type=Path, nargs="+", help="published autocorrelations of such an object, instead")
+    options = parser.parse_args()
+    if options.measured:
+        print(f"| nats over the bar alone, stem at | {' | '.join(map(str, COLUMNS))} |\n|---|{'---|' * len(COLUMNS)}")
+        print("\n".join(observe(file) for file in options.measured))
+        return
+    count = options.count
     candidates = torch.stack([bar_and_stem(column) for column in COLUMNS])
     print(f"| floor | stem, nats | its place, nats | of {count}: found by the observer | drawn | in its place | likeness |")
     print("|---|---|---|---|---|---|---|")
