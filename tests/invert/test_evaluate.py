@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from invert.evaluate import main
+from invert.evaluation_report import _leads, _summary, _tables
 
 
 @pytest.fixture
@@ -38,6 +39,15 @@ def test_tables_pictures_and_json(tmp_path, command, small):
     redone = [file for file in cell.iterdir() if stored.get(file) != file.stat().st_mtime_ns]
     assert {"er-fast" in file.name for file in redone} == {True}
     assert json.loads((tmp_path / "out" / "results.json").read_text())["summary"][1]["pearson"] == summary[1]["pearson"]
+
+
+def test_a_score_that_some_levels_lack_leaves_gaps():
+    """Only captures with others beside them are judged by these, and only where something was drawn."""
+    rows = {"seconds": 1.0, "confidence": 0.5, "pearson": 0.5}
+    results = [{"asked": {"set": "measured 7", "level": level, "method": "hio"}, "rows": [rows | more]}
+               for level, more in (("1 s", {}), ("0.5 s", {"nats": -1234.5}))]
+    table = _tables([_summary(result) for result in results], _leads(results))
+    assert "**nats**\n\n| method | 1 s | 0.5 s |\n|---|---|---|\n| hio |  | -1234 |" in table
 
 
 @pytest.mark.slow
