@@ -10,8 +10,8 @@ import numpy as np
 
 from invert.__main__ import main as invert
 from invert.metrics import aligned_pearson
-from radiometry.autocorrelation import LAGS
 from radiometry.frames import read_frame
+from radiometry.noise_level import centre_dimmed
 from scenes import scene_path
 from sim.__main__ import main as sim
 
@@ -27,9 +27,8 @@ def reconstruct(name: str, folder: Path) -> tuple[np.ndarray, np.ndarray, np.nda
     truth, albedo, estimate = (np.load(folder / file, allow_pickle=False)
                                for file in ("capture/truth.npy", "result/albedo.npy", "result/autocorrelation.npy"))
     pearson, moved = aligned_pearson(albedo, truth)
-    estimate[LAGS, LAGS] = np.partition(estimate.ravel(), -2)[-2]
     frame, _ = read_frame(folder / "capture" / "frame_0000.exr")
-    return frame[:CORNER, :CORNER], estimate, moved, truth, pearson
+    return frame[:CORNER, :CORNER], centre_dimmed(estimate), moved, truth, pearson
 
 
 def main() -> None:

@@ -42,23 +42,26 @@ def bar_and_stem(column: int | None) -> torch.Tensor:
     return image
 
 
+DRAWINGS = torch.stack([bar_and_stem(column) for column in (*COLUMNS, None)])
+"""The object, the stem in its other places, the bar alone; (6, 64, 64)."""
+
+
 def signal() -> torch.Tensor:
     """H (r*r) of the object, 1 at its largest lag but zero."""
-    lags = window_smoothed(bar_and_stem(COLUMNS[0]).double())
+    lags = window_smoothed(DRAWINGS[0].double())
     return lags / lags[63, 64]
 
 
 def divergences(floor: float) -> tuple[float, float]:
     """Mean log-likelihood ratios of the object to the bar alone and to the stem in the nearest other place."""
     expected = Measurement((floor + signal()).float().numpy(), NoiseLevel(floor, DOF, 40), 1.0, 0.0, 100.0, ())
-    nats = log_likelihoods(torch.stack([bar_and_stem(column) for column in (*COLUMNS, None)]), expected)
+    nats = log_likelihoods(DRAWINGS, expected)
     return float(nats[0] - nats[-1]), float(nats[0] - nats[1:-1].max())
 
 
 def observe(file: Path) -> str:
     """Nats of each place of the stem over the bar alone in a published autocorrelation, as a table row."""
-    drawings = torch.stack([bar_and_stem(column) for column in (*COLUMNS, None)])
-    *places, none = log_likelihoods(drawings, read_measurement(*read_autocorrelation(file))).tolist()
+    *places, none = log_likelihoods(DRAWINGS, read_measurement(*read_autocorrelation(file))).tolist()
     return f"| {file.stem} | {' | '.join(f'{place - none:.1f}' for place in places)} |"
 
 
@@ -73,7 +76,7 @@ def main() -> None:
         print("\n".join(observe(file) for file in options.measured))
         return
     count = options.count
-    candidates = torch.stack([bar_and_stem(column) for column in COLUMNS])
+    candidates = torch.stack([on_grid(drawing.numpy()) for drawing in DRAWINGS[:-1]])
     print(f"| floor | stem, nats | its place, nats | of {count}: found by the observer | drawn | in its place | likeness |")
     print("|---|---|---|---|---|---|---|")
     for floor in FLOORS:
@@ -81,12 +84,11 @@ def main() -> None:
         for number in tqdm(range(count), desc=f"floor {floor:g}", disable=None):
             estimate = draw_estimate(floor + signal(), DOF, torch.Generator().manual_seed(number))
             measurement = read_measurement(estimate.float().numpy())
-            observed.append(int(log_likelihoods(candidates, measurement).argmax()))
+            observed.append(int(log_likelihoods(DRAWINGS[:-1], measurement).argmax()))
             result = retrieve(measurement, "unet", "balanced", number, "cpu")
             if result.object_found:
-                picture = on_grid(result.albedo)[None]
-                likeness.append([float(registered(picture, on_grid(one.numpy()))[1]) for one in candidates])
-        fits = torch.tensor(likeness).view(-1, len(COLUMNS))
+                likeness.append(registered(candidates, on_grid(result.albedo))[1])
+        fits = torch.stack(likeness) if likeness else torch.empty(0, len(COLUMNS))
         stem, place = divergences(floor)
         placed = int((fits.argmax(1) == 0).sum())
         print(f"| {floor:g} | {stem:.0f} | {place:.1f} | {observed.count(0)} | {len(fits)} | {placed} "

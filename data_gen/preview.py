@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from radiometry.errors import ArgumentParser, InputError, run_command
+from radiometry.noise_level import centre_dimmed
 from radiometry.output import atomic
 
 COLUMNS = 8
@@ -47,9 +48,7 @@ def save_sheet(path: Path, albedo: np.ndarray, lags: np.ndarray, captions: list[
     figure = Figure(figsize=(1.6 * COLUMNS, 3.6 * rows), layout="constrained")
     for index, (image, estimate, caption) in enumerate(zip(albedo, lags, captions, strict=True)):
         row, column = divmod(index, COLUMNS)
-        shown = np.array(estimate)
-        shown[63, 63] = np.partition(shown.ravel(), -2)[-2]  # zero lag would outshine the rest
-        for part, (picture, title) in enumerate(((image, ""), (shown, caption))):
+        for part, (picture, title) in enumerate(((image, ""), (centre_dimmed(estimate), caption))):
             axes = figure.add_subplot(2 * rows, COLUMNS, (2 * row + part) * COLUMNS + column + 1)
             axes.imshow(picture, cmap="gray", interpolation="nearest", vmin=0.0)
             axes.set_title(title, fontsize=7)

@@ -13,7 +13,6 @@ from radiometry.output import atomic, save_json
 
 SCORES = ("pearson", "ssim", "iou", "edge_f1", "psnr_db", "success", "agreement", "nats", "recognised")
 
-
 COMPARED = ("pearson", "ssim", "iou")
 """Scores of which the lead of the first method over the others is told."""
 

@@ -32,19 +32,23 @@ def proposals(found: Candidates, kinds: int) -> torch.Tensor:
 
     Starts of so many kinds took turns; each is compared with its own kind, since a loose support always leaves less residual.
     """
+    alike = [Candidates(found.images[:, kind::kinds], found.residual[:, kind::kinds]) for kind in range(kinds)]
+    return torch.stack([pictures for of_one_kind in alike for pictures in _of_each(of_one_kind)])
+
+
+def _of_each(found: Candidates) -> list[torch.Tensor]:
+    """Pictures (PICTURES, 64, 64) of every start, all compared with one another."""
+    best = found.residual.argsort(dim=1, stable=True)[:, :COMPANIONS]
     proposed = []
-    for kind in range(kinds):
-        alike, residual = found.images[:, kind::kinds], found.residual[:, kind::kinds]
-        best = residual.argsort(dim=1, stable=True)[:, :COMPANIONS]
-        for own, images in enumerate(alike):
-            others = alike[1 - own, best[1 - own]]
-            for index, start in enumerate(images):
-                siblings, likeness = registered(torch.cat((start[None], images[best[own][best[own] != index]])), start)
-                cousins, fit = registered(others, start)
-                here = [agreeing_mean(siblings, likeness), start]
-                there = [agreeing_mean(cousins, fit), cousins[fit.argmax()]]
-                proposed.append(_in_window(torch.stack(here + there if own == 0 else there + here)))
-    return torch.stack(proposed)
+    for own, images in enumerate(found.images):
+        others = found.images[1 - own, best[1 - own]]
+        for index, start in enumerate(images):
+            siblings, likeness = registered(torch.cat((start[None], images[best[own][best[own] != index]])), start)
+            cousins, fit = registered(others, start)
+            here = [agreeing_mean(siblings, likeness), start]
+            there = [agreeing_mean(cousins, fit), cousins[fit.argmax()]]
+            proposed.append(_in_window(torch.stack(here + there if own == 0 else there + here)))
+    return proposed
 
 
 def _in_window(pictures: torch.Tensor) -> torch.Tensor:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from radiometry.autocorrelation import LAGS
+from radiometry.noise_level import centre_dimmed
 from radiometry.output import atomic
 
 
@@ -36,8 +36,7 @@ def save_report(path: Path, *, frame: np.ndarray | None, estimate: np.ndarray, a
         corner = frame[:257, :257]
         limits = {"vmin": float(corner.min()), "vmax": float(max(corner.max(), corner.min() + 1.0))}
         panels.append(("speckle (a corner of the first frame)", corner, limits))
-    shown = np.array(estimate)
-    shown[LAGS, LAGS] = np.partition(shown.ravel(), -2)[-2]
+    shown = centre_dimmed(estimate)
     panels.append(("autocorrelation estimate", shown, {"vmin": float(np.quantile(shown, 0.01)), "vmax": float(shown.max())}))
     panels.append(("reconstruction", albedo, {"vmin": 0.0, "vmax": float(albedo.max()) or 1.0}))
     if truth is not None:

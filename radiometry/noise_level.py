@@ -150,3 +150,8 @@ def centre_filled(estimate: np.ndarray, value: float) -> np.ndarray:
     filled[LAGS, LAGS] = value
     return filled
 
+
+def centre_dimmed(estimate: np.ndarray) -> np.ndarray:
+    """Copy of an estimate to look at: zero lag, which would outshine the rest, no brighter than the brightest other lag."""
+    return centre_filled(estimate, np.partition(estimate.ravel(), -2)[-2])
+

@@ -13,8 +13,11 @@ from radiometry.noise_level import RING, NoiseLevel
 from radiometry.noise_model import draw_estimate, log_likelihood, window_smoothed
 from tests.invert.steps import MIRRORED_STEM, RIGHT, noisy
 
-LAG = torch.arange(-63, 64).double()
-PEDESTAL = torch.exp(-(LAG[:, None] ** 2 + LAG**2) / (2.0 * 32.0**2))
+
+def pedestal(lags: float) -> torch.Tensor:
+    """Of so many lags, 1 at zero lag; (127, 127)."""
+    lag = torch.arange(-63, 64).double()
+    return torch.exp(-(lag[:, None] ** 2 + lag**2) / (2.0 * lags**2))
 
 
 def test_likelihoods_are_those_of_the_noise_model():
@@ -26,7 +29,7 @@ def test_likelihoods_are_those_of_the_noise_model():
     def at_best(albedo: torch.Tensor) -> float:
         def cost(parameters: np.ndarray) -> float:
             bright, faint = parameters
-            expected = noise.floor + float(bright) * window_smoothed(albedo.double()) + float(faint) * PEDESTAL
+            expected = noise.floor + float(bright) * window_smoothed(albedo.double()) + float(faint) * pedestal(32.0)
             return -float(log_likelihood(estimate, expected.masked_fill(near, 1.0), noise.dof))
 
         return -minimize(cost, (1e-3, 1e-3), method="Nelder-Mead", bounds=((0.0, 1.0), (0.0, 1.0)),
@@ -62,7 +65,7 @@ def test_a_pedestal_is_not_taken_for_the_object(lags, light):
     """Faint light all over the window would explain some of a pedestal; the object without it is likelier all the same."""
     smeared = RIGHT + light
     spectrum = window_smoothed(RIGHT).double()
-    spectrum = 0.1 + spectrum / spectrum.max() + 0.03 * torch.exp(-(LAG[:, None] ** 2 + LAG**2) / (2.0 * lags**2))
+    spectrum = 0.1 + spectrum / spectrum.max() + 0.03 * pedestal(lags)
     drawn = draw_estimate(spectrum, 256.0, torch.Generator().manual_seed(3))
     shown = replace(read_measurement(drawn.float().numpy()), noise=NoiseLevel(0.1, 256.0, 40))
     right, wrong = log_likelihoods(torch.stack((RIGHT, smeared)), shown).tolist()

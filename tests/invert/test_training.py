@@ -52,6 +52,8 @@ def test_training_resumes_exactly_after_a_kill(tmp_path, dataset):
 
 @pytest.mark.slow
 def test_training_learns_and_warm_starts_are_used(tmp_path, dataset, command):
+    from invert.features import PICTURES
+    from invert.warm_starts import load_warm_starts
     from invert.warm_starts import main as warm_starts
 
     store, output = tmp_path / "warm.zarr", tmp_path / "w.safetensors"
@@ -66,6 +68,10 @@ def test_training_learns_and_warm_starts_are_used(tmp_path, dataset, command):
     assert "checkpoint" in err
     assert command(warm_starts, dataset, "--weights", output, "-o", store, "--count", 32)[0] == 0
     assert command(warm_starts, dataset, "--weights", output, "-o", store, "--count", 64)[0] == 2
+    pictures = load_warm_starts([str(store)])["classical"]
+    assert pictures.shape == (32, PICTURES, 64, 64)
+    shown = pictures[(pictures > 0).flatten(1).any(1)]
+    assert not (shown[:, 0] == shown[:, 1]).flatten(1).all(1).any()  # all starts, and one of them
     again = tmp_path / "again.safetensors"
     for part, extra in (("sketch", []), ("fusion", ["--warm", store])):
         code, _, err = command(train, dataset, "-o", again, "--width", 32, "--steps", 2, "--batch", 4, "--start-from", output,
