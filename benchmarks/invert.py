@@ -48,7 +48,7 @@ def main() -> None:
     frames = [simulation.frame(1, number).numpy() for number in range(2)]
     geometry = simulation.geometry
     facts = CameraFacts(geometry.wavelength_m, geometry.pixel_pitch_m, geometry.distance_m, geometry.pupil_diameter_m,
-                        geometry.pupil_distance_m)
+                        geometry.pupil_distance_m, *geometry.seen_pitch_m)
     capture = Capture(frames, [Path("frame_0.exr"), Path("frame_1.exr")], facts)
     estimate = estimate_from_frames(capture, None, "cpu")
     measurement = read_measurement(estimate.lags, transfer=estimate.transfer)

@@ -45,8 +45,9 @@ class Object:
     grid: tuple[int, int]
 
     @property
-    def axes(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.wall.down, self.wall.right
+    def place(self) -> np.ndarray:
+        """Where FFT kernels hold the scatterers to be: walls here step along the axes of the object's grid."""
+        return np.stack([self.scatterers.position_m @ self.wall.down, self.scatterers.position_m @ self.wall.right], 1)
 
 
 def make_object(standoff_m: float, depth_m: float, tilt_deg: float, seed: int = 0, shape: tuple[int, int] = SHAPE) -> Object:
@@ -135,7 +136,7 @@ def measure(standoff_m: float, depth_m: float, tilt_deg: float, shape: tuple[int
     fields: dict[tuple, tuple[np.ndarray, float]] = {}
     for accuracy, tolerances in TOLERANCES.items():
         for tolerance in tolerances:
-            listed = options(thing.wall, thing.axes, thing.scatterers, lag_m, accuracy, tolerance, None)
+            listed = options(thing.wall, thing.place, thing.scatterers, lag_m, accuracy, tolerance, None)
             measured = []
             for option in listed:
                 key = (option.propagator, option.precision, option.predicted_error)

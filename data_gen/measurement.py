@@ -50,14 +50,14 @@ class SceneMeasurement:
         scene, _ = load_scene(scene_path)
         self._simulation = Simulation(read_geometry(scene))
         prediction = predict(self._simulation.geometry)
-        self._grid, self._pitch_m, self._frames = prediction.grid, prediction.pitch_m, frames
+        self._grid, self._pitches_m, self._frames = prediction.grid, prediction.pitches_m, frames
         self._transfer = torch.from_numpy(prediction.transfer.astype(np.float32))
         self.dof = prediction.dof(frames)
 
     def noise_level(self, albedo: np.ndarray) -> tuple[float, float]:
         """Floor and (r*r)(0) of the estimate of an albedo (64, 64), in electrons squared."""
-        geometry = self._simulation.geometry.showing(albedo, self._pitch_m)
-        terms = noise_terms(geometry, albedo, self._pitch_m)
+        geometry = self._simulation.geometry.showing(albedo, self._pitches_m)
+        terms = noise_terms(geometry, albedo, self._pitches_m[0] * self._pitches_m[1] * geometry.hidden_object.axes.cell)
         floor = terms.signal + terms.ambient + terms.dark + terms.read + terms.quantisation
         if self._simulation.effects["detector_roughness"].modelled:
             floor += 2.0 * terms.detector_grain_pixels * terms.signal**2
@@ -65,7 +65,7 @@ class SceneMeasurement:
 
     def render(self, albedo: np.ndarray, seed: int) -> np.ndarray:
         """Estimate (127, 127) from rendered frames, in units of (r*r)(0)."""
-        shown = self._simulation.showing(albedo, self._pitch_m)
+        shown = self._simulation.showing(albedo, self._pitches_m)
         frames = (shown.frame(seed, number) for number in range(self._frames))
         return estimate_autocorrelation(frames, self._grid)[0] / self.noise_level(albedo)[1]
 

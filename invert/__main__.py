@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         read_s = time.perf_counter() - begin
         estimates = [estimate_from_frames(capture, patch, options.device)]
         if options.truth:
-            check_truth_pitch(options.truth, estimates[0].pitch_m)
+            check_truth_pitch(options.truth, estimates[0].pitches_m)
 
     output = output_folder(options.output)
     for estimate in estimates:

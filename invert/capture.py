@@ -25,20 +25,26 @@ FRAME_KINDS = (".exr", ".tif", ".tiff", ".png", ".npy")
 
 @dataclass(frozen=True)
 class CameraFacts:
-    """What is known of the capture; None where it is not. Lengths in metres, pitch on the wall."""
+    """What is known of the capture; None where it is not. Lengths in metres, pitch on a wall that faces the camera.
+
+    `row_pitch_m` and `column_pitch_m` differ from it where camera or wall stand at an angle.
+    """
 
     wavelength_m: float | None = None
     pixel_pitch_m: float | None = None
     distance_m: float | None = None
     pupil_diameter_m: float | None = None
     pupil_distance_m: float | None = None
+    row_pitch_m: float | None = None
+    column_pitch_m: float | None = None
 
     @property
-    def lag_geometry(self) -> tuple[float, float, float] | None:
-        """(wavelength, distance, pixel pitch), None unless all are known."""
+    def lag_geometry(self) -> tuple[float, float, tuple[float, float]] | None:
+        """(wavelength, distance, pitches of rows and of columns as the object sees them), None unless all are known."""
         if self.wavelength_m is None or self.distance_m is None or self.pixel_pitch_m is None:
             return None
-        return self.wavelength_m, self.distance_m, self.pixel_pitch_m
+        pitches = self.row_pitch_m or self.pixel_pitch_m, self.column_pitch_m or self.pixel_pitch_m
+        return self.wavelength_m, self.distance_m, pitches
 
 
 @dataclass(frozen=True)
@@ -106,6 +112,8 @@ def read_capture(inputs: Sequence[str | Path], known: CameraFacts, dark: Path | 
             raise InputError("--dark", f"a dark frame of the frames' size {frames[0].shape}", offset.shape, "give another")
         frames = [frame - offset for frame in frames]
     given = {name: positive(name, value) for name, value in vars(known).items() if value is not None}
+    if "pixel_pitch_m" in given:  # the header's angles went with its own pitch
+        given = {"row_pitch_m": None, "column_pitch_m": None, **given}
     facts = replace(_facts_of(first), **given)
     lacking = [name for name in ("wavelength_m", "pixel_pitch_m", "distance_m") if getattr(facts, name) is None]
     if given and lacking:
@@ -171,7 +179,7 @@ def _facts_of(header: FrameHeader | None) -> CameraFacts:
     if header is None:
         return CameraFacts()
     return CameraFacts(header.wavelength_m, header.pixel_pitch_m, header.distance_m, header.pupil_diameter_m,
-                       header.pupil_distance_m)
+                       header.pupil_distance_m, header.row_pitch_m, header.column_pitch_m)
 
 
 def read_autocorrelation(file: Path) -> tuple[np.ndarray, float]:

@@ -21,7 +21,7 @@ class Estimate:
     Attributes:
         quantisation: step of an estimate stored as integers, 0 for none.
         transfer: H of the camera per lag (127, 127), None where the camera is unknown.
-        pitch_m: object distance of one lag, None where the camera is unknown.
+        pitches_m: object distance of one lag down and right, None where the camera is unknown.
         frame: first frame of the capture, for the report; None for published estimates.
         facts: how the frames were cut, for result.json.
         seconds: time that the autocorrelation took.
@@ -31,7 +31,7 @@ class Estimate:
     lags: np.ndarray
     quantisation: float = 0.0
     transfer: np.ndarray | None = None
-    pitch_m: float | None = None
+    pitches_m: tuple[float, float] | None = None
     frame: np.ndarray | None = None
     facts: dict[str, Any] = field(default_factory=dict)
     seconds: float = 0.0
@@ -61,22 +61,21 @@ def estimate_from_frames(capture: Capture, patch: int | None, device: str) -> Es
     return Estimate(
         name=", ".join(file.name for file in capture.files),
         lags=lags,
-        transfer=_camera_transfer(capture, grid.lag_pitch_m(*geometry)) if geometry else None,
-        pitch_m=grid.lag_pitch_m(*geometry) if geometry else None,
+        transfer=_camera_transfer(capture, grid.patch_shape),
+        pitches_m=grid.lag_pitches_m(*geometry) if geometry else None,
         frame=capture.frames[0],
         facts={
             "frames": len(capture.frames),
-            "patches": {"size": grid.size, "rows": grid.rows, "columns": grid.columns},
+            "patches": {"size": grid.size, "width": grid.patch_shape[1], "rows": grid.rows, "columns": grid.columns},
             "dof_expected": estimator.dof,
         },
         seconds=time.perf_counter() - begin,
     )
 
 
-def _camera_transfer(capture: Capture, pitch_m: float) -> np.ndarray | None:
+def _camera_transfer(capture: Capture, patch_shape: tuple[int, int]) -> np.ndarray | None:
     facts = capture.facts
     if facts.lag_geometry is None or facts.pupil_diameter_m is None or facts.pupil_distance_m is None:
         return None
-    wavelength_m, distance_m, pixel_pitch_m = facts.lag_geometry
-    return lag_transfer(np.arange(-LAGS, LAGS + 1), pitch_m, distance_m, pixel_pitch_m, facts.pupil_diameter_m,
-                        wavelength_m, facts.pupil_distance_m)
+    return lag_transfer(np.arange(-LAGS, LAGS + 1), patch_shape, facts.pixel_pitch_m, facts.pupil_diameter_m,
+                        facts.wavelength_m, facts.pupil_distance_m)

@@ -98,7 +98,7 @@ def rendered(count: int, seed: int) -> Iterator[Level]:
         for letter, geometry in geometries.items():
             prediction = predict(geometry)
             simulation = Simulation(geometry.exposed(exposure_s))
-            truth = geometry.hidden_object.cell_means(prediction.pitch_m, 64)
+            truth = geometry.hidden_object.cell_means(prediction.pitches_m, 64)
             for repeat in range(count):
                 frames = (simulation.frame(seed + repeat, number) for number in range(2))
                 lags, _ = estimate_autocorrelation((frame.numpy() for frame in frames), prediction.grid)

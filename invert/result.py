@@ -32,18 +32,20 @@ def read_truth(path: Path) -> np.ndarray:
     return truth
 
 
-def check_truth_pitch(path: Path, pitch_m: float | None) -> None:
+def check_truth_pitch(path: Path, pitches_m: tuple[float, float] | None) -> None:
     """A truth.npy beside the sim.json of its capture says its pitch: refuse to compare it with another."""
     beside = path.with_name("sim.json")
-    if pitch_m is None or not beside.is_file():
+    if pitches_m is None or not beside.is_file():
         return
     try:
-        truth_pitch_m = float(json.loads(beside.read_text())["lag_pitch_m"])
+        content = json.loads(beside.read_text())
+        truth_pitches_m = [float(pitch) for pitch in content.get("lag_pitches_m", [content["lag_pitch_m"]] * 2)]
     except (ValueError, KeyError, TypeError):
         return
-    if abs(truth_pitch_m - pitch_m) > 0.01 * pitch_m:
-        raise InputError("--truth", f"a pitch of {pitch_m * 1e6:.4g} um, the estimate's",
-                         f"{truth_pitch_m * 1e6:.4g} um in {beside}", "leave --patch at auto or resample the truth")
+    for own, pitch_m in zip(truth_pitches_m, pitches_m, strict=True):
+        if abs(own - pitch_m) > 0.01 * pitch_m:
+            raise InputError("--truth", f"a pitch of {pitch_m * 1e6:.4g} um, the estimate's", f"{own * 1e6:.4g} um in {beside}",
+                             "leave --patch at auto or resample the truth")
 
 
 def write_result(folder: Path, estimate: Estimate, measurement: Measurement, result: Reconstruction,
@@ -72,7 +74,8 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
             "detection_sigma": measurement.detection if np.isfinite(measurement.detection) else None,
             "lines_mended": list(measurement.mended),
         },
-        "pitch_m": estimate.pitch_m,
+        "pitch_m": estimate.pitches_m and estimate.pitches_m[0],
+        "pitches_m": estimate.pitches_m,
         "residual": result.residual,
         "phase_retrieval_transfer": [round(value, 4) for value in result.transfer],
         **estimate.facts,

@@ -42,10 +42,10 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: int) -> dict[str, Any]:
     """Everything the command prints, as JSON: see the README for the keys."""
-    from radiometry.path_tracing import estimate_throughput
+    from sim.path_tracing import estimate_throughput
     from radiometry.prediction import predict
     from radiometry.safety import spot_safety
-    from radiometry.throughput import closed_form
+    from radiometry.throughput import closed_form, light_budget
     from sim.plan import scene_warnings
 
     path = geometry.light_path
@@ -56,7 +56,8 @@ def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: in
     if 400e-9 <= path.wavelength_m <= 700e-9:
         safety = spot_safety(path.power_w, path.wavelength_m, geometry.spot.diameter_m, path.source_albedo)
     return {
-        **closed_form(path).as_dict(),
+        **light_budget(path).as_dict(),
+        "closed_form_per_frame_db": closed_form(path).as_dict()["per_frame_db"],
         "monte_carlo": estimate_throughput(scene, samples, seed).as_dict(),
         "floor_over_peak": prediction.shot_floor_over_peak,
         "dof": prediction.dof(frames),
@@ -65,7 +66,7 @@ def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: in
         "photoelectrons_per_pixel": prediction.terms.signal,
         "exposure_s": geometry.electronics.exposure_s,
         "safety": safety,
-        "warnings": scene_warnings(geometry, prediction.pitch_m),
+        "warnings": scene_warnings(geometry, prediction.pitches_m),
     }
 
 
@@ -78,8 +79,8 @@ def as_text(account: dict[str, Any]) -> str:
     low, high = monte_carlo["interval_db"]
     lines = [f"{row['name']:<40}{db(row['db'])}" for row in account["rows"]]
     lines += [
-        f"{'per pixel, closed form':<40}{db(account['per_pixel_db'])}",
-        f"{'per frame, closed form':<40}{db(account['per_frame_db'])}",
+        f"{'per pixel':<40}{db(account['per_pixel_db'])}",
+        f"{'per frame':<40}{db(account['per_frame_db'])}",
         f"{'per frame, Monte Carlo':<40}{db(monte_carlo['per_frame_db'])}  (95 %: {db(low).strip()} to {db(high).strip()})",
         f"{'photoelectrons per second and frame':<40}{account['photons_per_second']:9.3g}",
         f"{'photoelectrons per pixel':<40}{account['photoelectrons_per_pixel']:9.3g}  in {account['exposure_s']:g} s",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -20,59 +21,86 @@ SIDE = 2 * LAGS + 1
 
 @dataclass(frozen=True)
 class PatchGrid:
-    """How a frame is cut: `rows` x `columns` square patches of `size` pixels, evenly spread, none overlapping."""
+    """How a frame is cut: `rows` x `columns` patches, evenly spread, none overlapping.
+
+    Attributes:
+        size: rows of pixels in a patch; columns, too, unless `width` says otherwise.
+        width: columns of pixels in a patch, where a camera at an angle sees the wall foreshortened.
+    """
 
     size: int
     rows: int
     columns: int
     frame_shape: tuple[int, int]
+    width: int | None = None
 
     @property
     def count(self) -> int:
         return self.rows * self.columns
 
+    @property
+    def patch_shape(self) -> tuple[int, int]:
+        """Pixels of a patch (rows, columns)."""
+        return self.size, self.width or self.size
+
     def lag_pitch_m(self, wavelength_m: float, distance_m: float, pixel_pitch_m: float) -> float:
-        """Object distance that one lag stands for: lambda z / (N pitch)."""
+        """Object distance that one lag along the rows' axis stands for: lambda z / (N pitch)."""
         return wavelength_m * distance_m / (self.size * pixel_pitch_m)
 
+    def lag_pitches_m(self, wavelength_m: float, distance_m: float, pixel_pitch_m: tuple[float, float]) -> tuple[float, float]:
+        """The same down and right, of a wall whose rows and columns are so far apart as the object sees them."""
+        down, right = (wavelength_m * distance_m / (n * pitch) for n, pitch in zip(self.patch_shape, pixel_pitch_m, strict=True))
+        return down, right
+
     def cut(self, frame: torch.Tensor) -> torch.Tensor:
-        """Cut a frame (H, W) into patches, shape (count, size, size)."""
+        """Cut a frame (H, W) into patches, shape (count, *patch_shape)."""
         row_step, column_step = self.frame_shape[0] // self.rows, self.frame_shape[1] // self.columns
-        blocks = frame.unfold(0, self.size, row_step).unfold(1, self.size, column_step)
-        return blocks[: self.rows, : self.columns].reshape(self.count, self.size, self.size)
+        height, width = self.patch_shape
+        blocks = frame.unfold(0, height, row_step).unfold(1, width, column_step)
+        return blocks[: self.rows, : self.columns].reshape(self.count, height, width)
 
 
-def patch_grid(frame_shape: tuple[int, int], size: int) -> PatchGrid:
-    """Grid of `size`-pixel patches for a frame; the longer side holds a whole multiple of the shorter's count.
+def patch_grid(frame_shape: tuple[int, int], size: int | tuple[int, int]) -> PatchGrid:
+    """Grid of `size`-pixel patches for a frame; one side holds a whole multiple of the other's count.
 
     A 2056 x 2464 frame and 257 pixels give the paper's 8 x 8. Raises InputError when not even one
     patch fits or when a patch is too small to hold all 127 lags.
     """
-    shorter = min(frame_shape)
-    if not SIDE <= size <= shorter:
-        raise InputError("patch", f"a size between {SIDE} pixels ({SIDE} lags) and the frame's shorter side ({shorter})",
+    height, width = (size, size) if isinstance(size, int) else size
+    if not (SIDE <= height <= frame_shape[0] and SIDE <= width <= frame_shape[1]):
+        raise InputError("patch", f"a size between {SIDE} pixels ({SIDE} lags) and the frame's shorter side ({min(frame_shape)})",
                          size, "choose another --patch")
-    rows, columns = frame_shape[0] // size, frame_shape[1] // size
+    rows, columns = frame_shape[0] // height, frame_shape[1] // width
     fewest = min(rows, columns)
-    return PatchGrid(size, rows - rows % fewest, columns - columns % fewest, frame_shape)
+    return PatchGrid(height, rows - rows % fewest, columns - columns % fewest, frame_shape, width if width != height else None)
 
 
-def automatic_patch_size(frame_shape: tuple[int, int], geometry: tuple[float, float, float] | None = None,
-                         pitch_m: float = 300e-6) -> int:
+SQUARE_ENOUGH = 1.05
+"""Patches stay square where a camera's angle stretches the wall by less: lags then differ by as little down and right."""
+
+
+def automatic_patch_size(frame_shape: tuple[int, int], geometry: tuple[float, float, float | tuple[float, float]] | None = None,
+                         pitch_m: float = 300e-6) -> int | tuple[int, int]:
     """Patch size whose lag pitch is nearest to `pitch_m`, or an eighth of the frame when the geometry is unknown.
 
-    Kept between 127 pixels (all lags fit) and half the shorter side (four patches at least).
+    Kept between 127 pixels (all lags fit) and half the shorter side (four patches at least). A number for square patches,
+    (rows, columns) where the two pixel pitches differ by more than `SQUARE_ENOUGH`.
 
     Args:
-        geometry: (wavelength_m, distance_m, pixel_pitch_m), or None.
+        geometry: (wavelength_m, distance_m, pixel_pitch_m), or None; a pair of pitches is that of rows and of columns.
     """
+    def kept(wanted: int, side: int) -> int:
+        return int(min(max(wanted, SIDE), max(side // 2, min(SIDE, side))))
+
     shorter = min(frame_shape)
     if geometry is None:
-        wanted = shorter // 8
-    else:
-        wavelength_m, distance_m, pixel_pitch_m = geometry
-        wanted = round(wavelength_m * distance_m / (pitch_m * pixel_pitch_m))
-    return int(min(max(wanted, SIDE), max(shorter // 2, min(SIDE, shorter))))
+        return kept(shorter // 8, shorter)
+    wavelength_m, distance_m, pixel_pitch_m = geometry
+    pitches = pixel_pitch_m if isinstance(pixel_pitch_m, tuple) else (pixel_pitch_m, pixel_pitch_m)
+    wanted = [round(wavelength_m * distance_m / (pitch_m * pitch)) for pitch in pitches]
+    if max(pitches) <= SQUARE_ENOUGH * min(pitches):
+        return kept(wanted[0], shorter)
+    return kept(wanted[0], frame_shape[0]), kept(wanted[1], frame_shape[1])
 
 
 def _spectra(patches: torch.Tensor) -> torch.Tensor:
@@ -126,7 +154,7 @@ class AutocorrelationEstimator:
             total = self._power.sum(0) - self._sum.abs().square().sum(0) / self.frames
         else:
             total = self._power.sum(0) - self._sum.sum(0).abs().square() / self.grid.count
-        half = (total / (self.dof * self.grid.size**2)).cpu().numpy()
+        half = (total / (self.dof * math.prod(self.grid.patch_shape))).cpu().numpy()
         full = np.empty((SIDE, SIDE), np.float32)
         full[:, LAGS:] = half
         full[:, :LAGS] = half[::-1, :0:-1]

@@ -58,17 +58,17 @@ def divide(geometry: Any, budget_s: float, resolution_m: float = 300e-6,
     """
     positive("--budget-s", budget_s)
     positive("--resolution-m", resolution_m)
-    facts = (geometry.wavelength_m, geometry.distance_m, geometry.pixel_pitch_m)
+    facts = (geometry.wavelength_m, geometry.distance_m, geometry.seen_pitch_m[0])
     smallest = int(np.ceil(facts[0] * facts[1] / (resolution_m * facts[2]) - 0.5))
     shorter = min(geometry.frame_shape)
     if smallest > shorter // 2:
         raise InputError("--resolution-m", f"{2 * facts[0] * facts[1] / (shorter * facts[2]):.3g} m or coarser in this scene",
                          resolution_m, "choose a coarser one or a nearer wall")
     prediction = predict(geometry, max(smallest, 127))
-    widest = max(geometry.hidden_object.extent_m)
-    if widest > 64 * prediction.pitch_m:
-        raise InputError("--resolution-m", f"{widest / 64:.3g} m or coarser, for the object to fit 64 lags", resolution_m,
-                         "choose a coarser one")
+    for widest, pitch_m in zip(geometry.hidden_object.extent_m, prediction.pitches_m, strict=True):
+        if widest > 64 * pitch_m:
+            raise InputError("--resolution-m", f"{widest / 64:.3g} m or coarser, for the object to fit 64 lags", resolution_m,
+                             "choose a coarser one")
     exposure = geometry.electronics.exposure_s
     divisions = []
     for frames in counts:

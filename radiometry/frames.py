@@ -20,8 +20,9 @@ _LINES_PER_BLOCK = 16  # of ZIP compression
 
 @dataclass(frozen=True)
 class FrameHeader:
-    """Attributes of a frame file. Lengths in metres; `pixel_pitch_m` is on the wall, `distance_m` from
-    object to virtual detector. The pupil may be unknown (None) in files of other origin."""
+    """Attributes of a frame file. Lengths in metres; `pixel_pitch_m` is on a wall that faces the camera, `distance_m` from
+    object to virtual detector; `row_pitch_m` and `column_pitch_m` are the distances of neighbouring rows and columns of the wall
+    as the object sees them. What may be unknown in files of other origin is None."""
 
     wavelength_m: float
     pixel_pitch_m: float
@@ -33,6 +34,8 @@ class FrameHeader:
     version: str
     pupil_diameter_m: float | None = None
     pupil_distance_m: float | None = None
+    row_pitch_m: float | None = None
+    column_pitch_m: float | None = None
 
 
 def write_frame(path: Path, photoelectrons: np.ndarray, header: FrameHeader) -> None:

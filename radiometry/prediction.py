@@ -14,7 +14,7 @@ import numpy as np
 from radiometry.autocorrelation import LAGS, PatchGrid, autocorrelate, automatic_patch_size, patch_grid, window_smooth
 from radiometry.noise_budget import NoiseTerms, degrees_of_freedom
 from radiometry.photons import grain_area
-from radiometry.throughput import closed_form
+from radiometry.throughput import light_budget
 from radiometry.transfer import lag_transfer
 
 CELLS_PER_LAG = 4
@@ -26,6 +26,7 @@ class Prediction:
     """Expected estimate of a scene, for patches of `grid`.
 
     Attributes:
+        pitches_m: object distance of one lag down and right.
         signal: H (r*r), window-smoothed, (127, 127), in units of (r*r)(0).
         transfer: H per lag (127, 127).
         shot_floor_over_peak: one over the photoelectrons per coherence area; None without light.
@@ -33,9 +34,14 @@ class Prediction:
 
     terms: NoiseTerms
     grid: PatchGrid
-    pitch_m: float
+    pitches_m: tuple[float, float]
     signal: np.ndarray
     transfer: np.ndarray
+
+    @property
+    def pitch_m(self) -> float:
+        """Object distance of one lag along the rows' axis, down."""
+        return self.pitches_m[0]
 
     @property
     def shot_floor_over_peak(self) -> float | None:
@@ -53,47 +59,51 @@ class Prediction:
         return float((weight * self.signal / (self.signal + floor)).sum()) * math.sqrt(self.dof(frames))
 
 
-def noise_terms(geometry: Any, albedo: np.ndarray, cell_m: float) -> NoiseTerms:
+def noise_terms(geometry: Any, albedo: np.ndarray, cell_area_m2: float) -> NoiseTerms:
     """Noise terms of one frame of a scene.
 
     Args:
-        albedo: the object's albedo on square cells of `cell_m`.
+        albedo: the object's effective albedo on cells of `cell_area_m2` across the line of sight.
     """
     electronics = geometry.electronics
-    pixel_area = geometry.pixel_pitch_m**2
-    grain = grain_area(albedo, cell_m**2, geometry.wavelength_m, geometry.distance_m)
+    grain = grain_area(albedo, cell_area_m2, geometry.wavelength_m, geometry.distance_m)
     ambient = geometry.ambient_photoelectrons_per_pixel_s
     # Subjective grain of the wall behind a circular pupil: (lambda z)^2 / A (Goodman, Speckle Phenomena, Eq. 4-75).
     pupil_area = 0.25 * math.pi * geometry.pupil_diameter_m**2
     subjective_grain = (geometry.wavelength_m * geometry.pupil_distance_m) ** 2 / pupil_area
     return NoiseTerms(
-        signal=closed_form(geometry.light_path).photoelectrons_per_pixel_s * electronics.exposure_s,
+        signal=light_budget(geometry.light_path).photoelectrons_per_pixel_s * electronics.exposure_s,
         # Two incoherent polarisations halve the speckle's variance.
-        grain_pixels=grain / pixel_area * (0.5 if geometry.depolarised else 1.0),
+        grain_pixels=grain / geometry.seen_pixel_area_m2 * (0.5 if geometry.depolarised else 1.0),
         ambient=0.0 if ambient is None else float(ambient.mean()) * electronics.exposure_s,
         dark=electronics.dark_current * electronics.exposure_s,
         read=electronics.read_noise**2,
         quantisation=electronics.step**2 / 12.0,
         # Their mean square falls from 2 to 3/2, and the wall's own speckle has half the variance: 3/4 instead of 2.
-        detector_grain_pixels=subjective_grain / pixel_area * (0.375 if geometry.depolarised else 1.0),
+        detector_grain_pixels=subjective_grain / geometry.pixel_pitch_m**2 * (0.375 if geometry.depolarised else 1.0),
     )
 
 
-def patches_of(geometry: Any, patch: int | None = None) -> tuple[PatchGrid, float]:
-    """How frames of a scene are cut into patches of `patch` pixels (None: as `invert` would), and the lag pitch in metres."""
-    facts = (geometry.wavelength_m, geometry.distance_m, geometry.pixel_pitch_m)
+def patches_of(geometry: Any, patch: int | None = None) -> tuple[PatchGrid, tuple[float, float]]:
+    """How frames of a scene are cut into patches of `patch` pixels (None: as `invert` would), and the lag pitches in metres.
+
+    The pitches are those down and right.
+    """
+    facts = (geometry.wavelength_m, geometry.distance_m, geometry.seen_pitch_m)
     grid = patch_grid(geometry.frame_shape, patch or automatic_patch_size(geometry.frame_shape, facts))
-    return grid, grid.lag_pitch_m(*facts)
+    return grid, grid.lag_pitches_m(*facts)
 
 
 def predict(geometry: Any, patch: int | None = None) -> Prediction:
     """Predict what frames of a scene will show, cut into patches of `patch` pixels (None: as `invert` would)."""
-    grid, pitch_m = patches_of(geometry, patch)
-    cell = pitch_m / CELLS_PER_LAG
-    side = max(64 * CELLS_PER_LAG, math.ceil(max(geometry.hidden_object.extent_m) / cell) + 1)
-    albedo = geometry.hidden_object.sample((cell, cell), (side, side)).albedo
+    grid, pitches_m = patches_of(geometry, patch)
+    hidden = geometry.hidden_object
+    cell = (pitches_m[0] / CELLS_PER_LAG, pitches_m[1] / CELLS_PER_LAG)
+    side = max(64 * CELLS_PER_LAG, *(math.ceil(extent / step) + 1 for extent, step in zip(hidden.extent_m, cell, strict=True)))
+    albedo = hidden.sample(cell, (side, side)).albedo
     lags = autocorrelate(albedo)
-    transfer = lag_transfer(np.arange(-LAGS, LAGS + 1), pitch_m, geometry.distance_m, geometry.pixel_pitch_m,
-                            geometry.pupil_diameter_m, geometry.wavelength_m, geometry.pupil_distance_m)
+    transfer = lag_transfer(np.arange(-LAGS, LAGS + 1), grid.patch_shape, geometry.pixel_pitch_m, geometry.pupil_diameter_m,
+                            geometry.wavelength_m, geometry.pupil_distance_m)
     signal = window_smooth(lags / lags.max() if lags.max() > 0.0 else lags, CELLS_PER_LAG) * transfer
-    return Prediction(noise_terms(geometry, albedo, cell), grid, pitch_m, signal, transfer)
+    terms = noise_terms(geometry, albedo, cell[0] * cell[1] * hidden.axes.cell)
+    return Prediction(terms, grid, pitches_m, signal, transfer)

@@ -1,6 +1,6 @@
-"""Closed-form light budget: laser, virtual source, object, virtual detector, pupil, pixel.
+"""Light budget: laser, virtual source, object, virtual detector, pupil, pixel.
 
-Every wall is Lambertian and every patch small against its distance, so each bounce multiplies by
+In the closed form every wall is Lambertian and every patch small against its distance, so each bounce multiplies by
 albedo cos cos A / (pi d^2); together P A_obj A_det A_pupil / (pi^3 d1^2 d2^2 d3^2) times the
 cosines and losses (the paper's section 6.B). Only the pupil is not that small: it takes sin^2.
 """
@@ -8,7 +8,7 @@ cosines and losses (the paper's section 6.B). Only the pupil is not that small: 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from radiometry.errors import InputError, positive
 from radiometry.photons import decibel, photon_rate
@@ -40,10 +40,12 @@ class LightPath:
     quantum_efficiency: float
     pixel_area_m2: float
     pixels: int
+    beyond_flat: float = 1.0
+    """Light that rays carry, over that of the closed form: curvature, depth, tilt and BSDFs that are not Lambertian."""
 
     def __post_init__(self) -> None:
         for name in ("wavelength_m", "source_to_object_m", "object_to_detector_m", "detector_to_pupil_m",
-                     "pupil_diameter_m", "pixel_area_m2", "pixels"):
+                     "pupil_diameter_m", "pixel_area_m2", "pixels", "beyond_flat"):
             positive(name, getattr(self, name))
         for name in ("power_w", "object_albedo_area_m2"):
             positive(name, getattr(self, name), zero_allowed=True)
@@ -104,8 +106,14 @@ def pupil_fraction(diameter_m: float, distance_m: float) -> float:
     return radius**2 / (radius**2 + distance_m**2)
 
 
+def light_budget(path: LightPath) -> Budget:
+    """The budget of one pixel that frames follow: the closed form's rows, and what rays carry beyond it."""
+    flat = closed_form(path)
+    return replace(flat, rows=(*flat.rows, ("shape and BSDFs, beyond flat and Lambertian", path.beyond_flat)))
+
+
 def closed_form(path: LightPath) -> Budget:
-    """The budget of one pixel, one row per physical factor."""
+    """The budget of one pixel if every surface were flat, small and Lambertian, one row per physical factor."""
     rows = (
         ("virtual source albedo", path.source_albedo),
         ("virtual source cosine", path.source_cosine),

@@ -23,19 +23,21 @@ def amplitude_transfer(frequency_row_per_m: np.ndarray, frequency_column_per_m: 
     return pixel * pupil_otf(radius, pupil_diameter_m, wavelength_m, pupil_distance_m)
 
 
-def lag_transfer(lags: np.ndarray, pitch_m: float, distance_m: float, pixel_pitch_m: float, pupil_diameter_m: float,
+def lag_transfer(lags: np.ndarray, patch_shape: tuple[int, int], pixel_pitch_m: float, pupil_diameter_m: float,
                  wavelength_m: float, pupil_distance_m: float) -> np.ndarray:
     """H of the noise model S = H (r*r) + b, on a square grid of lags.
 
-    A lag L on the object is the spatial frequency L / (lambda z) on the wall; H is the square of
-    `amplitude_transfer` there, because the autocorrelation estimate is a power spectrum.
+    Lag k of a patch of N pixels is the frequency k / N in cycles a pixel, whatever angle the camera looks at the wall; H is
+    the square of `amplitude_transfer` there, because the autocorrelation estimate is a power spectrum.
 
     Args:
         lags: integer lags of one axis, shape (n,).
+        patch_shape: pixels of a patch (rows, columns).
+        pixel_pitch_m: on a wall that faces the camera.
 
     Returns:
         shape (n, n), 1 at zero lag.
     """
-    frequency = lags * pitch_m / (wavelength_m * distance_m)
-    return amplitude_transfer(frequency[:, None], frequency[None, :], pixel_pitch_m, pupil_diameter_m, wavelength_m,
+    row, column = (lags / (pixels * pixel_pitch_m) for pixels in patch_shape)
+    return amplitude_transfer(row[:, None], column[None, :], pixel_pitch_m, pupil_diameter_m, wavelength_m,
                               pupil_distance_m) ** 2

@@ -68,14 +68,14 @@ class Renderer:
 
     def __init__(self, scene: str | Path, seed: int) -> None:
         from radiometry.prediction import predict
-        from radiometry.throughput import closed_form
+        from radiometry.throughput import light_budget
         from sim.geometry import read_geometry
         from sim.plan import check
         from sim.scene_file import load_scene
 
         self.geometry, self.seed = read_geometry(load_scene(scene)[0]), seed
         check(self.geometry)
-        if closed_form(self.geometry.light_path).per_pixel == 0.0:
+        if light_budget(self.geometry.light_path).per_pixel == 0.0:
             raise InputError("--scene", "light from the hidden object", "none", "choose another scene")
         self.prediction = predict(self.geometry)
 

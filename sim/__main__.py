@@ -87,12 +87,12 @@ def _render(geometry, settings, plan, digest: str, definitions: dict[str, str], 
         rendered = time.perf_counter()
         header = FrameHeader(geometry.wavelength_m, geometry.pixel_pitch_m, geometry.distance_m,
                              geometry.electronics.exposure_s, options.seed, number, digest, _version(),
-                             geometry.pupil_diameter_m, geometry.pupil_distance_m)
+                             geometry.pupil_diameter_m, geometry.pupil_distance_m, *geometry.seen_pitch_m)
         write_frame(frame_path(staging, number), frame.numpy(), header)
         if geometry.electronics.full_well:
             saturated += float((frame >= geometry.electronics.full_well).double().mean()) / options.frames
         render_s, write_s = render_s + rendered - started, write_s + time.perf_counter() - rendered
-    truth, pitch_m = lag_grid_albedo(geometry)
+    truth, pitches_m = lag_grid_albedo(geometry)
     save_array(staging / "truth.npy", truth)
     save_json(staging / "sim.json", {
         "scene": str(options.scene),
@@ -100,7 +100,8 @@ def _render(geometry, settings, plan, digest: str, definitions: dict[str, str], 
         "definitions": definitions,
         "seed": options.seed,
         "version": _version(),
-        "lag_pitch_m": pitch_m,
+        "lag_pitch_m": pitches_m[0],
+        "lag_pitches_m": pitches_m,
         "mean_photoelectrons_per_pixel": simulation.mean_photoelectrons,
         "expected_photoelectrons_only": options.mean,
         "frames": options.frames,
@@ -115,11 +116,14 @@ def _render(geometry, settings, plan, digest: str, definitions: dict[str, str], 
 
 
 def lag_grid_albedo(geometry):
-    """The hidden object's albedo on the lag grid that `invert` chooses for these frames: (64, 64) float32, pitch."""
+    """The hidden object's albedo on the lag grid that `invert` chooses for these frames.
+
+    (64, 64) float32, and the pitches down and right.
+    """
     from radiometry.prediction import patches_of
 
-    _, pitch_m = patches_of(geometry)
-    return geometry.hidden_object.cell_means(pitch_m, 64), pitch_m
+    _, pitches_m = patches_of(geometry)
+    return geometry.hidden_object.cell_means(pitches_m, 64), pitches_m
 
 
 def _version() -> str:

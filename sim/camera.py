@@ -11,11 +11,11 @@ from sim.plugins.speckle_camera import Electronics
 
 
 def transfer_function(geometry: Geometry) -> torch.Tensor:
-    """Pupil OTF times pixel sinc at the frequencies of an rfft2 of the frame, float32 (H, W // 2 + 1).
+    """Pupil OTF times pixel sinc at the frequencies of an rfft2 of the canvas, float32 (H, W // 2 + 1).
 
     The wall is rough, so the mean image is the wall's intensity blurred incoherently by the pupil.
     """
-    height, width = geometry.frame_shape
+    height, width = geometry.canvas_shape
     transfer = amplitude_transfer(
         np.fft.fftfreq(height, geometry.pixel_pitch_m)[:, None],
         np.fft.rfftfreq(width, geometry.pixel_pitch_m)[None, :],

@@ -12,7 +12,7 @@ import torch
 
 from radiometry.errors import InputError
 from radiometry.prediction import predict
-from radiometry.throughput import closed_form
+from radiometry.throughput import light_budget
 from sim.camera import expose, mean_image, transfer_function
 from sim.detector_roughness import exact_image, gamma_image
 from sim.effects import decide, remaining_electronics
@@ -20,10 +20,11 @@ from sim.geometry import Geometry, read_geometry
 from sim.illumination import illuminate
 from sim.object_samples import sample_object
 from sim.plan import Settings, check, choose_propagator, modes_of
-from sim.propagation.direct import direct
+from sim.propagation.direct import Visibility, direct
 from sim.propagation.fraunhofer import fraunhofer
 from sim.propagation.fresnel import fresnel
 from sim.propagation.nufft import nufft
+from sim.propagation.sampling import kernel, middle
 
 
 class Simulation:
@@ -42,16 +43,17 @@ class Simulation:
         check(geometry)
         self.geometry = geometry
         self._samples = sample_object(geometry)
+        self._gain: np.ndarray | None = None
         self.propagator = choose_propagator(geometry, self._samples, self.settings)
         self.effects = decide(geometry, self._samples, predict(geometry).terms, self.settings.effects, self.settings.tolerance)
         self._electronics = remaining_electronics(geometry.electronics, self.effects)
         self._modes = modes_of(geometry, self._samples, self.effects, self.settings.accuracy)
-        self.budget = closed_form(geometry.light_path)
+        self.budget = light_budget(geometry.light_path)
 
     def _models(self, effect: str) -> bool:
         return self.effects[effect].modelled
 
-    def showing(self, cells: np.ndarray, pitch_m: float) -> Simulation:
+    def showing(self, cells: np.ndarray, pitch_m: float | tuple[float, float]) -> Simulation:
         """The same simulation with a flat object of albedo cells (n, n) in place of the scene's own."""
         other = copy(self)
         other._look_at(self.geometry.showing(cells, pitch_m))
@@ -76,28 +78,57 @@ class Simulation:
             oversampling: samples per pixel and axis.
 
         Returns:
-            complex64 (oversampling H, oversampling W).
+            complex64 (oversampling H, oversampling W); complex128 where the kernel works in double precision.
         """
+        height, width = self.geometry.frame_shape
+        canvas = self._canvas_field(seed, number, polarisation, offset_hz, oversampling, progress)
+        return middle(canvas, (height * oversampling, width * oversampling))
+
+    def _canvas_field(self, seed: int, number: int, polarisation: int, offset_hz: float, oversampling: int,
+                      progress: Callable[[int], object] = lambda parts: None) -> torch.Tensor:
+        """The same with a border around it for the camera's blur."""
         samples, chosen = self._samples, self.propagator
         height, width = samples.wall.shape
         wall = replace(samples.wall, shape=(height * oversampling, width * oversampling),
                        pitch_m=samples.wall.pitch_m / oversampling)
+        rows, columns = self.geometry.period_shape
+        period = (rows * oversampling, columns * oversampling)
         lit = illuminate(self.geometry, samples.grid, lambda frame: _stream(seed, frame, 2 * polarisation), number,
                          grain=self._models("source_grain"))
         if chosen.propagator == "fraunhofer":
-            return fraunhofer(torch.from_numpy(samples.on_grid(lit, offset_hz)).to(self.device), wall.shape)
+            field = fraunhofer(torch.from_numpy(samples.on_grid(lit, offset_hz)).to(self.device), period)
+            return middle(field, wall.shape)
         scatterers = samples.lit(lit, offset_hz)
         if chosen.propagator == "fresnel":
-            return fresnel(scatterers, samples.place, samples.grid, wall, self.device.type)
+            return fresnel(scatterers, samples.place, samples.grid, wall, period, self.device.type)
+        visible = self.geometry.hidden_object.visible_from(self.geometry.detector_centre, wall.centre_m)
+        scatterers = replace(scatterers, amplitude=scatterers.amplitude * self._kernel_gain(visible))
         if chosen.propagator == "nufft":
             field = nufft(scatterers, wall, tolerance=chosen.patches.tolerance, precision=chosen.precision,
                           patches=chosen.patches if oversampling == 1 else None, device=self.device.type,
                           progress=progress)
         else:
-            field = direct(scatterers, wall, precision=chosen.precision, device=self.device.type,
-                           visible=self.geometry.hidden_object.visible_from(self.geometry.detector_centre, wall.centre_m),
+            field = direct(scatterers, wall, precision=chosen.precision, device=self.device.type, visible=visible,
                            progress=progress)
-        return torch.from_numpy(field).to(self.device, torch.complex64)
+        return torch.from_numpy(field).to(self.device)
+
+    def _kernel_gain(self, visible: Visibility | None) -> np.ndarray:
+        """What turns the kernels' own amplitude of each sample, on average over the frame, into the sample's, (n,).
+
+        The samples' light already holds their distances, and what of it occluders leave.
+        """
+        if self._gain is None:
+            samples = self._samples
+            node = (np.polynomial.legendre.leggauss(3)[0] + 1.0) / 2.0
+            weight = np.polynomial.legendre.leggauss(3)[1] / 2.0
+            rows, columns = (side * node - 0.5 for side in samples.wall.shape)
+            pixel = samples.wall.pixels(*(part.ravel() for part in np.meshgrid(rows, columns, indexing="ij")))
+            power = np.abs(kernel(samples.wall, pixel[:, None], samples.position_m[None])) ** 2
+            if visible is not None and self.propagator.propagator == "direct":
+                power = power * visible(pixel, samples.position_m) ** 2
+            mean = np.outer(weight, weight).ravel() @ power
+            self._gain = np.divide(1.0, np.sqrt(mean), out=np.zeros_like(mean), where=mean > 1e-3)
+        return self._gain
 
     def expected(self, seed: int, number: int) -> torch.Tensor:
         """Expected photoelectrons of one frame's speckle, before any noise: float32 (H, W).
@@ -109,12 +140,12 @@ class Simulation:
         factor, polarisations = self._modes.oversampling, self._modes.polarisations
         exact = self._modes.exact_roughness
         texture = self._texture(factor) if self._models("detector_texture") else None
-        total = torch.zeros(self.geometry.frame_shape, device=self.device)
+        total = torch.zeros(self.geometry.canvas_shape, device=self.device)
         for polarisation in range(polarisations):
             for offset_hz, weight in self._modes.lines:
-                wall = self.wall_field(seed, number, polarisation, offset_hz, factor)
+                wall = self._canvas_field(seed, number, polarisation, offset_hz, factor).to(torch.complex64)
                 if texture is not None:
-                    wall *= texture
+                    wall = wall * texture
                 if exact:
                     # One wall for all lines of a polarisation.
                     image = exact_image(wall, factor, self.geometry, _stream(seed, number, 3 + 2 * polarisation))
@@ -123,13 +154,17 @@ class Simulation:
                 total.add_(image, alpha=weight / polarisations)
         if not exact and self._models("pupil_and_pixel"):
             total = mean_image(total, self._transfer)
+        total = middle(total, self.geometry.frame_shape)
         if self._models("detector_roughness") and not exact:
             total = gamma_image(total, self.geometry, _stream(seed, number, 3), polarisations)
-        return total.mul_(self.mean_photoelectrons / self._samples.brightness).add_(self._ambient()).cpu()
+        return (total * (self.mean_photoelectrons / self._samples.brightness)).add_(self._ambient()).cpu()
 
     def _texture(self, factor: int) -> torch.Tensor:
         """What the wall's own albedo does to the amplitude, its mean square 1, on `factor` samples per pixel and axis."""
         texture = torch.from_numpy(self.geometry.detector_texture).to(self.device).sqrt()
+        height, width = self.geometry.canvas_shape
+        down, right = ((n - m) // 2 for n, m in zip((height, width), texture.shape, strict=True))
+        texture = torch.nn.functional.pad(texture[None, None], (right, right, down, down), mode="replicate")[0, 0]
         return texture.repeat_interleave(factor, 0).repeat_interleave(factor, 1)
 
     def _ambient(self) -> torch.Tensor:

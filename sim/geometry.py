@@ -10,13 +10,17 @@ import numpy as np
 from radiometry.autocorrelation import SIDE
 from radiometry.errors import InputError
 from radiometry.photons import photon_rate
-from radiometry.throughput import LightPath, detector_to_pixel
+from radiometry.throughput import LightPath, closed_form, detector_to_pixel
 from sim.ambient import ambient_irradiance
 from sim.detector_texture import detector_albedo, texture_of
-from sim.hidden_object import FlatObject, HiddenObject, is_hidden_object
+from sim.footprint import GRAZING, lag_axes, pixel_steps
+from sim.hidden_object import FlatObject, HiddenObject, bounds, is_hidden_object
+from sim.light_transport import LightTransport
 from sim.plugins.laser import Laser
 from sim.plugins.phase_screen import PhaseScreen
 from sim.plugins.speckle_camera import Electronics, SpeckleCamera
+from sim.propagation.sampling import canvas, period
+from sim.surfaces import check_energy, check_surfaces
 from sim.variant import check_compilable
 
 
@@ -40,7 +44,8 @@ class Spot:
 class Geometry:
     """What the simulator needs to know of a scene. Lengths in metres, vectors in world axes (3,).
 
-    `right` and `down` are the frame's axes on the wall, as the camera sees them.
+    `right` and `down` are the steps on the wall from a pixel to the next, per metre of `pixel_pitch_m`, as the camera sees
+    them: longer than 1 along the turn of a camera that looks at the wall at an angle.
     """
 
     spot: Spot
@@ -71,10 +76,11 @@ class Geometry:
         """The same scene at another exposure."""
         return replace(self, electronics=replace(self.electronics, exposure_s=exposure_s))
 
-    def showing(self, cells: np.ndarray, pitch_m: float) -> Geometry:
-        """The same scene with a flat object of albedo cells (n, n) in place of its own."""
-        shown = FlatObject(cells, pitch_m, self.hidden_object)
-        path = replace(self.light_path, object_albedo_area_m2=shown.albedo_area_m2())
+    def showing(self, cells: np.ndarray, pitch_m: float | tuple[float, float]) -> Geometry:
+        """The same scene with a flat object of albedo cells (n, n) in place of its own, `pitch_m` apart (down, right)."""
+        pitches = pitch_m if isinstance(pitch_m, tuple) else (pitch_m, pitch_m)
+        shown = FlatObject(cells, pitches, self.hidden_object)
+        path = replace(self.light_path, object_albedo_area_m2=shown.albedo_area_m2(), beyond_flat=1.0)
         return replace(self, hidden_object=shown, light_path=path)
 
     @property
@@ -100,15 +106,41 @@ class Geometry:
         return self.ambient_irradiance * photons * detector_to_pixel(path)
 
     @property
+    def seen_pitch_m(self) -> tuple[float, float]:
+        """Distance of neighbouring rows and columns as the object sees them: a lag is lambda z over pixels times this."""
+        stretch = self.hidden_object.axes.stretch
+        return self.pixel_pitch_m / stretch[0], self.pixel_pitch_m / stretch[1]
+
+    @property
+    def seen_pixel_area_m2(self) -> float:
+        """Area of a pixel's footprint across the line of sight."""
+        step_down, step_right = self.hidden_object.axes.step
+        return self.pixel_pitch_m**2 * float(np.linalg.norm(np.cross(step_down, step_right)))
+
+    @property
+    def canvas_shape(self) -> tuple[int, int]:
+        """Pixels (rows, columns) of which the field is computed: the frame and a border for the camera's blur."""
+        return canvas(self.frame_shape)
+
+    @property
+    def period_shape(self) -> tuple[int, int]:
+        """Pixels after which the field of samples at `object_pitch_m` repeats."""
+        grains = [self.wavelength_m * self.distance_m / (extent * pitch)
+                  for extent, pitch in zip(self.hidden_object.extent_m, self.seen_pitch_m, strict=True)]
+        return period(self.canvas_shape, (grains[0], grains[1]))
+
+    @property
     def object_pitch_m(self) -> tuple[float, float]:
-        """Object sampling (row, column) whose FFT is exactly the frame: lambda z / (pixels pitch)."""
-        reach = self.wavelength_m * self.distance_m / self.pixel_pitch_m
-        return reach / self.frame_shape[0], reach / self.frame_shape[1]
+        """Object sampling (down, right) whose FFT is exactly a period: lambda z / (pixels pitch)."""
+        rows, columns = (self.wavelength_m * self.distance_m / (n * pitch)
+                         for n, pitch in zip(self.period_shape, self.seen_pitch_m, strict=True))
+        return rows, columns
 
 
 def read_geometry(scene: mi.Scene) -> Geometry:
     """Read a scene in the project's vocabulary; raises InputError naming what is missing or impossible."""
     check_compilable(scene)
+    check_surfaces(scene)
     shapes = {shape.id(): shape for shape in scene.shapes()}
     # A shape of a scene file is never a plain, nameless Mesh; what Mitsuba merges is.
     if any(shape.class_name() == "Mesh" and not shape.id() for shape in scene.shapes()):
@@ -118,7 +150,8 @@ def read_geometry(scene: mi.Scene) -> Geometry:
     detector = _shape(shapes, "virtual_detector")
     laser = _only(scene.emitters(), Laser, "laser")
     camera = _only(scene.sensors(), SpeckleCamera, "speckle_camera")
-    if not any(is_hidden_object(shape) for shape in scene.shapes()):
+    hidden_shapes = [shape for shape in scene.shapes() if is_hidden_object(shape)]
+    if not hidden_shapes:
         raise InputError("hidden_object", "at least one shape whose id starts with hidden_object", sorted(shapes),
                          "add one, and pass optimize=False to mi.load_file")
 
@@ -127,11 +160,14 @@ def read_geometry(scene: mi.Scene) -> Geometry:
                                                      "the axis of the speckle_camera")
     height, width = _film_size(camera)
     _check_spot_fits(scene, laser, source)
-    right = _unit(np.cross(camera.axis, camera.up))
-    right, down = (_unit(v - detector_normal * (v @ detector_normal)) for v in (right, -camera.up))
-    albedo, texture = texture_of(detector_albedo(scene, detector, camera, detector_centre, right, down, (height, width)))
+    right, down = pixel_steps(camera.axis, camera.up, _facing(detector_normal, camera.axis, "the speckle_camera"))
+    wall_albedo, texture = texture_of(detector_albedo(scene, detector, camera, detector_centre, right, down, (height, width)))
 
-    hidden_object = HiddenObject(scene, detector_centre, spot_point, right, down)
+    centre = 0.5 * np.sum(bounds(hidden_shapes), axis=0)
+    line = _unit(centre - detector_centre)
+    _facing(detector_normal, line, "the hidden_object")
+    transport = LightTransport(scene, laser, camera, detector_centre, right, down, (height, width), wall_albedo)
+    hidden_object = HiddenObject(transport, centre, lag_axes(right, down, line))
     cosines = hidden_object.mean_cosines()
     to_source, to_detector = hidden_object.centre - spot_point, detector_centre - hidden_object.centre
     to_pupil = camera.pupil_centre - detector_centre
@@ -141,7 +177,7 @@ def read_geometry(scene: mi.Scene) -> Geometry:
     path = LightPath(
         wavelength_m=laser.wavelength_m,
         power_w=laser.power_w,
-        source_albedo=source_albedo,
+        source_albedo=min(source_albedo, 1.0),
         source_cosine=_cosine(source_normal, to_source),
         source_to_object_m=float(np.linalg.norm(to_source)),
         object_cosine_in=cosines[0],
@@ -149,16 +185,19 @@ def read_geometry(scene: mi.Scene) -> Geometry:
         object_cosine_out=cosines[1],
         object_to_detector_m=float(np.linalg.norm(to_detector)),
         detector_cosine_in=_cosine(detector_normal, -to_detector),
-        detector_albedo=albedo,
+        detector_albedo=min(wall_albedo, 1.0),
         detector_cosine_out=_cosine(detector_normal, to_pupil),
         detector_to_pupil_m=float(np.linalg.norm(to_pupil)),
         pupil_diameter_m=camera.pupil_diameter_m,
         pupil_cosine=_cosine(camera.axis, -to_pupil),
         transmission=camera.transmission,
         quantum_efficiency=camera.electronics.quantum_efficiency,
-        pixel_area_m2=camera.pixel_pitch_m**2,
+        pixel_area_m2=camera.pixel_pitch_m**2 * float(np.linalg.norm(np.cross(right, down))),
         pixels=height * width,
     )
+    flat = closed_form(path).per_pixel
+    if flat > 0.0 and hidden_object.throughput > 0.0:
+        path = replace(path, beyond_flat=hidden_object.throughput / flat)
     return Geometry(
         spot=Spot(spot_point, laser.spot_diameter_m, screen.height_rms_m, screen.correlation_length_m, laser.scan_step_m,
                   laser.direction, source_normal),
@@ -207,6 +246,7 @@ def _first_hit(scene: mi.Scene, origin: np.ndarray, direction: np.ndarray, expec
         raise InputError(expected.id(), f"{ray_name} to meet it", f"{hit.shape[0].id()} in the way",
                          "move one of them")
     distance = float(hit.t[0])
+    check_energy(expected.id(), hit, hit.is_valid())
     normal = np.asarray(hit.n, np.float64).reshape(3)
     albedo = float(np.asarray(hit.bsdf().eval_diffuse_reflectance(hit)).reshape(-1)[0])
     if normal @ direction > 0.0:
@@ -241,6 +281,15 @@ def _direct_light(scene: mi.Scene, source_albedo: float, spot: np.ndarray, sourc
     if cosines == 0.0 or is_blocked(scene, spot, detector):
         return 0.0
     return source_albedo * cosines / (np.pi * float(way @ way))
+
+
+def _facing(normal: np.ndarray, direction: np.ndarray, name: str) -> np.ndarray:
+    """The wall's normal, if what looks at it along `direction` does so at less than 87 degrees."""
+    cosine = abs(float(normal @ direction))
+    if cosine < GRAZING:
+        raise InputError("virtual_detector", f"{name} at most {np.degrees(np.arccos(GRAZING)):.0f} degrees off its normal",
+                         f"{np.degrees(np.arccos(cosine)):.1f} degrees", "turn one of them")
+    return normal
 
 
 def is_blocked(scene: mi.Scene, start: np.ndarray, end: np.ndarray) -> bool:

@@ -1,20 +1,31 @@
-"""The hidden object as the virtual detector sees it: albedo and cosines on any grid."""
+"""The hidden object as the virtual detector sees it: what its surface carries, on any grid across the line of sight."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from radiometry.errors import InputError
+from sim.footprint import LagAxes
+from sim.light_transport import Carried, LightTransport
 from sim.plugins.phase_screen import PhaseScreen
 from sim.propagation.direct import Visibility
+from sim.surfaces import MOST_LAYERS, check_energy, has_masks, transmittance
 
-MEASURING_GRID = 512
-"""Samples along the longer side of the object when its area and cosines are measured."""
+RAYS = 768
+"""Rays along the longer side of the object at least, however coarse the grid."""
+
+LARGEST_CELL_RAYS = 64
+"""Rays along a side of one cell at most."""
+
+SAME_PLACE = 5e-3
+"""Places of an object that are the same, as a share of its radius."""
 
 
 def is_hidden_object(shape: mi.Shape) -> bool:
@@ -23,126 +34,276 @@ def is_hidden_object(shape: mi.Shape) -> bool:
 
 @dataclass(frozen=True)
 class Samples:
-    """Visible surface on a grid, each array (rows, columns): power albedo (0 where nothing is seen or
-    where light from the virtual source does not arrive), cosines towards source and detector, and depth
-    behind the object's centre along the line of sight."""
+    """Visible surface on a grid, each array (rows, columns).
 
+    Attributes:
+        weight: light carried by a cell, photoelectrons in a pixel per laser photon, float64; a `FlatObject`'s are relative.
+        albedo: effective power albedo, float32: that of a flat Lambertian object of equal brightness, shading, distance
+            and shape of the BSDF included, scaled so that its sum is that of the surface's own albedo.
+        depth_m: behind the object's centre along the line of sight, mean over the light of a cell.
+    """
+
+    weight: np.ndarray
     albedo: np.ndarray
-    cosine_in: np.ndarray
-    cosine_out: np.ndarray
     depth_m: np.ndarray
 
 
-class HiddenObject:
-    """All shapes whose id starts with `hidden_object`, seen along the line from the virtual detector.
+@dataclass(frozen=True)
+class Measured:
+    """Sums over the whole object.
 
-    Grid rows run along `down`, columns along `right`, both made perpendicular to that line.
+    Attributes:
+        throughput: photoelectrons in a pixel per laser photon.
+        albedo_area_m2: integral of the albedo over the visible, lit surface.
+        cosine_in, cosine_out: means over that integral.
+        albedo_over_radiance: effective albedo of a unit of radiance.
     """
 
-    def __init__(self, scene: mi.Scene, detector: np.ndarray, spot: np.ndarray, right: np.ndarray,
-                 down: np.ndarray) -> None:
-        boxes = [shape.bbox() for shape in scene.shapes() if is_hidden_object(shape)]
-        low = np.min([np.asarray(box.min, np.float64) for box in boxes], axis=0)
-        high = np.max([np.asarray(box.max, np.float64) for box in boxes], axis=0)
-        self._scene, self._detector, self._spot = scene, detector, spot
-        self.centre = 0.5 * (low + high)
-        line = self.centre - detector
-        self.line_of_sight = line / np.linalg.norm(line)
-        self.right = _perpendicular(right, self.line_of_sight)
-        self.down = _perpendicular(down, self.line_of_sight)
-        if not np.isfinite([low, high]).all() or np.abs([low, high]).max() > 1e9:
-            raise InputError("hidden_object", "a finite place and size", f"{low} to {high}", "correct its to_world")
+    throughput: float
+    albedo_area_m2: float
+    cosine_in: float
+    cosine_out: float
+    albedo_over_radiance: float
+
+
+class HiddenObject:
+    """All shapes that `belongs` picks (those whose id starts with `hidden_object`), seen from the frame's centre.
+
+    Rays leave the frame's centre through a grid in the plane across the line of sight that holds the object's centre; rows
+    run along `axes.down`, columns along `axes.right`. Each ray stands for the solid angle of its cell.
+    """
+
+    def __init__(self, transport: LightTransport, centre: np.ndarray, axes: LagAxes,
+                 belongs: Callable[[mi.Shape], bool] = is_hidden_object) -> None:
+        self._scene = transport.scene
+        self._shapes = [shape for shape in self._scene.shapes() if belongs(shape)]
+        self.axes = axes
+        low, high = bounds(self._shapes)
+        self.centre = centre
+        line = self.centre - transport.frame_centre
+        self._distance_m = float(np.linalg.norm(line))
+        self.line_of_sight = line / self._distance_m
         corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
         corners -= self.centre
-        self.extent_m = (float(np.ptp(corners @ self.down)), float(np.ptp(corners @ self.right)))
-        self.depth_m = float(np.ptp(corners @ self.line_of_sight))
+        along = corners @ self.line_of_sight
+        self.depth_m = float(np.ptp(along))
+        self._radius_m = float(np.linalg.norm(corners, axis=1).max())
+        self._flat = self.depth_m <= 1e-3 * self._radius_m
+        self._transport = replace(transport, most_foreshortened=math.inf) if self._flat else transport
+        if self._radius_m > 1e-6 and along.min() <= -0.9 * self._distance_m:
+            raise InputError("hidden_object", "all of it farther than a tenth of its distance from the virtual detector",
+                             f"a part {self._distance_m + along.min():.3g} m away", "move one of them")
+        seen = self.axes.coordinates(corners * (self._distance_m / (self._distance_m + along))[:, None])
+        # Grids are centred on the object's centre.
+        self.extent_m = tuple(2.0 * float(np.abs(seen[:, axis]).max()) for axis in (0, 1))
         if min(self.extent_m) <= 1e-6 * max(self.extent_m):
             raise InputError("hidden_object", "a shape with a surface towards the virtual detector",
                              f"{self.extent_m[1]:g} x {self.extent_m[0]:g} m", "correct its to_world")
+        displaced = float((np.abs(along) / (self._distance_m + along)).max()) * transport.frame_reach_m
+        self._parallax = 1.0 + 2.0 * displaced / min(self.extent_m)
         self._measured = self._measure()
-        self.height_rms_m = min((shape.bsdf().height_rms_m for shape in scene.shapes()
-                                 if is_hidden_object(shape) and isinstance(shape.bsdf(), PhaseScreen)), default=math.inf)
+        self.height_rms_m = min((shape.bsdf().height_rms_m for shape in self._shapes
+                                 if isinstance(shape.bsdf(), PhaseScreen)), default=math.inf)
         """Smallest surface roughness; a BSDF that is no phase_screen counts as rough."""
 
     def sample(self, pitch_m: tuple[float, float], shape: tuple[int, int]) -> Samples:
-        """Sample at the cell centres of a grid (rows, columns) centred on the object."""
-        scene = self._scene
-        row = (np.arange(shape[0]) - 0.5 * (shape[0] - 1)) * pitch_m[0]
-        column = (np.arange(shape[1]) - 0.5 * (shape[1] - 1)) * pitch_m[1]
-        offset = row[:, None, None] * self.down + column[None, :, None] * self.right
-        back = self.depth_m + max(self.extent_m)
-        start = self.centre + offset - back * self.line_of_sight
-        origin = mi.Point3f(np.ascontiguousarray(start.reshape(-1, 3).T, np.float32))
-        hit = scene.ray_intersect(mi.Ray3f(origin, mi.Vector3f(*self.line_of_sight.tolist())))
-        mine = dr.zeros(mi.Bool, dr.width(origin))
-        for candidate in scene.shapes():
-            if is_hidden_object(candidate):
-                mine |= hit.shape == mi.ShapePtr(candidate)
-        mine &= hit.is_valid()
-        to_spot = dr.normalize(mi.Point3f(*self._spot.tolist()) - hit.p)
-        cosine_in = dr.dot(hit.n, to_spot)
-        cosine_out = dr.dot(hit.n, mi.Vector3f(*(-self.line_of_sight).tolist()))
-        lit = mine & (cosine_in > 0.0) & (cosine_out > 0.0)
-        lit &= ~scene.ray_test(hit.spawn_ray_to(mi.Point3f(*self._spot.tolist()) - 1e-4 * to_spot), lit)
-        lit &= ~scene.ray_test(hit.spawn_ray_to(mi.Point3f(*(self._detector + 1e-4 * self.line_of_sight).tolist())), lit)
-        albedo = dr.select(lit, hit.bsdf().eval_diffuse_reflectance(hit, lit)[0], 0.0)
+        """Sample on a grid (rows, columns) of cells `pitch_m` along the axes, centred on the object."""
+        inner = tuple(min(n, _cells(extent, pitch, n)) for n, extent, pitch in zip(shape, self.extent_m, pitch_m, strict=True))
+        weight, depth = np.zeros(inner), np.zeros(inner)
+        fineness = self._rays_per_cell(pitch_m)
+        rays = _Rays(self, pitch_m, inner, fineness)
+        for carried, behind in self._layers(rays):
+            light = carried.radiance * rays.angle
+            weight += _cell_sums(light, inner, fineness)
+            depth += _cell_sums(light * behind, inner, fineness)
+        for light, coordinates, behind in self._beyond(rays):
+            cell = np.round(coordinates / pitch_m + 0.5 * (np.array(inner) - 1.0)).astype(int)
+            held = ((cell >= 0) & (cell < inner)).all(1)
+            np.add.at(weight, tuple(cell[held].T), light[held])
+            np.add.at(depth, tuple(cell[held].T), (light * behind)[held])
+        angle = _cell_sums(rays.angle, inner, fineness)
+        mean_depth = np.divide(depth, weight, out=np.zeros(inner), where=weight > 0.0)
+        albedo = weight / angle * self._measured.albedo_over_radiance
+        return Samples(*(_centred(part, shape) for part in (weight, albedo.astype(np.float32), mean_depth)))
 
-        def grid(values: mi.Float) -> np.ndarray:
-            return np.asarray(values, np.float32).reshape(shape)
+    def cell_means(self, pitch_m: float | tuple[float, float], side: int) -> np.ndarray:
+        """Effective albedo averaged over each cell of a square grid, float32 (side, side): the integral of r is kept."""
+        return self.sample(pitch_m if isinstance(pitch_m, tuple) else (pitch_m, pitch_m), (side, side)).albedo
 
-        return Samples(grid(albedo), grid(dr.select(lit, cosine_in, 0.0)), grid(dr.select(lit, cosine_out, 0.0)),
-                       grid(dr.select(lit, hit.t - back, 0.0)))
-
-    def cell_means(self, pitch_m: float, side: int, subsamples: int = 8) -> np.ndarray:
-        """Albedo averaged over each cell of a square grid, float32 (side, side): the integral of r is kept."""
-        fine = self.sample((pitch_m / subsamples, pitch_m / subsamples), (side * subsamples, side * subsamples)).albedo
-        return fine.reshape(side, subsamples, side, subsamples).mean((1, 3))
+    def position(self, coordinates: np.ndarray, depth_m: np.ndarray) -> np.ndarray:
+        """Places from the object's centre, (n, 3), of samples seen at grid coordinates (n, 2), `depth_m` behind it."""
+        plane = coordinates[:, :1] * self.axes.down + coordinates[:, 1:] * self.axes.right
+        nearer = (1.0 + depth_m / self._distance_m)[:, None]
+        return plane * nearer + depth_m[:, None] * self.line_of_sight
 
     def visible_from(self, detector: np.ndarray, wall_centre_m: np.ndarray) -> Visibility | None:
-        """Ray tests between places on the wall and samples of the object; None where nothing can stand between them.
+        """Amplitude that passes between places on the wall and samples of the object; None where nothing can stand between.
 
         Args:
             detector: the frame's centre in the world, `wall_centre_m` from the object's centre.
         """
-        scene, origin = self._scene, detector - wall_centre_m
+        scene, origin, masks = self._scene, detector - wall_centre_m, has_masks(self._scene)
         named = ("virtual_source", "virtual_detector")
-        if all(is_hidden_object(shape) or shape.id() in named for shape in scene.shapes()) and self.depth_m == 0.0:
+        if all(shape in self._shapes or shape.id() in named for shape in scene.shapes()) and self.depth_m == 0.0:
             return None
 
         def visible(places: np.ndarray, samples: np.ndarray) -> np.ndarray:
-            way = samples[None] - places[:, None]
-            length = np.linalg.norm(way, axis=-1, keepdims=True)
-            start = (origin + places)[:, None] + 1e-4 * way
-            ray = mi.Ray3f(mi.Point3f(np.ascontiguousarray(start.reshape(-1, 3).T, np.float32)),
-                           mi.Vector3f(np.ascontiguousarray((way / length).reshape(-1, 3).T, np.float32)))
-            ray.maxt = mi.Float(np.ascontiguousarray((length * (1.0 - 1e-3)).ravel(), np.float32))
-            return ~np.asarray(scene.ray_test(ray)).reshape(way.shape[:2])
+            start, end = (np.broadcast_to(side, (len(places), len(samples), 3)).reshape(-1, 3)
+                          for side in ((origin + places)[:, None], (origin + samples)[None]))
+            # Samples of the object are means over a cell: stop a little short of its surface.
+            end = end + 1e-3 * (start - end)
+            points = [mi.Point3f(np.ascontiguousarray(point.T, np.float32)) for point in (start, end)]
+            share = transmittance(scene, *points, mi.Bool(True), masks=masks)
+            return np.sqrt(np.asarray(share)).reshape(len(places), len(samples))
 
         return visible
 
-    def _measure(self) -> tuple[float, float, float]:
-        """Albedo-weighted area of the surface, and mean cosines in and out weighted by it."""
-        pitch = max(self.extent_m) / MEASURING_GRID
-        shape = tuple(int(np.ceil(extent / pitch)) or 1 for extent in self.extent_m)
-        seen = self.sample((pitch, pitch), (shape[0], shape[1]))
-        if float(seen.albedo.max()) > 1.0 + 1e-4:
-            raise InputError("hidden_object", "an albedo of at most 1", float(seen.albedo.max()), "correct its reflectance")
-        lit = seen.cosine_out > 0.0
-        area = np.where(lit, seen.albedo / np.where(lit, seen.cosine_out, 1.0), 0.0).astype(np.float64) * pitch**2
-        total = float(area.sum())
-        if not lit.any():
-            return 0.0, 1.0, 1.0
-        weight = area if total > 0.0 else lit.astype(np.float64)
-        return (total, float(np.clip((weight * seen.cosine_in).sum() / weight.sum(), 0.0, 1.0)),
-                float(np.clip((weight * seen.cosine_out).sum() / weight.sum(), 0.0, 1.0)))
+    @property
+    def frame_centre(self) -> np.ndarray:
+        return self._transport.frame_centre
+
+    @property
+    def throughput(self) -> float:
+        """Photoelectrons in a pixel per laser photon, summed over the surface."""
+        return self._measured.throughput
 
     def albedo_area_m2(self) -> float:
-        """Integral of the albedo over the visible, lit surface."""
-        return self._measured[0]
+        """Integral of the albedo (pi times the BSDF) over the visible, lit surface."""
+        return self._measured.albedo_area_m2
 
     def mean_cosines(self) -> tuple[float, float]:
         """Mean cosines towards the virtual source and the virtual detector."""
-        return self._measured[1], self._measured[2]
+        return self._measured.cosine_in, self._measured.cosine_out
+
+    def _rays_per_cell(self, pitch_m: tuple[float, float]) -> int:
+        """Rays along one side of a cell."""
+        cells = max(extent / pitch for extent, pitch in zip(self.extent_m, pitch_m, strict=True))
+        return int(np.clip(math.ceil(RAYS / max(cells, 1.0)), 2, LARGEST_CELL_RAYS))
+
+    def _layers(self, rays: _Rays) -> Iterator[tuple[Carried, np.ndarray]]:
+        """What each surface along rays from the frame's centre carries, and its depth, on the grid of the rays.
+
+        Nearest surface first; those behind a partly transparent one follow it.
+        """
+        skipped = self._before(rays.length)
+        start = self._transport.frame_centre + skipped[:, None] * rays.direction
+        ray = mi.Ray3f(_points(start), mi.Vector3f(_points(rays.direction)))
+        gone, active = mi.Float(0.0), mi.Bool(True)
+        masks = has_masks(self._scene)
+        for _ in range(MOST_LAYERS if masks else 1):
+            hit = self._scene.ray_intersect(ray, active)
+            active &= hit.is_valid()
+            mine = self._is_mine(hit) & active
+            check_energy("hidden_object", hit, mine)
+            carried = self._transport.carried(hit, mine)
+            gone += dr.select(active, hit.t, 0.0)
+            way = np.asarray(gone, np.float64) + skipped
+            yield Carried(*map(rays.grid, vars(carried).values())), rays.grid(way * rays.cosine - self._distance_m)
+            if not masks:
+                return
+            active &= hit.bsdf().eval_null_transmission(hit, active)[0] > 0.0
+            if not dr.any(active)[0]:
+                return
+            ray = hit.spawn_ray(ray.d)
+
+    def _beyond(self, rays: _Rays) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Light of surfaces that some of the frame sees, but its centre does not or hardly: light, coordinates (n, 2), depths.
+
+        Each ray comes from another point of the frame. Nothing flat hides a part of itself.
+        """
+        if self._flat:
+            return
+        scene, transport = self._scene, self._transport
+        # Pixels beside the centre see deep parts displaced: the grid is as much wider.
+        wider = self._parallax
+        plane = mi.Point3f(_points(self.centre + wider * rays.place))
+        eye = transport.frame_points(dr.width(plane))
+        way = plane - eye
+        length = dr.norm(way)
+        direction = way / length
+        hit = scene.ray_intersect(mi.Ray3f(eye + direction * self._before(length), direction))
+        mine = self._is_mine(hit) & hit.is_valid()
+        share = transport.foreshortening(hit, eye)
+        mine &= ~self._seen_from_centre(hit, mine & (share > 0.0) & (share <= transport.most_foreshortened))
+        carried = transport.carried(hit, mine, from_centre=False)
+        found = carried.radiance > 0.0
+        cosine = np.asarray(dr.dot(direction, mi.Vector3f(*self.line_of_sight.tolist())), np.float64)
+        angle = wider**2 * rays.area * np.asarray(cosine / np.asarray(length, np.float64) ** 2)
+        position = np.asarray(hit.p, np.float64).T[found] - self.centre
+        depth = position @ self.line_of_sight
+        seen = self.axes.coordinates(position * (self._distance_m / (self._distance_m + depth))[:, None])
+        yield (carried.radiance * angle)[found], seen, depth
+
+    def _seen_from_centre(self, hit: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
+        """Whether a ray of `_layers` meets a surface.
+
+        Traced towards the surface: single-precision rays that leave a curved one at a grazing angle may meet it again.
+        """
+        centre = mi.Point3f(*self._transport.frame_centre.tolist())
+        outward = dr.normalize(hit.p - centre)
+        whole = self._distance_m / dr.dot(outward, mi.Vector3f(*self.line_of_sight.tolist()))
+        ray, seen = mi.Ray3f(centre + outward * self._before(whole), outward), mi.Bool(False)
+        for _ in range(MOST_LAYERS if has_masks(self._scene) else 1):
+            met = self._scene.ray_intersect(ray, active)
+            active = active & met.is_valid()
+            seen |= active & (dr.norm(met.p - hit.p) < SAME_PLACE * self._radius_m)
+            active &= met.bsdf().eval_null_transmission(met, active)[0] > 0.0
+            ray = met.spawn_ray(outward)
+        return seen
+
+    def _before(self, length: Any) -> Any:
+        """Way along a ray, `length` to the plane of the object's centre, to where it starts: just before the object.
+
+        So its depth keeps its digits however far the wall is.
+        """
+        gap, least = length - (2.0 * self._radius_m + 1e-3 * self._distance_m), 1e-4 * self._distance_m
+        return np.maximum(gap, least) if isinstance(gap, np.ndarray) else dr.select(gap > least, gap, least)
+
+    def _is_mine(self, hit: mi.SurfaceInteraction3f) -> mi.Bool:
+        mine = dr.zeros(mi.Bool, dr.width(hit.t))
+        for shape in self._shapes:
+            mine |= hit.shape == mi.ShapePtr(shape)
+        return mine
+
+    def _measure(self) -> Measured:
+        """Sums over the whole object, at `RAYS` along its longer side."""
+        pitch = max(self.extent_m) / RAYS
+        shape = tuple(int(np.ceil(extent / pitch)) or 1 for extent in self.extent_m)
+        rays = _Rays(self, (pitch, pitch), (shape[0], shape[1]), 1)
+        throughput = radiance = albedo = area = cosine_in = cosine_out = 0.0
+        for carried, behind in self._layers(rays):
+            throughput += float((carried.radiance * rays.angle).sum())
+            radiance += float(carried.radiance.sum())
+            albedo += float(carried.albedo.sum())
+            lit = carried.cosine_out > 0.0
+            surface = carried.albedo * rays.angle * (self._distance_m + behind) ** 2
+            surface = np.where(lit, surface / np.where(lit, carried.cosine_out, 1.0), 0.0)
+            area += float(surface.sum())
+            cosine_in += float((surface * carried.cosine_in).sum())
+            cosine_out += float((surface * carried.cosine_out).sum())
+        throughput += sum(float(light.sum()) for light, _, _ in self._beyond(rays))
+        if area == 0.0:
+            return Measured(throughput, 0.0, 1.0, 1.0, 0.0)
+        return Measured(throughput, area, min(cosine_in / area, 1.0), min(cosine_out / area, 1.0), albedo / radiance)
+
+
+class _Rays:
+    """Rays from the frame's centre through a grid of cells, `fineness` x `fineness` to each."""
+
+    def __init__(self, seen: HiddenObject, pitch_m: tuple[float, float], cells: tuple[int, int], fineness: int) -> None:
+        self.shape = (cells[0] * fineness, cells[1] * fineness)
+        row, column = ((np.arange(n) - 0.5 * (n - 1)) * (pitch / fineness)
+                       for n, pitch in zip(self.shape, pitch_m, strict=True))
+        self.place = (row[:, None, None] * seen.axes.down + column[None, :, None] * seen.axes.right).reshape(-1, 3)
+        ray_m = self.place + np.linalg.norm(seen.centre - seen.frame_centre) * seen.line_of_sight
+        self.length = np.linalg.norm(ray_m, axis=1)
+        self.direction = ray_m / self.length[:, None]
+        self.cosine = self.direction @ seen.line_of_sight
+        self.area = pitch_m[0] * pitch_m[1] * seen.axes.cell / fineness**2
+        self.angle = self.grid(self.area * self.cosine / self.length**2)
+
+    def grid(self, values: np.ndarray) -> np.ndarray:
+        return values.reshape(self.shape)
 
 
 class FlatObject:
@@ -150,33 +311,37 @@ class FlatObject:
 
     Args:
         cells: albedo (n, n), 0 to 1, rows down and columns right.
+        pitch_m: of the cells (rows, columns).
         like: the object whose place and cosines it takes.
     """
 
     depth_m = 0.0
     height_rms_m = math.inf
 
-    def __init__(self, cells: np.ndarray, pitch_m: float, like: HiddenObject) -> None:
+    def __init__(self, cells: np.ndarray, pitch_m: tuple[float, float], like: HiddenObject) -> None:
         self._cells, self._pitch_m, self._like = np.asarray(cells, np.float32), pitch_m, like
-        self.centre, self.right, self.down, self.line_of_sight = like.centre, like.right, like.down, like.line_of_sight
+        self.centre, self.axes, self.line_of_sight = like.centre, like.axes, like.line_of_sight
         filled = self._cells > 0.0
         # Twice the distance of the farthest filled cell from the middle, because grids are centred.
         spans = (np.flatnonzero(filled.any(axis)) + np.array([[0], [1]]) - 0.5 * len(filled) for axis in (1, 0))
-        self.extent_m = tuple(2.0 * pitch_m * float(np.abs(span).max(initial=0.5)) for span in spans)
+        self.extent_m = tuple(2.0 * pitch * float(np.abs(span).max(initial=0.5))
+                              for span, pitch in zip(spans, pitch_m, strict=True))
 
     def sample(self, pitch_m: tuple[float, float], shape: tuple[int, int]) -> Samples:
         """Sample at the cell centres of a grid (rows, columns) centred on the object."""
-        places = [np.floor((np.arange(n) - 0.5 * (n - 1)) * step / self._pitch_m + 0.5 * len(self._cells)).astype(int)
-                  for n, step in zip(shape, pitch_m, strict=True)]
+        places = [np.floor((np.arange(n) - 0.5 * (n - 1)) * step / own + 0.5 * len(self._cells)).astype(int)
+                  for n, step, own in zip(shape, pitch_m, self._pitch_m, strict=True)]
         inside = [(place >= 0) & (place < len(self._cells)) for place in places]
         albedo = np.zeros(shape, np.float32)
         albedo[np.ix_(*inside)] = self._cells[np.ix_(*(place[held] for place, held in zip(places, inside, strict=True)))]
-        cosines = [np.where(albedo > 0.0, np.float32(cosine), np.float32(0.0)) for cosine in self.mean_cosines()]
-        return Samples(albedo, *cosines, np.zeros(shape, np.float32))
+        return Samples(albedo.astype(np.float64), albedo, np.zeros(shape))
+
+    def position(self, coordinates: np.ndarray, depth_m: np.ndarray) -> np.ndarray:
+        return self._like.position(coordinates, depth_m)
 
     def albedo_area_m2(self) -> float:
         """Integral of the albedo over the surface."""
-        return float(self._cells.sum(dtype=np.float64)) * self._pitch_m**2
+        return float(self._cells.sum(dtype=np.float64)) * self._pitch_m[0] * self._pitch_m[1] * self.axes.cell
 
     def mean_cosines(self) -> tuple[float, float]:
         return self._like.mean_cosines()
@@ -185,6 +350,32 @@ class FlatObject:
         return self._like.visible_from(detector, wall_centre_m)
 
 
-def _perpendicular(vector: np.ndarray, line: np.ndarray) -> np.ndarray:
-    part = vector - line * (vector @ line)
-    return part / np.linalg.norm(part)
+def bounds(shapes: list[mi.Shape]) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the box around some shapes; InputError where it is not a finite one."""
+    boxes = [shape.bbox() for shape in shapes]
+    low = np.min([np.asarray(box.min, np.float64) for box in boxes], axis=0)
+    high = np.max([np.asarray(box.max, np.float64) for box in boxes], axis=0)
+    if not np.isfinite([low, high]).all() or np.abs([low, high]).max() > 1e9:
+        raise InputError("hidden_object", "a finite place and size", f"{low} to {high}", "correct its to_world")
+    return low, high
+
+
+def _points(vectors: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(vectors.T, np.float32)
+
+
+def _cell_sums(values: np.ndarray, shape: tuple[int, int], fineness: int) -> np.ndarray:
+    return values.reshape(shape[0], fineness, shape[1], fineness).sum((1, 3))
+
+
+def _cells(extent_m: float, pitch_m: float, like: int) -> int:
+    """Cells that cover an extent, as even or odd in number as `like`, so that both grids have one middle."""
+    needed = math.ceil(extent_m / pitch_m)
+    return needed + (like - needed) % 2
+
+
+def _centred(part: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    whole = np.zeros(shape, part.dtype)
+    first = [(n - m) // 2 for n, m in zip(shape, part.shape, strict=True)]
+    whole[first[0] : first[0] + part.shape[0], first[1] : first[1] + part.shape[1]] = part
+    return whole

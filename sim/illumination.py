@@ -91,7 +91,7 @@ def specular_field(geometry: Geometry, grid: tuple[int, int]) -> np.ndarray | fl
         return 0.0
     spot, hidden = geometry.spot, geometry.hidden_object
     row, column = ((np.arange(n) - 0.5 * (n - 1)) * step for n, step in zip(grid, geometry.object_pitch_m, strict=True))
-    way = hidden.centre - spot.centre + row[:, None, None] * hidden.down + column[None, :, None] * hidden.right
+    way = hidden.centre - spot.centre + row[:, None, None] * hidden.axes.down + column[None, :, None] * hidden.axes.right
     missed = way / np.linalg.norm(way, axis=-1, keepdims=True) - spot.beam
     missed -= (missed @ spot.normal)[..., None] * spot.normal
     argument = np.pi * spot.diameter_m / geometry.wavelength_m * np.linalg.norm(missed, axis=-1)

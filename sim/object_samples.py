@@ -20,8 +20,9 @@ class ObjectSamples:
         grid: rows and columns of the whole grid, centred on the object.
         place: row and column of each sample, (n,) each.
         position_m: from the object's centre, float64 (n, 3).
-        amplitude: square root of albedo and cosine, the paper's Eq. (5) with power albedo, float32 (n,).
-        axes: the grid's unit vectors (down, right).
+        amplitude: square root of the light that a sample carries, the paper's Eq. (5) with power albedo, float32 (n,).
+        wall: the frame with its border.
+        flat_m: where FFT kernels hold each sample to be, (n, 2): see `propagation/validity.py`.
         path_m: way of the light from the spot's centre by each sample to the frame's centre, less that by the object's
             centre, (n,).
     """
@@ -31,7 +32,7 @@ class ObjectSamples:
     position_m: np.ndarray
     amplitude: np.ndarray
     wall: Wall
-    axes: tuple[np.ndarray, np.ndarray]
+    flat_m: np.ndarray
     path_m: np.ndarray
 
     @property
@@ -57,16 +58,15 @@ def sample_object(geometry: Geometry) -> ObjectSamples:
     """Sample a scene's object as finely as its frame resolves it."""
     hidden, pitch = geometry.hidden_object, geometry.object_pitch_m
     grid = tuple(min(math.ceil(extent / step) + 1, n)
-                 for extent, step, n in zip(hidden.extent_m, pitch, geometry.frame_shape, strict=True))
+                 for extent, step, n in zip(hidden.extent_m, pitch, geometry.period_shape, strict=True))
     seen = hidden.sample(pitch, (grid[0], grid[1]))
-    mean_cosine = geometry.light_path.object_cosine_in
-    brightness = seen.albedo * (seen.cosine_in / mean_cosine if mean_cosine else 1.0)
-    place = np.nonzero(brightness)
-    row, column = ((index - 0.5 * (n - 1)) * step for index, n, step in zip(place, grid, pitch, strict=True))
-    position = (row[:, None] * hidden.down + column[:, None] * hidden.right
-                + seen.depth_m[place].astype(np.float64)[:, None] * hidden.line_of_sight)
-    wall = Wall(geometry.detector_centre - hidden.centre, geometry.right, geometry.down, geometry.frame_shape,
+    # Relative to the largest: throughputs of 1e-20 do not fit single precision once they are squared.
+    brightness = seen.weight / max(float(seen.weight.max()), 1e-300)
+    place = np.nonzero(brightness > 1e-12)
+    coordinates = np.stack([(index - 0.5 * (n - 1)) * step for index, n, step in zip(place, grid, pitch, strict=True)], 1)
+    position = hidden.position(coordinates, seen.depth_m[place])
+    wall = Wall(geometry.detector_centre - hidden.centre, geometry.right, geometry.down, geometry.canvas_shape,
                 geometry.pixel_pitch_m, geometry.wavelength_m)
     path = path_difference(wall.centre_m, position) + path_difference(geometry.spot.centre - hidden.centre, position)
     return ObjectSamples((grid[0], grid[1]), place, position, np.sqrt(brightness[place], dtype=np.float32), wall,
-                         (hidden.down, hidden.right), path)
+                         coordinates / hidden.axes.stretch, path)

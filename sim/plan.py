@@ -10,7 +10,7 @@ import numpy as np
 
 from radiometry.errors import InputError
 from radiometry.prediction import patches_of, predict
-from radiometry.throughput import closed_form, detector_to_pixel
+from radiometry.throughput import detector_to_pixel, light_budget
 from sim.coherence import spectral_lines
 from sim.detector_roughness import oversampling
 from sim.effects import Effect, decide
@@ -44,13 +44,13 @@ class Settings:
 
 def check_sampling(geometry: Geometry) -> None:
     """The frame must sample the finest speckle fringes of the object: extent <= lambda z / (2 pitch)."""
-    extent = max(geometry.hidden_object.extent_m)
-    field_of_view = 0.5 * geometry.wavelength_m * geometry.distance_m / geometry.pixel_pitch_m
-    if extent > field_of_view:
-        nearest = 2.0 * extent * geometry.pixel_pitch_m / geometry.wavelength_m
-        raise InputError("hidden_object", f"at most {field_of_view * 1e3:.3g} mm across at {geometry.distance_m:.3g} m with "
-                         f"{geometry.pixel_pitch_m * 1e6:.3g} um pixels on the wall", f"{extent * 1e3:.3g} mm",
-                         f"move the virtual detector to {nearest:.3g} m or more, or use smaller pixels")
+    for extent, pitch in zip(geometry.hidden_object.extent_m, geometry.seen_pitch_m, strict=True):
+        field_of_view = 0.5 * geometry.wavelength_m * geometry.distance_m / pitch
+        if extent > field_of_view:
+            nearest = 2.0 * extent * pitch / geometry.wavelength_m
+            raise InputError("hidden_object", f"at most {field_of_view * 1e3:.3g} mm across at {geometry.distance_m:.3g} m with "
+                             f"{pitch * 1e6:.3g} um pixels on the wall", f"{extent * 1e3:.3g} mm",
+                             f"move the virtual detector to {nearest:.3g} m or more, or use smaller pixels")
 
 
 def check_rough(geometry: Geometry) -> None:
@@ -64,7 +64,7 @@ def check_rough(geometry: Geometry) -> None:
 def check_exposure(geometry: Geometry) -> None:
     """Photoelectrons must fit the random generator and single precision."""
     electronics = geometry.electronics
-    rate = closed_form(geometry.light_path).photoelectrons_per_pixel_s + electronics.dark_current
+    rate = light_budget(geometry.light_path).photoelectrons_per_pixel_s + electronics.dark_current
     if not rate * electronics.exposure_s < 1e12:
         raise InputError("exposure", "fewer than 1e12 electrons in a pixel", f"{rate * electronics.exposure_s:.3g}",
                          "lower exposure, power or dark_current")
@@ -75,8 +75,9 @@ def propagators(geometry: Geometry, samples: ObjectSamples, settings: Settings, 
     if len(samples.amplitude) == 0:
         return [Option("fraunhofer", "float32", 0.0, 0.0, 0, "nothing reflects")]
     bare = Scatterers(samples.position_m, samples.amplitude.astype(np.float64))
-    _, lag_m = patches_of(geometry)
-    return options(samples.wall, samples.axes, bare, lag_m, settings.accuracy, settings.tolerance, settings.precision,
+    pitches_m = patches_of(geometry)[1]
+    stretch = geometry.hidden_object.axes.stretch
+    return options(samples.wall, samples.flat_m, bare, (pitches_m[0] / stretch[0], pitches_m[1] / stretch[1]), settings.accuracy, settings.tolerance, settings.precision,
                    cheapest=cheapest)
 
 
@@ -139,13 +140,13 @@ def make_plan(geometry: Geometry, frames: int, settings: Settings | None = None)
     modes = modes_of(geometry, samples, effects, settings.accuracy)
     listed = [*effects.values(),
               Effect("direct_light", False, "blocked by a shape" if geometry.baffled else "not blocked by any shape", 0.0)]
-    budget = closed_form(geometry.light_path)
+    budget = light_budget(geometry.light_path)
     warnings = [f"{effect.name}: predicted error {effect.predicted_error:.2g} exceeds the tolerance "
                 f"{settings.tolerance:g}" for effect in listed if effect.predicted_error > settings.tolerance]
     if kernel.predicted_error > settings.tolerance:
         warnings.insert(0, f"propagator {kernel.propagator}: predicted {settings.accuracy} error {kernel.predicted_error:.2g} "
                         f"exceeds the tolerance {settings.tolerance:g}; use --propagator auto")
-    warnings += scene_warnings(geometry, prediction.pitch_m)
+    warnings += scene_warnings(geometry, prediction.pitches_m)
     return {
         "accuracy": settings.accuracy,
         "tolerance": settings.tolerance,
@@ -164,10 +165,9 @@ def make_plan(geometry: Geometry, frames: int, settings: Settings | None = None)
     }
 
 
-def scene_warnings(geometry: Geometry, pitch_m: float) -> list[str]:
+def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[str]:
     """What the scene holds that will not show as its author may think."""
-    width_m, lags_m = max(geometry.hidden_object.extent_m), 64 * pitch_m
-    budget, electronics = closed_form(geometry.light_path), geometry.electronics
+    budget, electronics = light_budget(geometry.light_path), geometry.electronics
     warnings = []
     share = specular_share(geometry)
     if share > 1e-3:
@@ -178,10 +178,11 @@ def scene_warnings(geometry: Geometry, pitch_m: float) -> list[str]:
         warnings.append(f"scan_step: {100 * common:.3g} % of the spot is shared by one frame and the next, whose speckle then "
                         f"correlates by {common**2:.2g}: fewer degrees of freedom than predicted; move it by "
                         f"{geometry.spot.diameter_m:.3g} m or more")
-    if width_m > lags_m:
-        warnings.append(f"hidden_object: {width_m * 1e3:.3g} mm across, but the 64 lags of {pitch_m * 1e6:.4g} um that "
-                        f"truth.npy and invert hold end at {lags_m * 1e3:.3g} mm; render a smaller one, or invert with a "
-                        "smaller --patch")
+    for width_m, pitch_m in zip(geometry.hidden_object.extent_m, pitches_m, strict=True):
+        if width_m > 64 * pitch_m:
+            warnings.append(f"hidden_object: {width_m * 1e3:.3g} mm across, but the 64 lags of {pitch_m * 1e6:.4g} um that "
+                            f"truth.npy and invert hold end at {64e3 * pitch_m:.3g} mm; render a smaller one, or invert with "
+                            "a smaller --patch")
     if budget.per_pixel == 0.0:
         warnings.append("hidden_object: none of its light reaches the camera; check its albedo, its facing, and occluders")
     if not geometry.baffled:

@@ -38,7 +38,9 @@ def activate_variant() -> str:
 _LLVM_WITH_MAXIMUM = 17
 _PLAIN_EMITTERS = ("Emitter", "AreaLight", "PointLight", "SpotLight")
 """Emitters that an older libLLVM compiles; one written in Python, as the laser is, goes by the name of its base."""
-_NEEDS_MAXIMUM = ("RoughConductor", "RoughDielectric", "BlendBSDF")
+_PLAIN_SURFACES = {"SmoothDiffuse", "TwoSided", "Null", "PhaseScreen", "UniformSpectrum", "BitmapTexture", "Checkerboard",
+                   "Transform", "MeshAttribute"}
+"""What an older libLLVM compiles of surfaces; the shapes are meshes."""
 
 
 def llvm_major() -> int | None:
@@ -79,8 +81,7 @@ def check_compilable(scene: mi.Scene) -> None:
             raise InputError(emitter.id() or "emitter", f"libLLVM {_LLVM_WITH_MAXIMUM} or newer to compile a {kind}",
                              f"libLLVM {major}", "'apt-get install libllvm19', or use area, point and spot emitters")
     for shape in scene.shapes():
-        described = str(shape.bsdf())
-        culprits = [name for name in _NEEDS_MAXIMUM if name in described]
+        culprits = sorted(set(re.findall(r"([A-Za-z]\w*(?: BSDF)?)\s*[\[:]\n", f"{shape.bsdf()}\n")) - _PLAIN_SURFACES)
         if not shape.is_mesh():
             culprits.append(shape.class_name())
         for culprit in culprits:

@@ -39,8 +39,12 @@ class PhaseScreen(mi.BSDF):
     def eval_diffuse_reflectance(self, si, active=True):
         return self.nested.eval_diffuse_reflectance(si, active)
 
+    def eval_null_transmission(self, si, active=True):
+        return self.nested.eval_null_transmission(si, active)
+
     def traverse(self, callback):
         callback.put("nested", self.nested, mi.ParamFlags.Differentiable)
 
     def to_string(self) -> str:
-        return f"PhaseScreen[height_rms={self.height_rms_m}, correlation_length={self.correlation_length_m}]"
+        return (f"PhaseScreen[\n  height_rms = {self.height_rms_m},\n  correlation_length = {self.correlation_length_m},\n"
+                f"  nested = {self.nested}\n]")

@@ -38,22 +38,23 @@ class Option:
                 for name, value in asdict(self).items() if name != "patches"}
 
 
-def options(wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterers: Scatterers, lag_m: float, accuracy: str,
+def options(wall: Wall, place: np.ndarray, scatterers: Scatterers, lag_m: float | tuple[float, float], accuracy: str,
             tolerance: float, precision: str | None, *, cheapest: bool = False) -> list[Option]:
     """All kernels for a scene, cheapest first.
 
     Args:
+        place, lag_m: see `validity.py`.
         cheapest: stop at an FFT that meets the tolerance; predicting the dearer kernels takes longer than using it.
     """
     pixels = math.prod(wall.shape)
     found = []
-    statistical = validity.statistical_error(wall, axes, scatterers, lag_m) if accuracy == "statistical" else 0.0
+    statistical = validity.statistical_error(wall, place, scatterers, lag_m) if accuracy == "statistical" else 0.0
     for name in ("fraunhofer", "fresnel"):
         if precision == "float64":
             continue
         error = statistical
         if accuracy == "field":
-            error = validity.UNRELATED if name == "fraunhofer" else validity.fresnel_error(wall, axes, scatterers)
+            error = validity.UNRELATED if name == "fraunhofer" else validity.fresnel_error(wall, place, scatterers)
         why = "flat, delta-correlated object in the far field" if name == "fraunhofer" else "exact phases at the frame's centre"
         cost = FFT_SECONDS_PER_PIXEL * pixels * (1.0 if name == "fraunhofer" else 1.5)
         found.append(Option(name, "float32", error, cost, 16 * pixels, why))

@@ -12,17 +12,17 @@ from __future__ import annotations
 import torch
 
 
-def fraunhofer(field: torch.Tensor, frame_shape: tuple[int, int]) -> torch.Tensor:
+def fraunhofer(field: torch.Tensor, period: tuple[int, int]) -> torch.Tensor:
     """Field on the wall from the field on the object.
 
     Args:
         field: complex (rows, columns), sampled at `Geometry.object_pitch_m`, centred on the object;
-            not larger than the frame.
-        frame_shape: (H, W) of the frame.
+            not larger than the period.
+        period: pixels (H, W) after which the field repeats.
 
     Returns:
         complex (H, W), unitary: the mean of |wall|^2 is the sum of |field|^2 over the samples.
     """
     # Where the object sits on the grid only tilts the phase of the wall's field.
-    columns = torch.fft.fft(field, n=frame_shape[1], dim=1)
-    return torch.fft.fft(columns, n=frame_shape[0], dim=0)
+    columns = torch.fft.fft(field, n=period[1], dim=1)
+    return torch.fft.fft(columns, n=period[0], dim=0)

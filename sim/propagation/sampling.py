@@ -13,8 +13,45 @@ scatterers, so it drops out of the intensity.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from scipy.fft import next_fast_len
+
+BORDER = 8
+"""Pixels around the frame whose light the camera's blur brings into it; both are computed and the border is cut off."""
+
+GRAINS_APART = 8
+"""Grains between one edge of the frame and the next period's other edge: their speckle correlates by (1 / 8 pi)^2 at most."""
+
+
+def canvas(frame_shape: tuple[int, int]) -> tuple[int, int]:
+    """Pixels (rows, columns) of a frame with its border, `BORDER` pixels or a few more for a size that FFTs are fast for."""
+    def fast(side: int) -> int:
+        return next(n for n in range(side + 2 * BORDER, 2 * (side + 2 * BORDER) + 2, 2) if next_fast_len(n) == n)
+
+    return fast(frame_shape[0]), fast(frame_shape[1])
+
+
+def period(shape: tuple[int, int], grain_pixels: tuple[float, float]) -> tuple[int, int]:
+    """Pixels after which the field of scatterers on a lattice repeats, of a size that FFTs are fast for.
+
+    Wider than what is looked at by `GRAINS_APART` grains, lest its two edges show one speckle; no more than twice as wide,
+    because a frame with fewer grains than that has no statistics to spoil. The autocorrelation of what is cut
+    out is unbiased up to the largest patch: its triangle window ends before the next period begins.
+
+    Args:
+        shape: rows and columns looked at. grain_pixels: size of a grain along each.
+    """
+    rows, columns = (next_fast_len(min(2 * n, n + int(np.ceil(GRAINS_APART * min(grain, n)))))
+                     for n, grain in zip(shape, grain_pixels, strict=True))
+    return rows, columns
+
+
+def middle(field: Any, shape: tuple[int, int]) -> Any:
+    """The middle (rows, columns) of an array or tensor (..., H, W)."""
+    top, left = ((have - want) // 2 for have, want in zip(field.shape[-2:], shape, strict=True))
+    return field[..., top : top + shape[0], left : left + shape[1]]
 
 
 @dataclass(frozen=True)
@@ -34,7 +71,8 @@ class Wall:
 
     Attributes:
         centre_m: from the object's centre to the frame's, (3,).
-        right, down: unit vectors along the frame's rows and columns, (3,).
+        right, down: steps from a pixel to the next along rows and columns, per metre of pitch, (3,); not of length 1 and not
+            perpendicular where the camera looks at the wall at an angle.
         shape: (H, W).
     """
 

@@ -23,32 +23,33 @@ ROUNDING = 4e-7
 """Relative error of a single-precision FFT or sum of this size."""
 
 
-def across(axes: tuple[np.ndarray, np.ndarray], scatterers: Scatterers) -> np.ndarray:
-    """Offsets of scatterers along the object's own axes (down, right), which FFT kernels pair with the frame's; (n, 2)."""
-    return np.stack([scatterers.position_m @ axis for axis in axes], 1)
-
-
-def fresnel_error(wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterers: Scatterers) -> float:
+def fresnel_error(wall: Wall, place: np.ndarray, scatterers: Scatterers) -> float:
     """Predicted field error of `fresnel`.
 
     Args:
-        axes: the object grid's unit vectors (down, right).
+        place: where FFT kernels hold the scatterers to be, (n, 2): fringes advance by place / (lambda d) per metre down and
+            right the wall.
     """
-    few = _sample(scatterers)
+    few, place = _sample(scatterers, place)
     row, column = (offset[np.linspace(0, len(offset) - 1, _PIXELS).astype(int)] for offset in wall.offsets())
     row, column = (part.ravel() for part in np.meshgrid(row, column, indexing="ij"))
     pixel = wall.centre_m + row[:, None] * wall.down + column[:, None] * wall.right
-    place = across(axes, few)
     approximate = phasor(-(row[:, None] * place[:, 0] + column[:, None] * place[:, 1]) / wall.distance_m, wall.wavelength_m)
     approximate = approximate * phasor(path_difference(wall.centre_m, few.position_m), wall.wavelength_m)
     exact = kernel(wall, pixel[:, None], few.position_m[None])
+    exact /= np.sqrt((np.abs(exact) ** 2).mean(0))  # a scatterer's power is that of its light in the frame
     return float(np.hypot(_distance(exact, approximate), ROUNDING))
 
 
-def statistical_error(wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterers: Scatterers, lag_m: float,
+def statistical_error(wall: Wall, place: np.ndarray, scatterers: Scatterers, lag_m: float | tuple[float, float],
                       tiles: int = 3) -> float:
-    """Predicted error of the expected autocorrelation that `fraunhofer` and `fresnel` give, on lags of pitch `lag_m`."""
-    flat = _lags(across(axes, scatterers), np.abs(scatterers.amplitude) ** 2, lag_m)
+    """Predicted error of the expected autocorrelation that `fraunhofer` and `fresnel` give, on lags of pitch `lag_m`.
+
+    Args:
+        place: as for `fresnel_error`. lag_m: in its units, one number or that down and right.
+    """
+    power = np.abs(scatterers.amplitude) ** 2
+    flat = _lags(place, power, lag_m)
     fractions = (np.arange(tiles) + 0.5) / tiles
     seen = np.zeros_like(flat)
     for row in fractions * wall.shape[0]:
@@ -57,9 +58,8 @@ def statistical_error(wall: Wall, axes: tuple[np.ndarray, np.ndarray], scatterer
             distance = np.linalg.norm(ray, axis=1)[:, None]
             middle = wall.pixels(row, column)
             gradient = ray / distance - middle / np.linalg.norm(middle)
-            place = -wall.distance_m * np.stack([gradient @ wall.down, gradient @ wall.right], 1)
-            brightness = np.abs(scatterers.amplitude) ** 2 * (ray @ wall.centre_m / distance[:, 0] ** 2) ** 2
-            seen += _lags(place, brightness, lag_m) / tiles**2
+            shifted = -wall.distance_m * np.stack([gradient @ wall.down, gradient @ wall.right], 1)
+            seen += _lags(shifted, power, lag_m) / tiles**2
     seen *= (seen * flat).sum() / (seen * seen).sum()
     return float(np.linalg.norm(seen - flat) / np.linalg.norm(flat))
 
@@ -69,15 +69,16 @@ def direct_error(wall: Wall, scatterers: Scatterers, precision: str, tile: int) 
     if precision == "float64":
         return 1e-11
     reach = float(np.linalg.norm(scatterers.position_m, axis=1).max())
+    reach *= max(float(np.linalg.norm(step)) for step in (wall.right, wall.down))
     phase = 2.0 * np.pi / wall.wavelength_m * 0.7 * tile * wall.pitch_m * reach / wall.distance_m
     return ROUNDING + 2e-8 * phase
 
 
-def _sample(scatterers: Scatterers) -> Scatterers:
-    """Scatterers drawn at random, those of more power more often, each then of equal power."""
+def _sample(scatterers: Scatterers, place: np.ndarray) -> tuple[Scatterers, np.ndarray]:
+    """Scatterers and their places drawn at random, those of more power more often, each then of equal power."""
     power = np.abs(scatterers.amplitude) ** 2
     chosen = np.random.default_rng(0).choice(len(power), _SCATTERERS, p=power / power.sum())
-    return Scatterers(scatterers.position_m[chosen], np.ones(_SCATTERERS))
+    return Scatterers(scatterers.position_m[chosen], np.ones(_SCATTERERS)), place[chosen]
 
 
 def _distance(exact: np.ndarray, other: np.ndarray) -> float:
@@ -87,9 +88,9 @@ def _distance(exact: np.ndarray, other: np.ndarray) -> float:
     return float(np.sqrt(max(ours + theirs - 2.0 * overlap, 0.0) / ours))
 
 
-def _lags(place: np.ndarray, brightness: np.ndarray, pitch_m: float, side: int = 128) -> np.ndarray:
+def _lags(place: np.ndarray, brightness: np.ndarray, pitch_m: float | tuple[float, float], side: int = 128) -> np.ndarray:
     """Autocorrelation of brightness at places (n, 2), shared bilinearly among cells of `pitch_m`."""
-    cell = place / pitch_m + 0.5 * side
+    cell = place / np.asarray(pitch_m) + 0.5 * side
     low = np.clip(np.floor(cell).astype(int), 0, side - 2)
     part = cell - low
     image = np.zeros((side, side))

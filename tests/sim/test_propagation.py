@@ -47,6 +47,11 @@ def on_grid(random, distance_m: float, grid: tuple[int, int], shape: tuple[int, 
     return Scatterers(np.stack([x, y, z], 1), waves), (row, column), wall_at(distance_m, 0.0, shape)
 
 
+def places(scatterers: Scatterers) -> np.ndarray:
+    """Down and right of scatterers before these walls, whose rows run along y and columns along x."""
+    return scatterers.position_m[:, [1, 0]]
+
+
 def distance(field: np.ndarray, reference: np.ndarray) -> float:
     return float(np.linalg.norm(field - reference) / np.linalg.norm(reference))
 
@@ -128,7 +133,7 @@ def test_nufft_refuses_what_it_cannot_hold(random):
 def test_fresnel_errs_as_predicted(random, distance_m, grid, tilt_deg, depth_m):
     scatterers, place, wall = on_grid(random, distance_m, grid, (258, 401), tilt_deg, depth_m)
     measured = after_one_phase(fresnel(scatterers, place, grid, wall).numpy(), direct(scatterers, wall, precision="float64"))
-    predicted = validity.fresnel_error(wall, (wall.down, wall.right), scatterers)
+    predicted = validity.fresnel_error(wall, places(scatterers), scatterers)
     assert predicted / 3.0 < measured < 3.0 * predicted
     assert (measured < 1e-3) == (predicted < 1e-3)
     if grid == (31, 20):
@@ -137,14 +142,13 @@ def test_fresnel_errs_as_predicted(random, distance_m, grid, tilt_deg, depth_m):
 
 def test_fraunhofer_has_the_statistics_but_not_the_field(random):
     scatterers, place, wall = on_grid(random, 1.0, (80, 61), (258, 401))
-    axes = (wall.down, wall.right)
     waves = np.zeros((80, 61), np.complex64)
     waves[place] = scatterers.amplitude
     field = fraunhofer(torch.from_numpy(waves), wall.shape).numpy()
     assert after_one_phase(field, direct(scatterers, wall)) == pytest.approx(validity.UNRELATED, abs=0.1)
-    listed = options(wall, axes, scatterers, 3e-4, "field", 1e-2, None)
+    listed = options(wall, places(scatterers), scatterers, 3e-4, "field", 1e-2, None)
     assert choose(listed, "fraunhofer", 1e-2).predicted_error == validity.UNRELATED
-    assert validity.statistical_error(wall, axes, scatterers, 3e-4) < 3e-4
+    assert validity.statistical_error(wall, places(scatterers), scatterers, 3e-4) < 3e-4
 
 
 def test_the_statistical_error_is_that_of_rendered_speckle(random):
@@ -166,7 +170,8 @@ def test_the_statistical_error_is_that_of_rendered_speckle(random):
     seen = float((power * column).sum() / power.sum())
     lag_m = WAVELENGTH_M * distance_m / (128 * PIXEL_M)
     assert seen * lag_m == pytest.approx(2.2e-3 * 0.1 / 0.08, rel=0.03)
-    flat_error = validity.statistical_error(wall, (wall.down, wall.right), Scatterers(position, np.ones(2 * count)), lag_m)
+    points = Scatterers(position, np.ones(2 * count))
+    flat_error = validity.statistical_error(wall, places(points), points, lag_m)
     assert flat_error > 0.5
 
 
@@ -175,7 +180,7 @@ def test_the_statistical_error_is_that_of_rendered_speckle(random):
 def test_auto_stays_within_its_tolerance(random, accuracy, tolerance):
     grid = (60, 45)
     scatterers, place, wall = on_grid(random, 1.0, grid, (258, 401), depth_m=5e-4)
-    found = choose(options(wall, (wall.down, wall.right), scatterers, 3e-4, accuracy, tolerance, None), "auto", tolerance)
+    found = choose(options(wall, places(scatterers), scatterers, 3e-4, accuracy, tolerance, None), "auto", tolerance)
     assert found.predicted_error <= tolerance
     if accuracy == "field":
         reference = direct(scatterers, wall, precision="float64")
@@ -191,11 +196,11 @@ def test_auto_stays_within_its_tolerance(random, accuracy, tolerance):
 
 def test_unreachable_tolerances_are_refused(random):
     scatterers, _, wall = on_grid(random, 1.0, (20, 20), (130, 130))
-    listed = options(wall, (wall.down, wall.right), scatterers, 3e-4, "field", 1e-13, None)
+    listed = options(wall, places(scatterers), scatterers, 3e-4, "field", 1e-13, None)
     with pytest.raises(InputError, match="1e-11 or more"):
         choose(listed, "auto", 1e-13)
     with pytest.raises(InputError, match="--propagator"):
-        choose(options(wall, (wall.down, wall.right), scatterers, 3e-4, "field", 1e-3, "float64"), "fresnel", 1e-3)
+        choose(options(wall, places(scatterers), scatterers, 3e-4, "field", 1e-3, "float64"), "fresnel", 1e-3)
 
 
 def test_direct_sees_only_what_is_visible(random):
@@ -264,4 +269,4 @@ def test_grazing_tilt(random, tilt_deg):
     tilted = Scatterers(scatterers.position_m + along[:, None] * [0.0, 0.0, 1.0], scatterers.amplitude)
     reference = direct(tilted, wall, precision="float64")
     assert distance(nufft(tilted, wall, tolerance=1e-5), reference) < 1e-5
-    assert np.isfinite(validity.fresnel_error(wall, (wall.down, wall.right), tilted))
+    assert np.isfinite(validity.fresnel_error(wall, places(tilted), tilted))

@@ -89,9 +89,10 @@ def test_saturation_is_predicted_and_clips(scene):
     mean = Simulation(scene()).mean_photoelectrons
     full_well = 1.5 * mean
     geometry = scene(('<float name="pixel_pitch"', f'<float name="full_well" value="{full_well}"/><float name="pixel_pitch"'))
-    frame = Simulation(geometry, Settings(effects=(("shot_noise", False), ("pupil_and_pixel", False)))).frame(3, 0).numpy()
-    assert frame.max() == pytest.approx(full_well, rel=1e-6)
-    assert (frame >= 0.999 * full_well).mean() == pytest.approx(np.exp(-1.5), rel=0.05)
+    simulation = Simulation(geometry, Settings(effects=(("shot_noise", False), ("pupil_and_pixel", False))))
+    frames = np.stack([simulation.frame(3, number).numpy() for number in range(8)])
+    assert frames.max() == pytest.approx(full_well, rel=1e-6)
+    assert (frames >= 0.999 * full_well).mean() == pytest.approx(np.exp(-1.5), rel=0.05)
     assert any("22.3 % of the pixels will saturate" in warning for warning in make_plan(geometry, 1)["warnings"])
 
 

@@ -1,0 +1,82 @@
+"""Which surfaces can be modelled: reflection as Mitsuba evaluates it; transmission, mirrors and media are refused by name."""
+
+from __future__ import annotations
+
+import drjit as dr
+import mitsuba as mi
+
+from radiometry.errors import InputError
+
+MOST_LAYERS = 8
+"""Partly transparent surfaces (masks) that one ray may cross."""
+
+_TRANSMITTING = mi.BSDFFlags.DiffuseTransmission | mi.BSDFFlags.GlossyTransmission | mi.BSDFFlags.DeltaTransmission
+_MIRROR = mi.BSDFFlags.DeltaReflection
+ENERGY_TOLERANCE = 1e-3
+
+
+def check_surfaces(scene: mi.Scene) -> None:
+    """Raise InputError for a surface or medium whose light this program does not carry."""
+    for shape in scene.shapes():
+        bsdf, name = shape.bsdf(), shape.id() or "shape"
+        if shape.interior_medium() is not None or shape.exterior_medium() is not None:
+            raise InputError(name, "surfaces in a vacuum", "a participating medium", "remove it; media are not modelled")
+        if bsdf is None:
+            continue
+        if bsdf.flags() & int(_TRANSMITTING):
+            raise InputError(name, "a surface that reflects", f"one that transmits light ({_kind(bsdf)})",
+                             "use an opaque BSDF, or a mask where there are holes; transmission is not modelled")
+        if bsdf.flags() & int(_MIRROR):
+            raise InputError(name, "a rough surface", f"a mirror-like one ({_kind(bsdf)})",
+                             "give it a roughness (roughconductor, roughplastic); mirrors are not modelled")
+
+
+def _kind(bsdf: mi.BSDF) -> str:
+    return str(bsdf).split("[")[0].strip()
+
+
+def check_energy(name: str, hit: mi.SurfaceInteraction3f, lit: mi.Bool) -> None:
+    """Raise InputError where a diffuse surface reflects more than it receives; `hit` lists points of it."""
+    bsdf = hit.bsdf()
+    diffuse = lit & ((bsdf.flags() & int(mi.BSDFFlags.Glossy)) == 0)
+    albedo = float(dr.max(dr.select(diffuse, bsdf.eval_diffuse_reflectance(hit, diffuse)[0], 0.0))[0])
+    if albedo > 1.0 + ENERGY_TOLERANCE:
+        raise InputError(name, "an albedo of at most 1", f"{albedo:.4g}", "correct its reflectance")
+
+
+def has_masks(scene: mi.Scene) -> bool:
+    """Whether any surface lets a part of the light pass straight through."""
+    return any(shape.bsdf() is not None and mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.Null) for shape in scene.shapes())
+
+
+def transmittance(scene: mi.Scene, start: mi.SurfaceInteraction3f | mi.Point3f, end: mi.Point3f, active: mi.Bool, *,
+                  masks: bool) -> mi.Float:
+    """Share of the light that passes from one place to another; 0 behind an opaque shape.
+
+    Args:
+        start: a point of a surface, or in space. end: a point of a surface, drawn in by 1e-4 of the way, lest it hide itself.
+        masks: whether the scene has any mask; a single shadow ray does where it has none.
+    """
+    if isinstance(start, mi.SurfaceInteraction3f):
+        ray = _towards(start.spawn_ray(end - start.p).o, end)
+    else:
+        ray = _towards(start + 1e-4 * (end - start), end)
+    if not masks:
+        return dr.select(active & ~scene.ray_test(ray, active), mi.Float(1.0), 0.0)
+    share, going = dr.select(active, mi.Float(1.0), 0.0), mi.Bool(active)
+    for _ in range(MOST_LAYERS):
+        hit = scene.ray_intersect(ray, going)
+        going &= hit.is_valid()
+        share = dr.select(going, share * hit.bsdf().eval_null_transmission(hit, going)[0], share)
+        going &= share > 0.0
+        ray = _towards(hit.spawn_ray(ray.d).o, end)  # it starts a little beside the surface
+    return dr.select(going & scene.ray_test(ray, going), 0.0, share)
+
+
+def _towards(start: mi.Point3f, end: mi.Point3f) -> mi.Ray3f:
+    """The ray from one point to just before another."""
+    way = end - start
+    distance = dr.norm(way)
+    ray = mi.Ray3f(start, way / distance)
+    ray.maxt = distance * (1.0 - 1e-4)
+    return ray
