@@ -71,11 +71,13 @@ def noise_terms(geometry: Any, albedo: np.ndarray, cell_area_m2: float) -> Noise
     # Subjective grain of the wall behind a circular pupil: (lambda z)^2 / A (Goodman, Speckle Phenomena, Eq. 4-75).
     pupil_area = 0.25 * math.pi * geometry.pupil_diameter_m**2
     subjective_grain = (geometry.wavelength_m * geometry.pupil_distance_m) ** 2 / pupil_area
+    signal = light_budget(geometry.light_path).photoelectrons_per_pixel_s * electronics.exposure_s
+    other = geometry.other_light_share * signal
     return NoiseTerms(
-        signal=light_budget(geometry.light_path).photoelectrons_per_pixel_s * electronics.exposure_s,
+        signal=signal,
         # Two incoherent polarisations halve the speckle's variance.
         grain_pixels=grain / geometry.seen_pixel_area_m2 * (0.5 if geometry.depolarised else 1.0),
-        ambient=0.0 if ambient is None else float(ambient.mean()) * electronics.exposure_s,
+        ambient=other + (0.0 if ambient is None else float(ambient.mean()) * electronics.exposure_s),
         dark=electronics.dark_current * electronics.exposure_s,
         read=electronics.read_noise**2,
         quantisation=electronics.step**2 / 12.0,

@@ -20,7 +20,7 @@ ELECTRONIC = {"read_noise": "read_noise", "row_noise": "row_noise", "column_nois
 """Effects that a parameter of the speckle_camera switches on, and that parameter."""
 
 OPTICAL = ("source_grain", "pupil_and_pixel", "shot_noise", "detector_roughness", "detector_texture", "depolarisation",
-           "linewidth", "ambient")
+           "linewidth", "ambient", "other_light")
 
 FORCEABLE = (*OPTICAL, *ELECTRONIC)
 
@@ -82,13 +82,15 @@ def decide(geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced
                if geometry.depolarised else "no phase_screen is set to depolarise", float(geometry.depolarised)),
         Effect("ambient", lit, f"{'other emitters' if lit else 'no emitter beside the laser'}, as floor over peak",
                terms.over_peak()["ambient"] or 0.0),
+        Effect("other_light", geometry.other_light_share > tolerance, "the laser's light by way of clutter or of several "
+               "reflections, over the hidden object's", geometry.other_light_share),
         Effect("linewidth", contrast > tolerance, f"{geometry.linewidth_hz:.3g} Hz against the spread of paths", contrast),
     ]
     found += [Effect(name, getattr(electronics, parameter) > 0.0, _set_or_zero(getattr(electronics, parameter)), 0.0)
               for name, parameter in ELECTRONIC.items()]
     decided = {effect.name: effect for effect in found}
     for name, on in forced:
-        needs = {"linewidth": geometry.linewidth_hz, "ambient": float(lit), "detector_texture": spread}
+        needs = {"other_light": geometry.other_light_share, "linewidth": geometry.linewidth_hz, "ambient": float(lit), "detector_texture": spread}
         needs |= {key: getattr(electronics, value) for key, value in ELECTRONIC.items()}
         if on and needs.get(name, 1.0) == 0.0:
             raise InputError(f"--effect {name}", "a parameter of the scene that sets it", "zero",

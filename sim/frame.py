@@ -18,6 +18,7 @@ from sim.detector_roughness import exact_image, gamma_image
 from sim.effects import decide, remaining_electronics
 from sim.geometry import Geometry, read_geometry
 from sim.illumination import illuminate
+from sim.other_light import background_of
 from sim.object_samples import sample_object
 from sim.plan import Settings, check, choose_propagator, modes_of
 from sim.propagation.direct import Visibility, direct
@@ -48,6 +49,7 @@ class Simulation:
         self.effects = decide(geometry, self._samples, predict(geometry).terms, self.settings.effects, self.settings.tolerance)
         self._electronics = remaining_electronics(geometry.electronics, self.effects)
         self._modes = modes_of(geometry, self._samples, self.effects, self.settings.accuracy)
+        self._background = background_of(geometry, self.settings.tolerance) if self._models("other_light") else None
         self.budget = light_budget(geometry.light_path)
 
     def _models(self, effect: str) -> bool:
@@ -65,7 +67,7 @@ class Simulation:
 
     @property
     def mean_photoelectrons(self) -> float:
-        """Expected photoelectrons of one pixel, over all speckle realisations."""
+        """Expected photoelectrons of one pixel from the hidden object, over all speckle realisations."""
         return self.budget.photoelectrons_per_pixel_s * self.geometry.electronics.exposure_s
 
     def wall_field(self, seed: int, number: int, polarisation: int = 0, offset_hz: float = 0.0, oversampling: int = 1,
@@ -152,6 +154,9 @@ class Simulation:
                 else:
                     image = wall.real.square() + wall.imag.square()
                 total.add_(image, alpha=weight / polarisations)
+        if self._background is not None:
+            image = self._background.intensity(self.geometry, _stream(seed, number, 4), self.device)
+            total.add_(image, alpha=self._background.share * self._samples.brightness)
         if not exact and self._models("pupil_and_pixel"):
             total = mean_image(total, self._transfer)
         total = middle(total, self.geometry.frame_shape)
@@ -190,7 +195,8 @@ class Simulation:
 def _stream(seed: int, number: int, purpose: int) -> np.random.Generator:
     """Random stream of one purpose of one frame.
 
-    0 and 2: phase screens of either polarisation; 1: photons and electronics; 3 and 5: the virtual detector's roughness.
+    0 and 2: phase screens of either polarisation; 1: photons and electronics; 3 and 5: the virtual detector's roughness;
+    4: light by other ways.
     """
     if seed < 0:
         raise InputError("seed", "zero or a positive whole number", seed, "choose another --seed")

@@ -16,6 +16,7 @@ from sim.detector_texture import detector_albedo, texture_of
 from sim.footprint import GRAZING, lag_axes, pixel_steps
 from sim.hidden_object import FlatObject, HiddenObject, bounds, is_hidden_object
 from sim.light_transport import LightTransport
+from sim.path_tracing import OtherLight, estimate_other_light
 from sim.plugins.laser import Laser
 from sim.plugins.phase_screen import PhaseScreen
 from sim.plugins.speckle_camera import Electronics, SpeckleCamera
@@ -71,6 +72,8 @@ class Geometry:
     """Albedo of the virtual detector under each pixel over its mean, float32 (H, W); None where it is the same everywhere."""
     ambient_irradiance: np.ndarray | None
     """Light of other emitters on the frame in W/m^2, a coarse map (see `ambient.py`); None without any."""
+    other_light: OtherLight | None = None
+    """The laser's light by way of clutter or of several reflections; None for an object shown in place of the scene's."""
 
     def exposed(self, exposure_s: float) -> Geometry:
         """The same scene at another exposure."""
@@ -81,7 +84,7 @@ class Geometry:
         pitches = pitch_m if isinstance(pitch_m, tuple) else (pitch_m, pitch_m)
         shown = FlatObject(cells, pitches, self.hidden_object)
         path = replace(self.light_path, object_albedo_area_m2=shown.albedo_area_m2(), beyond_flat=1.0)
-        return replace(self, hidden_object=shown, light_path=path)
+        return replace(self, hidden_object=shown, light_path=path, other_light=None)
 
     @property
     def wavelength_m(self) -> float:
@@ -95,6 +98,13 @@ class Geometry:
     def distance_m(self) -> float:
         """Object to virtual detector."""
         return self.light_path.object_to_detector_m
+
+    @property
+    def other_light_share(self) -> float:
+        """The laser's light by other ways over the hidden object's."""
+        if self.other_light is None or self.light_path.beyond_flat == 0.0 or self.hidden_object.throughput == 0.0:
+            return 0.0
+        return self.other_light.total.per_frame / (self.hidden_object.throughput * self.light_path.pixels)
 
     @property
     def ambient_photoelectrons_per_pixel_s(self) -> np.ndarray | None:
@@ -218,6 +228,7 @@ def read_geometry(scene: mi.Scene) -> Geometry:
         detector_texture=texture,
         ambient_irradiance=ambient_irradiance(scene, detector_centre, right, down, detector_normal,
                                               (height * camera.pixel_pitch_m, width * camera.pixel_pitch_m)),
+        other_light=estimate_other_light(scene),
         direct_light=_direct_light(scene, path.source_albedo, spot_point, source_normal, detector_centre, detector_normal),
     )
 

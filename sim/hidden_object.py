@@ -336,6 +336,8 @@ class FlatObject:
         albedo[np.ix_(*inside)] = self._cells[np.ix_(*(place[held] for place, held in zip(places, inside, strict=True)))]
         return Samples(albedo.astype(np.float64), albedo, np.zeros(shape))
 
+    throughput = 0.0
+
     def position(self, coordinates: np.ndarray, depth_m: np.ndarray) -> np.ndarray:
         return self._like.position(coordinates, depth_m)
 

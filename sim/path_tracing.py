@@ -86,7 +86,7 @@ def estimate_throughput(scene: mi.Scene, samples: int = DEFAULT_SAMPLES, seed: i
     return _mean(np.concatenate([_object_light(paths) for paths in _batches(scene, samples, seed)]))
 
 
-def estimate_other_light(scene: mi.Scene, samples: int = 2**17, seed: int = 0) -> OtherLight:
+def estimate_other_light(scene: mi.Scene, samples: int = 2**16, seed: int = 0) -> OtherLight:
     """Estimate the laser's light that reaches the frame by way of clutter or by several reflections.
 
     Light straight from the spot is left out; `Geometry.direct_light` tells of it. Raises InputError for too few samples.

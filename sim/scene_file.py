@@ -53,7 +53,7 @@ def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -
         if Path(given[key]).is_file():
             given[key] = str(Path(given[key]).resolve())
     effective = {**defaults, **given}
-    assets = _assets(root, path.parent, effective)
+    assets = _assets(root, path.parent, effective, (path.resolve(),))
     try:
         scene = mi.load_file(str(path), optimize=False, **given)
     except Exception as error:  # Mitsuba raises bare exceptions, and wraps those of plugins in its own
@@ -67,19 +67,35 @@ def _file_parameters(root: ElementTree.Element, parameters: Mapping[str, str]) -
     return {key for key in parameters if any(re.search(rf"\${re.escape(key)}\b", text) for text in texts)}
 
 
-def _assets(root: ElementTree.Element, folder: Path, parameters: Mapping[str, str]) -> list[Path]:
-    """Files that the scene names, parameters filled in."""
+def _assets(root: ElementTree.Element, folder: Path, parameters: Mapping[str, str], parents: tuple[Path, ...]) -> list[Path]:
+    """Files that the scene names or includes, and those that these name in turn, parameters filled in."""
     files = []
+    for node in root.iter("include"):
+        file = _named_file(node.get("filename", ""), folder, parameters)
+        if file.resolve() in parents:
+            raise InputError("scene", "files that do not include one another in a circle", file, "remove an <include>")
+        try:
+            included = ElementTree.fromstring(file.read_bytes())
+        except (ElementTree.ParseError, LookupError, ValueError) as error:
+            raise InputError("scene", "well-formed XML", f"{file} ({error})", "correct the file") from None
+        check_loadable(included)
+        own = {node.get("name", ""): node.get("value", "") for node in included.iter("default")}
+        # Mitsuba looks for files beside the outermost scene.
+        files += [file, *_assets(included, folder, {**own, **parameters}, (*parents, file.resolve()))]
     for node in root.iter("string"):
         if node.get("name") == "filename":
-            name = node.get("value", "")
-            for key in sorted(parameters, key=len, reverse=True):
-                name = name.replace(f"${key}", parameters[key])
-            file = folder / name
-            if not file.is_file():
-                raise InputError("scene", f"the file that {node.get('value')} stands for", f"no {file}", "check the path")
-            files.append(file)
+            files.append(_named_file(node.get("value", ""), folder, parameters))
     return files
+
+
+def _named_file(name: str, folder: Path, parameters: Mapping[str, str]) -> Path:
+    filled = name
+    for key in sorted(parameters, key=len, reverse=True):
+        filled = filled.replace(f"${key}", parameters[key])
+    file = folder / filled
+    if not file.is_file():
+        raise InputError("scene", f"the file that {name} stands for", f"no {file}", "check the path")
+    return file
 
 
 def _digest(content: bytes, assets: list[Path], definitions: Mapping[str, str]) -> str:
