@@ -46,7 +46,7 @@ def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: in
     from radiometry.prediction import predict
     from radiometry.safety import spot_safety
     from radiometry.throughput import closed_form, light_budget
-    from sim.plan import scene_warnings
+    from sim.plan_report import disagreement, scene_warnings
 
     path = geometry.light_path
     prediction = predict(geometry)
@@ -55,10 +55,12 @@ def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: in
     safety = None
     if 400e-9 <= path.wavelength_m <= 700e-9:
         safety = spot_safety(path.power_w, path.wavelength_m, geometry.spot.diameter_m, path.source_albedo)
+    monte_carlo = estimate_throughput(scene, samples, seed)
     return {
         **light_budget(path).as_dict(),
         "closed_form_per_frame_db": closed_form(path).as_dict()["per_frame_db"],
-        "monte_carlo": estimate_throughput(scene, samples, seed).as_dict(),
+        "monte_carlo": monte_carlo.as_dict(),
+        "other_light_share": geometry.other_light_share,
         "floor_over_peak": prediction.shot_floor_over_peak,
         "dof": prediction.dof(frames),
         "noise_over_peak": prediction.terms.over_peak(),
@@ -66,7 +68,7 @@ def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: in
         "photoelectrons_per_pixel": prediction.terms.signal,
         "exposure_s": geometry.electronics.exposure_s,
         "safety": safety,
-        "warnings": scene_warnings(geometry, prediction.pitches_m),
+        "warnings": scene_warnings(geometry, prediction.pitches_m) + disagreement(geometry, monte_carlo),
     }
 
 
@@ -81,7 +83,9 @@ def as_text(account: dict[str, Any]) -> str:
     lines += [
         f"{'per pixel':<40}{db(account['per_pixel_db'])}",
         f"{'per frame':<40}{db(account['per_frame_db'])}",
+        f"{'per frame, closed form (flat, Lambertian)':<40}{db(account['closed_form_per_frame_db'])}",
         f"{'per frame, Monte Carlo':<40}{db(monte_carlo['per_frame_db'])}  (95 %: {db(low).strip()} to {db(high).strip()})",
+        f"{'light by other ways, over the object':<40}{account['other_light_share']:9.2g}",
         f"{'photoelectrons per second and frame':<40}{account['photons_per_second']:9.3g}",
         f"{'photoelectrons per pixel':<40}{account['photoelectrons_per_pixel']:9.3g}  in {account['exposure_s']:g} s",
         "floor over peak: " + (", ".join(f"{name.replace('_', ' ')} {share:.3g}" for name, share in

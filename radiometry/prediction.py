@@ -6,7 +6,7 @@ Takes a `sim.geometry.Geometry`, without importing the simulator.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,12 @@ class Prediction:
     def dof(self, frames: int) -> int:
         return degrees_of_freedom(frames, self.grid.count)
 
+    def exposed(self, factor: float) -> Prediction:
+        """The same with exposures longer by a factor."""
+        terms = self.terms
+        longer = replace(terms, signal=terms.signal * factor, dark=terms.dark * factor, ambient=terms.ambient * factor)
+        return replace(self, terms=longer)
+
     def signal_to_noise(self, frames: int) -> float | None:
         """Signal over standard deviation, averaged (by signal) over the lags of the object; None without light."""
         floor = self.terms.floor_over_peak()
@@ -72,7 +78,7 @@ def noise_terms(geometry: Any, albedo: np.ndarray, cell_area_m2: float) -> Noise
     pupil_area = 0.25 * math.pi * geometry.pupil_diameter_m**2
     subjective_grain = (geometry.wavelength_m * geometry.pupil_distance_m) ** 2 / pupil_area
     signal = light_budget(geometry.light_path).photoelectrons_per_pixel_s * electronics.exposure_s
-    other = geometry.other_light_share * signal
+    other = geometry.other_light_share * signal if geometry.other_light_share > 1e-3 else 0.0  # less is not modelled
     return NoiseTerms(
         signal=signal,
         # Two incoherent polarisations halve the speckle's variance.

@@ -12,6 +12,7 @@ from radiometry.errors import ArgumentParser, InputError, check_device, check_se
 KERNELS = ("fraunhofer", "fresnel", "nufft", "direct")
 VERSION_UNKNOWN = "uninstalled"
 SATURATION_WORTH_A_WARNING = 1e-3
+MONTE_CARLO_SAMPLES = 2**16
 
 
 def parser() -> ArgumentParser:
@@ -21,7 +22,8 @@ def parser() -> ArgumentParser:
     p.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="scene parameter")
     p.add_argument("--frames", type=int, default=2)
     p.add_argument("--seed", type=int, default=0)
-    p.add_argument("--plan", action="store_true", help="print what would be modelled, as JSON, and render nothing")
+    p.add_argument("--plan", action="store_true", help="print what would be modelled, and render nothing: a page on a terminal, JSON elsewhere")
+    p.add_argument("--json", action="store_true", help="print the plan as JSON on a terminal, too")
     p.add_argument("--mean", action="store_true", help="write expected photoelectrons, before any noise")
     p.add_argument("--accuracy", choices=("statistical", "field"), default="statistical",
                    help="what the tolerance bounds: the expected autocorrelation, or this realisation's field")
@@ -40,7 +42,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     _check(options)
     from sim.effects import parse_effects
     from sim.geometry import read_geometry
-    from sim.plan import Settings, make_plan
+    from sim.path_tracing import estimate_throughput
+    from sim.plan import Plan, Settings
+    from sim.plan_report import as_json, summary
     from sim.scene_file import load_scene, parse_definitions
 
     definitions = parse_definitions(options.definitions)
@@ -48,13 +52,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     geometry = read_geometry(scene)
     settings = Settings(options.accuracy, options.tolerance, options.propagator, options.precision,
                         parse_effects(options.effects))
-    plan = make_plan(geometry, options.frames, settings)
+    plan = Plan.of(geometry, settings)
+    monte_carlo = estimate_throughput(scene, MONTE_CARLO_SAMPLES)
+    content = as_json(plan, options.frames, monte_carlo)
     if options.plan:
-        print(json.dumps(plan, indent=2, allow_nan=False))
+        readable = sys.stdout.isatty() and not options.json
+        print(summary(plan, options.frames, monte_carlo) if readable else json.dumps(content, indent=2, allow_nan=False))
         return
-    for warning in plan["warnings"]:
+    for warning in content["warnings"]:
         print(f"warning: {warning}", file=sys.stderr)
-    _render(geometry, settings, plan, digest, definitions, options)
+    _render(plan, content, digest, definitions, options)
 
 
 def _check(options) -> None:
@@ -67,7 +74,7 @@ def _check(options) -> None:
     check_device(options.device)
 
 
-def _render(geometry, settings, plan, digest: str, definitions: dict[str, str], options) -> None:
+def _render(plan, content, digest: str, definitions: dict[str, str], options) -> None:
     """Draw every frame into a hidden folder, then move all at once: a stopped run leaves an older capture whole."""
     from tqdm import tqdm
 
@@ -79,7 +86,8 @@ def _render(geometry, settings, plan, digest: str, definitions: dict[str, str], 
     folder = output_folder(options.output)
     staging = staging_folder(folder)
     begin = time.perf_counter()
-    simulation = Simulation(geometry, settings, options.device)
+    geometry = plan.geometry
+    simulation = Simulation(geometry, device=options.device, plan=plan)
     render_s = write_s = saturated = 0.0
     for number in tqdm(range(options.frames), desc="frames", unit="frame", disable=None):
         started = time.perf_counter()
@@ -106,7 +114,7 @@ def _render(geometry, settings, plan, digest: str, definitions: dict[str, str], 
         "expected_photoelectrons_only": options.mean,
         "frames": options.frames,
         "saturated_fraction": saturated,
-        "plan": plan,
+        "plan": content,
         "seconds": {"prepare": time.perf_counter() - begin - render_s - write_s, "render": render_s, "write": write_s},
     })
     replace_capture(staging, folder)

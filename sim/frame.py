@@ -11,16 +11,14 @@ import numpy as np
 import torch
 
 from radiometry.errors import InputError
-from radiometry.prediction import predict
 from radiometry.throughput import light_budget
 from sim.camera import expose, mean_image, transfer_function
 from sim.detector_roughness import exact_image, gamma_image
-from sim.effects import decide, remaining_electronics
+from sim.effects import remaining_electronics
 from sim.geometry import Geometry, read_geometry
 from sim.illumination import illuminate
 from sim.other_light import background_of
-from sim.object_samples import sample_object
-from sim.plan import Settings, check, choose_propagator, modes_of
+from sim.plan import Plan, Settings
 from sim.propagation.direct import Visibility, direct
 from sim.propagation.fraunhofer import fraunhofer
 from sim.propagation.fresnel import fresnel
@@ -34,23 +32,19 @@ class Simulation:
     Raises InputError when the object or the wall cannot be modelled as the settings ask.
     """
 
-    def __init__(self, geometry: Geometry, settings: Settings | None = None, device: str = "cpu") -> None:
-        self.settings = settings or Settings()
+    def __init__(self, geometry: Geometry, settings: Settings | None = None, device: str = "cpu", *,
+                 plan: Plan | None = None) -> None:
         self.device = torch.device(device)
         self._transfer = transfer_function(geometry).to(self.device)
-        self._look_at(geometry)
+        self._follow(plan or Plan.of(geometry, settings))
 
-    def _look_at(self, geometry: Geometry) -> None:
-        check(geometry)
-        self.geometry = geometry
-        self._samples = sample_object(geometry)
+    def _follow(self, plan: Plan) -> None:
+        self.plan, self.geometry, self.settings = plan, plan.geometry, plan.settings
+        self.propagator, self.effects, self._modes, self._samples = plan.kernel, plan.effects, plan.modes, plan.samples
+        self._electronics = remaining_electronics(self.geometry.electronics, self.effects)
         self._gain: np.ndarray | None = None
-        self.propagator = choose_propagator(geometry, self._samples, self.settings)
-        self.effects = decide(geometry, self._samples, predict(geometry).terms, self.settings.effects, self.settings.tolerance)
-        self._electronics = remaining_electronics(geometry.electronics, self.effects)
-        self._modes = modes_of(geometry, self._samples, self.effects, self.settings.accuracy)
-        self._background = background_of(geometry, self.settings.tolerance) if self._models("other_light") else None
-        self.budget = light_budget(geometry.light_path)
+        self._background = background_of(self.geometry, self.settings.tolerance) if self._models("other_light") else None
+        self.budget = light_budget(self.geometry.light_path)
 
     def _models(self, effect: str) -> bool:
         return self.effects[effect].modelled
@@ -58,7 +52,7 @@ class Simulation:
     def showing(self, cells: np.ndarray, pitch_m: float | tuple[float, float]) -> Simulation:
         """The same simulation with a flat object of albedo cells (n, n) in place of the scene's own."""
         other = copy(self)
-        other._look_at(self.geometry.showing(cells, pitch_m))
+        other._follow(Plan.of(self.geometry.showing(cells, pitch_m), self.settings))
         return other
 
     @classmethod
@@ -68,7 +62,7 @@ class Simulation:
     @property
     def mean_photoelectrons(self) -> float:
         """Expected photoelectrons of one pixel from the hidden object, over all speckle realisations."""
-        return self.budget.photoelectrons_per_pixel_s * self.geometry.electronics.exposure_s
+        return self.plan.mean_photoelectrons
 
     def wall_field(self, seed: int, number: int, polarisation: int = 0, offset_hz: float = 0.0, oversampling: int = 1,
                    progress: Callable[[int], object] = lambda parts: None) -> torch.Tensor:

@@ -14,6 +14,7 @@ from sim.propagation.sampling import Scatterers, Wall
 
 FFT_SECONDS_PER_PIXEL = 2e-8
 DIRECT_SECONDS = 0.004
+NUFFT_PLANNING_SECONDS = 0.5
 NUFFT_SECONDS = (0.003, 0.017, 3e-7, 2.5e-8)
 """Once; of a patch; per term and scatterer of a patch; per term and pixel. On two cores, to rank kernels by."""
 
@@ -39,18 +40,19 @@ class Option:
 
 
 def options(wall: Wall, place: np.ndarray, scatterers: Scatterers, lag_m: float | tuple[float, float], accuracy: str,
-            tolerance: float, precision: str | None, *, cheapest: bool = False) -> list[Option]:
-    """All kernels for a scene, cheapest first.
+            tolerance: float, precision: str | None, *, wanted: str | None = None) -> list[Option]:
+    """Kernels for a scene, cheapest first.
 
     Args:
         place, lag_m: see `validity.py`.
-        cheapest: stop at an FFT that meets the tolerance; predicting the dearer kernels takes longer than using it.
+        wanted: a kernel's name for that one only; `auto` for those among which the choice lies, because predicting the
+            dearer ones takes longer than using a cheap one; None for all.
     """
     pixels = math.prod(wall.shape)
     found = []
     statistical = validity.statistical_error(wall, place, scatterers, lag_m) if accuracy == "statistical" else 0.0
     for name in ("fraunhofer", "fresnel"):
-        if precision == "float64":
+        if precision == "float64" or wanted not in (None, "auto", name):
             continue
         error = statistical
         if accuracy == "field":
@@ -58,12 +60,15 @@ def options(wall: Wall, place: np.ndarray, scatterers: Scatterers, lag_m: float 
         why = "flat, delta-correlated object in the far field" if name == "fraunhofer" else "exact phases at the frame's centre"
         cost = FFT_SECONDS_PER_PIXEL * pixels * (1.0 if name == "fraunhofer" else 1.5)
         found.append(Option(name, "float32", error, cost, 16 * pixels, why))
-        if cheapest and error <= tolerance:
+        if wanted == "auto" and error <= tolerance:
             return found
-    for kind in ("float32", "float64"):
-        if precision in (None, kind):
-            found.append(_nufft(wall, scatterers, kind, tolerance))
-            found.append(_direct(wall, scatterers, kind))
+    kinds = [kind for kind in ("float32", "float64") if precision in (None, kind)]
+    if wanted in (None, "auto", "direct"):
+        found += [_direct(wall, scatterers, kind) for kind in kinds]
+    quick = any(option.predicted_error <= tolerance and option.seconds < NUFFT_PLANNING_SECONDS for option in found)
+    if wanted in (None, "nufft") or (wanted == "auto" and not quick):
+        holding = [kind for kind in kinds if wanted != "auto" or 0.5 * tolerance >= nufft.TOLERANCE[kind][0]]
+        found += [_nufft(wall, scatterers, kind, tolerance) for kind in holding or kinds[-1:]]
     return sorted(found, key=lambda option: option.seconds)
 
 

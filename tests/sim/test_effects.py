@@ -16,7 +16,8 @@ from sim.coherence import coherence, lost_contrast, spectral_lines
 from sim.effects import parse_effects
 from sim.frame import Simulation
 from sim.illumination import overlap, specular_field, specular_share
-from sim.plan import Settings, make_plan
+from sim.plan import Settings
+from sim.plan_report import make_plan
 from sim.plugins.speckle_camera import Electronics
 from sim.propagation import nufft
 

@@ -51,7 +51,7 @@ def test_a_solid_letter_shows_its_front_the_right_way_round(tmp_path):
 @pytest.mark.parametrize("name", ["tilted_letter", "occluded_letter", "two_depths", "glyph_mesh", "strong_ambient",
                                   "long_standoff"])
 def test_every_scene_can_be_planned(name):
-    from sim.plan import make_plan
+    from sim.plan_report import make_plan
 
     plan = make_plan(read_geometry(load_scene(scene_path(name))[0]), 2)
     assert plan["warnings"] == []

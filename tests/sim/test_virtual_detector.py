@@ -13,7 +13,8 @@ from radiometry.errors import InputError
 from scenes import scene_path
 from sim.detector_roughness import degrees_of_freedom, exact_image, gamma_image, oversampling
 from sim.frame import Simulation
-from sim.plan import Settings, make_plan
+from sim.plan import Settings
+from sim.plan_report import make_plan
 
 
 def test_roughness_of_the_detector_has_the_pupil_s_statistics(scene):

@@ -1,0 +1,158 @@
+"""A plan to read: as JSON for `sim.json`, as a page for a person, and what it warns of."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from typing import Any
+
+from radiometry.throughput import detector_to_pixel, light_budget
+from sim.effects import Effect
+from sim.geometry import Geometry
+from sim.illumination import overlap, specular_share
+from sim.path_tracing import MonteCarlo
+from sim.plan import Plan, Settings
+
+CAMERA_SECONDS_PER_PIXEL = 7e-8
+"""Blur and Poisson draw of one frame per pixel on two cores; only a prediction of time, never a result."""
+
+WORTH_SEEING = 3.0
+"""Mean signal to noise of an estimate's lags from which an object can be made out."""
+
+DISAGREEMENT = 0.02
+"""Budget and Monte Carlo may differ by so much, or by four standard errors, before it is a warning."""
+
+
+def make_plan(geometry: Geometry, frames: int, settings: Settings | None = None) -> dict[str, Any]:
+    """The plan of a scene as JSON. Raises InputError where the scene cannot be modelled at all."""
+    return as_json(Plan.of(geometry, settings), frames)
+
+
+def as_json(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> dict[str, Any]:
+    """Kernels, effects, warnings, prediction of time and memory, light budget."""
+    geometry, kernel, modes = plan.geometry, plan.kernel, plan.modes
+    pixels = math.prod(geometry.canvas_shape)
+    listed = [*plan.effects.values(),
+              Effect("direct_light", False, "blocked by a shape" if geometry.baffled else "not blocked by any shape", 0.0)]
+    return {
+        "accuracy": plan.settings.accuracy,
+        "tolerance": plan.settings.tolerance,
+        "propagator": kernel.propagator,
+        "precision": kernel.precision,
+        "propagators": [option.as_dict() for option in plan.kernels],
+        "scatterers": len(plan.samples.amplitude),
+        "period_pixels": list(geometry.period_shape),
+        "effects": [asdict(effect) for effect in listed],
+        "predicted_error": kernel.predicted_error + math.fsum(effect.predicted_error for effect in listed),
+        "warnings": warnings_of(plan, frames, monte_carlo),
+        "seconds": frames * modes.samples * (kernel.seconds + pixels * CAMERA_SECONDS_PER_PIXEL),
+        "bytes": (kernel.bytes + 24 * pixels) * modes.oversampling**2,
+        "frames": frames,
+        "throughput": light_budget(geometry.light_path).as_dict(),
+        "monte_carlo": monte_carlo and monte_carlo.as_dict(),
+        "ideal_floor_over_peak": plan.prediction.shot_floor_over_peak,
+        "signal_to_noise": plan.prediction.signal_to_noise(frames) if plan.prediction.dof(frames) else None,
+        "other_light_share": geometry.other_light_share,
+    }
+
+
+def warnings_of(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> list[str]:
+    """What may not be as the scene's author thinks."""
+    tolerance, kernel = plan.settings.tolerance, plan.kernel
+    found = [f"{effect.name}: predicted error {effect.predicted_error:.2g} exceeds the tolerance {tolerance:g}"
+             for effect in plan.effects.values() if effect.predicted_error > tolerance]
+    if kernel.predicted_error > tolerance:
+        found.insert(0, f"propagator {kernel.propagator}: predicted {plan.settings.accuracy} error {kernel.predicted_error:.2g} "
+                     f"exceeds the tolerance {tolerance:g}; use --propagator auto")
+    found += scene_warnings(plan.geometry, plan.prediction.pitches_m)
+    if monte_carlo is not None:
+        found += disagreement(plan.geometry, monte_carlo)
+    ratio = plan.prediction.signal_to_noise(frames) if plan.prediction.dof(frames) else None
+    if ratio is not None and ratio < 1.0:
+        found.append(f"signal to noise: {ratio:.2g} on average over the object's lags in {frames} frames; {advice(plan, frames)}")
+    return found
+
+
+def disagreement(geometry: Geometry, monte_carlo: MonteCarlo) -> list[str]:
+    """A warning where the budget that frames follow lies outside the Monte Carlo's interval."""
+    budget = light_budget(geometry.light_path)
+    expected = budget.per_pixel * budget.pixels
+    allowed = 4.0 * monte_carlo.standard_error + DISAGREEMENT * max(expected, monte_carlo.per_frame)
+    if abs(expected - monte_carlo.per_frame) <= allowed or expected == monte_carlo.per_frame:
+        return []
+    return [f"light budget: {budget.per_frame_db:.2f} dB a frame, but {monte_carlo.per_frame_db:.2f} dB by Monte Carlo (95 %: "
+            + " to ".join("dark" if db is None else f"{db:.2f}" for db in monte_carlo.as_dict()["interval_db"])
+            + "); surfaces may be finer, or highlights sharper, than the samples"]
+
+
+def advice(plan: Plan, frames: int) -> str:
+    """How long to expose for an object to be seen."""
+    for factor in (2.0**n for n in range(1, 61)):
+        longer = plan.prediction.exposed(factor)
+        if (longer.signal_to_noise(frames) or 0.0) >= WORTH_SEEING:
+            return f"expose {factor * plan.geometry.electronics.exposure_s:.2g} s to see it"
+    return "no exposure shows it in so few patches; take more frames"
+
+
+def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> str:
+    """One screen for a person."""
+    geometry, prediction, kernel = plan.geometry, plan.prediction, plan.kernel
+    content = as_json(plan, frames, monte_carlo)
+    grid, pitches = prediction.grid, prediction.pitches_m
+    grain = [geometry.wavelength_m * geometry.distance_m / (extent * pitch)
+             for extent, pitch in zip(geometry.hidden_object.extent_m, geometry.seen_pitch_m, strict=True)]
+    dof, ratio = prediction.dof(frames), content["signal_to_noise"]
+    floor, budget = prediction.terms.floor_over_peak(), light_budget(geometry.light_path)
+    lines = [
+        f"{geometry.frame_shape[0]} x {geometry.frame_shape[1]} pixels, {frames} frames of {geometry.electronics.exposure_s:g} s",
+        f"light           {plan.mean_photoelectrons:.3g} photoelectrons a pixel; {budget.per_pixel_db:.2f} dB a pixel, "
+        f"{budget.per_frame_db:.2f} dB a frame" + ("" if monte_carlo is None else
+                                                   f" ({monte_carlo.per_frame_db:.2f} dB by Monte Carlo)"),
+        f"grain           {grain[0]:.1f} x {grain[1]:.1f} pixels",
+        f"estimate        {grid.rows} x {grid.columns} patches of {grid.patch_shape[0]} x {grid.patch_shape[1]} pixels, "
+        f"{pitches[0] * 1e6:.0f} x {pitches[1] * 1e6:.0f} um a lag, K {dof}",
+        f"noise           floor over peak {'none' if floor is None else f'{floor:.3g}'}, signal to noise "
+        f"{'none' if ratio is None else f'{ratio:.2g}'}"
+        + (f"; {advice(plan, frames)}" if ratio is not None and ratio < WORTH_SEEING else ""),
+        f"propagation     {kernel.propagator} in {kernel.precision}, {plan.settings.accuracy} error {kernel.predicted_error:.2g} "
+        f"of {plan.settings.tolerance:g} allowed, {content['scatterers']} scatterers, about {content['seconds']:.1f} s",
+        "modelled        " + ", ".join(name for name, effect in plan.effects.items() if effect.modelled),
+        "left out        " + ", ".join(f"{name} ({effect.predicted_error:.1g})" if effect.predicted_error else name
+                                       for name, effect in plan.effects.items() if not effect.modelled),
+    ]
+    return "\n".join(lines + [f"warning: {warning}" for warning in content["warnings"]])
+
+
+def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[str]:
+    """What the scene holds that will not show as its author may think."""
+    budget, electronics = light_budget(geometry.light_path), geometry.electronics
+    warnings = []
+    share = specular_share(geometry)
+    if share > 1e-3:
+        warnings.append(f"virtual_source: {100 * share:.3g} % of the light goes its mirror's way, past or onto the object; "
+                        "the light budget counts all of it as scattered")
+    common = overlap(geometry)
+    if common > 0.0:
+        warnings.append(f"scan_step: {100 * common:.3g} % of the spot is shared by one frame and the next, whose speckle then "
+                        f"correlates by {common**2:.2g}: fewer degrees of freedom than predicted; move it by "
+                        f"{geometry.spot.diameter_m:.3g} m or more")
+    for width_m, pitch_m in zip(geometry.hidden_object.extent_m, pitches_m, strict=True):
+        if width_m > 64 * pitch_m:
+            warnings.append(f"hidden_object: {width_m * 1e3:.3g} mm across, but the 64 lags of {pitch_m * 1e6:.4g} um that "
+                            f"truth.npy and invert hold end at {64e3 * pitch_m:.3g} mm; render a smaller one, or invert with "
+                            "a smaller --patch")
+    if budget.per_pixel == 0.0:
+        warnings.append("hidden_object: none of its light reaches the camera; check its albedo, its facing, and occluders")
+    if not geometry.baffled:
+        per_frame = (geometry.direct_light * math.prod(geometry.frame_shape) * geometry.pixel_pitch_m**2
+                     * detector_to_pixel(geometry.light_path) * budget.laser_photons_per_s)
+        warnings.append("direct_light: nothing stands between virtual source and virtual detector; "
+                        f"{per_frame:.3g} photoelectrons/s a frame come straight from the source (none if it faces away) "
+                        "and are not modelled; add a baffle")
+    mean = budget.photoelectrons_per_pixel_s * electronics.exposure_s
+    # Speckle is negative-exponential: this share of the pixels lies above the full well.
+    saturated = math.exp(-electronics.full_well / mean) if electronics.full_well and mean else 0.0
+    if saturated > 1e-3:
+        warnings.append(f"full_well: {100 * saturated:.3g} % of the pixels will saturate, "
+                        "which the noise prediction leaves out")
+    return warnings
