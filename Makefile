@@ -26,6 +26,7 @@ $(VENV)/installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --retries 1 --extra-index-url $(TORCH_INDEX) "torch>=2.6,<2.14"
 	$(BIN)/python -m pip install --quiet --editable ".[test]"
+	.ci/libllvm $(BIN)/python
 	touch $@
 
 clean:

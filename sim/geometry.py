@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -147,8 +148,18 @@ class Geometry:
         return rows, columns
 
 
-def read_geometry(scene: mi.Scene) -> Geometry:
-    """Read a scene in the project's vocabulary; raises InputError naming what is missing or impossible."""
+def fingerprint(scene: mi.Scene) -> int:
+    """A number that changes when `mi.traverse` changes anything in a scene."""
+    return hash(tuple((key, np.asarray(value).tobytes() if hasattr(value, "__array__") or dr.is_array_v(value) else str(value))
+                      for key, value in mi.traverse(scene).items()))
+
+
+def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geometry:
+    """Read a scene in the project's vocabulary; raises InputError naming what is missing or impossible.
+
+    Args:
+        sensor: the camera to look through; the scene's only speckle_camera where None.
+    """
     check_compilable(scene)
     check_surfaces(scene)
     shapes = {shape.id(): shape for shape in scene.shapes()}
@@ -159,7 +170,7 @@ def read_geometry(scene: mi.Scene) -> Geometry:
     source = _shape(shapes, "virtual_source")
     detector = _shape(shapes, "virtual_detector")
     laser = _only(scene.emitters(), Laser, "laser")
-    camera = _only(scene.sensors(), SpeckleCamera, "speckle_camera")
+    camera = sensor if isinstance(sensor, SpeckleCamera) else _only(scene.sensors(), SpeckleCamera, "speckle_camera")
     hidden_shapes = [shape for shape in scene.shapes() if is_hidden_object(shape)]
     if not hidden_shapes:
         raise InputError("hidden_object", "at least one shape whose id starts with hidden_object", sorted(shapes),
@@ -228,7 +239,7 @@ def read_geometry(scene: mi.Scene) -> Geometry:
         detector_texture=texture,
         ambient_irradiance=ambient_irradiance(scene, detector_centre, right, down, detector_normal,
                                               (height * camera.pixel_pitch_m, width * camera.pixel_pitch_m)),
-        other_light=estimate_other_light(scene),
+        other_light=estimate_other_light(scene, camera=camera),
         direct_light=_direct_light(scene, path.source_albedo, spot_point, source_normal, detector_centre, detector_normal),
     )
 

@@ -78,20 +78,21 @@ class OtherLight:
     single: np.ndarray
 
 
-def estimate_throughput(scene: mi.Scene, samples: int = DEFAULT_SAMPLES, seed: int = 0) -> MonteCarlo:
+def estimate_throughput(scene: mi.Scene, samples: int = DEFAULT_SAMPLES, seed: int = 0,
+                        camera: SpeckleCamera | None = None) -> MonteCarlo:
     """Estimate the light of the hidden object in a frame, of a loaded scene in the project's vocabulary.
 
     Raises InputError for too few samples.
     """
-    return _mean(np.concatenate([_object_light(paths) for paths in _batches(scene, samples, seed)]))
+    return _mean(np.concatenate([_object_light(paths) for paths in _batches(scene, samples, seed, camera)]))
 
 
-def estimate_other_light(scene: mi.Scene, samples: int = 2**16, seed: int = 0) -> OtherLight:
+def estimate_other_light(scene: mi.Scene, samples: int = 2**16, seed: int = 0, camera: SpeckleCamera | None = None) -> OtherLight:
     """Estimate the laser's light that reaches the frame by way of clutter or by several reflections.
 
     Light straight from the spot is left out; `Geometry.direct_light` tells of it. Raises InputError for too few samples.
     """
-    values, positions, single = zip(*(_other_light(paths) for paths in _batches(scene, samples, seed)), strict=True)
+    values, positions, single = zip(*(_other_light(paths) for paths in _batches(scene, samples, seed, camera)), strict=True)
     value, position, once = np.concatenate(values), np.concatenate(positions), np.concatenate(single)
     total = value.sum(1)
     lit = total > 0.0
@@ -101,10 +102,10 @@ def estimate_other_light(scene: mi.Scene, samples: int = 2**16, seed: int = 0) -
 class _Paths:
     """Ends that all paths of a batch have: points of the frame, the pupil and the laser's spot."""
 
-    def __init__(self, scene: mi.Scene, count: int, seed: int) -> None:
+    def __init__(self, scene: mi.Scene, count: int, seed: int, camera: SpeckleCamera | None = None) -> None:
         self.scene, self.count = scene, count
         self.laser: Laser = next(emitter for emitter in scene.emitters() if isinstance(emitter, Laser))
-        self.camera: SpeckleCamera = next(sensor for sensor in scene.sensors() if isinstance(sensor, SpeckleCamera))
+        self.camera: SpeckleCamera = camera or next(sensor for sensor in scene.sensors() if isinstance(sensor, SpeckleCamera))
         self.masks = has_masks(scene)
         self._sampler = mi.PCG32(size=count, initstate=seed)
         camera, film = self.camera, self.camera.film().size()
@@ -300,11 +301,11 @@ def _reflected(surface: mi.SurfaceInteraction3f, direction: mi.Vector3f, active:
     return surface.bsdf().eval(mi.BSDFContext(), surface, surface.to_local(direction), active)[0]
 
 
-def _batches(scene: mi.Scene, samples: int, seed: int) -> Iterator[_Paths]:
+def _batches(scene: mi.Scene, samples: int, seed: int, camera: SpeckleCamera | None) -> Iterator[_Paths]:
     if samples < 2:
         raise InputError("samples", "at least 2", samples, "ask for more")
     for number, start in enumerate(range(0, samples, BATCH)):
-        yield _Paths(scene, min(BATCH, samples - start), seed * 65537 + number)
+        yield _Paths(scene, min(BATCH, samples - start), seed * 65537 + number, camera)
 
 
 def _mean(values: np.ndarray) -> MonteCarlo:

@@ -8,6 +8,9 @@ from xml.etree import ElementTree
 
 from radiometry.errors import InputError
 from radiometry.output import silenced
+from sim.libllvm import ENOUGH, prefer_newest, version_of
+
+prefer_newest()
 
 with silenced():  # a missing libLLVM is told by `activate_variant`, on one line
     import drjit as dr
@@ -35,7 +38,6 @@ def activate_variant() -> str:
     return mi.variant()
 
 
-_LLVM_WITH_MAXIMUM = 17
 _PLAIN_EMITTERS = ("Emitter", "AreaLight", "PointLight", "SpotLight")
 """Emitters that an older libLLVM compiles; one written in Python, as the laser is, goes by the name of its base."""
 _PLAIN_SURFACES = {"SmoothDiffuse", "TwoSided", "Null", "PhaseScreen", "UniformSpectrum", "BitmapTexture", "Checkerboard",
@@ -46,14 +48,14 @@ _PLAIN_SURFACES = {"SmoothDiffuse", "TwoSided", "Null", "PhaseScreen", "UniformS
 def llvm_major() -> int | None:
     """Major version of the libLLVM in use, None where it cannot be told."""
     maps = Path("/proc/self/maps")
-    found = re.search(r"libLLVM[-.]?(?:so\.)?(\d+)", maps.read_text()) if maps.is_file() else None
-    return int(found.group(1)) if found else None
+    loaded = re.findall(r"/\S*libLLVM\S*", maps.read_text()) if maps.is_file() else []
+    return version_of(loaded[0]) if loaded else None
 
 
 def _old_llvm() -> int | None:
     """The version in use if it is too old to compile all of Mitsuba."""
     major = llvm_major()
-    return major if major is not None and major < _LLVM_WITH_MAXIMUM and mi.variant().startswith("llvm") else None
+    return major if major is not None and major < ENOUGH and mi.variant().startswith("llvm") else None
 
 
 def check_loadable(root: ElementTree.Element) -> None:
@@ -62,7 +64,7 @@ def check_loadable(root: ElementTree.Element) -> None:
     for node in root.iter("shape"):
         flat = any(child.get("name") == "face_normals" and child.get("value") == "true" for child in node)
         if major and node.get("type") in ("ply", "obj") and not flat:
-            raise InputError(node.get("id", "shape"), f"libLLVM {_LLVM_WITH_MAXIMUM} or newer for a mesh with smooth normals",
+            raise InputError(node.get("id", "shape"), f"libLLVM {ENOUGH} or newer for a mesh with smooth normals",
                              f"libLLVM {major}", "'apt-get install libllvm19', or give the mesh "
                              '<boolean name="face_normals" value="true"/>')
 
@@ -78,12 +80,12 @@ def check_compilable(scene: mi.Scene) -> None:
     for emitter in scene.emitters():
         kind = emitter.class_name()
         if kind not in _PLAIN_EMITTERS:
-            raise InputError(emitter.id() or "emitter", f"libLLVM {_LLVM_WITH_MAXIMUM} or newer to compile a {kind}",
+            raise InputError(emitter.id() or "emitter", f"libLLVM {ENOUGH} or newer to compile a {kind}",
                              f"libLLVM {major}", "'apt-get install libllvm19', or use area, point and spot emitters")
     for shape in scene.shapes():
         culprits = sorted(set(re.findall(r"([A-Za-z]\w*(?: BSDF)?)\s*[\[:]\n", f"{shape.bsdf()}\n")) - _PLAIN_SURFACES)
         if not shape.is_mesh():
             culprits.append(shape.class_name())
         for culprit in culprits:
-            raise InputError(shape.id() or "shape", f"libLLVM {_LLVM_WITH_MAXIMUM} or newer to compile a {culprit}",
+            raise InputError(shape.id() or "shape", f"libLLVM {ENOUGH} or newer to compile a {culprit}",
                              f"libLLVM {major}", "'apt-get install libllvm19', or use meshes and diffuse surfaces")

@@ -6,31 +6,49 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from radiometry.errors import InputError, positive
+from radiometry.errors import InputError
+from sim.plugins.parameters import Parameter, Parameters
+
+PARAMETERS = (
+    Parameter("wavelength", "metres", 1e-9, 1.0),
+    Parameter("power", "watts", 1e-30, 1e15, zero=True),
+    Parameter("spot_diameter", "metres", 1e-9, 1e6),
+    Parameter("linewidth", "hertz (full width at half maximum)", 1e-30, 1e15, 0.0, zero=True),
+)
+_SCAN_STEP = Parameter("scan_step", "metres", 1e-30, 1e15, zero=True)
 
 
 class Laser(mi.Emitter):
     """Beam along the local +z axis of `to_world`.
 
-    Parameters (SI): `to_world`, `wavelength`, `power`, `spot_diameter` (uniform disc on the wall),
-    `linewidth` in Hz (full width at half maximum, 0), `scan_step` (way of the spot between frames; its diameter or more).
+    Parameters: `to_world`, `wavelength`, `power`, `spot_diameter` (uniform disc on the wall), `linewidth`, `scan_step` (way of the
+    spot between frames; its diameter or more where left out).
     """
 
     def __init__(self, props: mi.Properties) -> None:
         mi.Emitter.__init__(self, props)
         self.m_flags = mi.EmitterFlags.DeltaPosition
         self.m_needs_sample_2 = False
-        self.wavelength_m = positive("laser.wavelength", props["wavelength"])
-        self.power_w = positive("laser.power", props["power"], zero_allowed=True)
-        self.spot_diameter_m = positive("laser.spot_diameter", props["spot_diameter"])
-        self.linewidth_hz = positive("laser.linewidth", props.get("linewidth", 0.0), zero_allowed=True)
+        self._parameters = Parameters("laser", PARAMETERS, props)
         step = props.get("scan_step", None)
-        self.scan_step_m = None if step is None else positive("laser.scan_step", step, zero_allowed=True)
+        self.scan_step_m = None if step is None else _SCAN_STEP.checked("laser", step)
         if "to_world" not in props:
             raise InputError("laser.to_world", "a transform that aims the beam", "none", "add a <lookat> to the laser")
         matrix = np.asarray(props["to_world"].matrix, np.float64)
         self.origin = matrix[:3, 3]
         self.direction = matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
+        self._take()
+
+    def _take(self) -> None:
+        values = self._parameters
+        self.wavelength_m, self.power_w = values["wavelength"], values["power"]
+        self.spot_diameter_m, self.linewidth_hz = values["spot_diameter"], values["linewidth"]
+
+    def traverse(self, callback):
+        self._parameters.traverse(callback)
+
+    def parameters_changed(self, keys=()):
+        self._parameters.changed(self._take)
 
     # To Mitsuba's own integrators the beam is dark: coherent light is the `speckle` integrator's, and
     # ambient light is whatever the other emitters give.

@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import mitsuba as mi
 
-from radiometry.errors import InputError, positive
+from radiometry.errors import InputError
+from sim.plugins.parameters import Parameter, Parameters
+
+PARAMETERS = (
+    Parameter("height_rms", "metres", 1e-30, 1e6, zero=True),
+    Parameter("correlation_length", "metres", 1e-30, 1e6),
+)
 
 
 class PhaseScreen(mi.BSDF):
@@ -13,8 +19,8 @@ class PhaseScreen(mi.BSDF):
 
     def __init__(self, props: mi.Properties) -> None:
         mi.BSDF.__init__(self, props)
-        self.height_rms_m = positive("phase_screen.height_rms", props["height_rms"], zero_allowed=True)
-        self.correlation_length_m = positive("phase_screen.correlation_length", props["correlation_length"])
+        self._parameters = Parameters("phase_screen", PARAMETERS, props)
+        self._take()
         self.depolarising = bool(props.get("depolarising", False))
         nested = [props[name] for name in props.unqueried() if isinstance(props[name], mi.BSDF)]
         if len(nested) != 1:
@@ -23,6 +29,9 @@ class PhaseScreen(mi.BSDF):
         self.nested = nested[0]
         self.m_components = [self.nested.flags(i) for i in range(self.nested.component_count())]
         self.m_flags = self.nested.flags()
+
+    def _take(self) -> None:
+        self.height_rms_m, self.correlation_length_m = self._parameters["height_rms"], self._parameters["correlation_length"]
 
     def sample(self, ctx, si, sample1, sample2, active=True):
         return self.nested.sample(ctx, si, sample1, sample2, active)
@@ -43,7 +52,11 @@ class PhaseScreen(mi.BSDF):
         return self.nested.eval_null_transmission(si, active)
 
     def traverse(self, callback):
+        self._parameters.traverse(callback)
         callback.put("nested", self.nested, mi.ParamFlags.Differentiable)
+
+    def parameters_changed(self, keys=()):
+        self._parameters.changed(self._take)
 
     def to_string(self) -> str:
         return (f"PhaseScreen[\n  height_rms = {self.height_rms_m},\n  correlation_length = {self.correlation_length_m},\n"

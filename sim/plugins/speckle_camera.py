@@ -8,9 +8,29 @@ import mitsuba as mi
 import numpy as np
 
 from radiometry.errors import InputError, positive
+from sim.plugins.parameters import Parameter, Parameters
 
-PARAMETERS = ("quantum_efficiency", "read_noise", "row_noise", "column_noise", "fixed_pattern", "dark_current", "full_well",
-              "bits", "gain")
+ELECTRONIC = (
+    Parameter("exposure", "seconds", 1e-30, 1e15),
+    Parameter("quantum_efficiency", "", 0.0, 1.0, 1.0),
+    Parameter("read_noise", "electrons rms", 1e-30, 1e15, 0.0, zero=True),
+    Parameter("row_noise", "electrons rms", 1e-30, 1e15, 0.0, zero=True),
+    Parameter("column_noise", "electrons rms", 1e-30, 1e15, 0.0, zero=True),
+    Parameter("fixed_pattern", "electrons rms", 1e-30, 1e15, 0.0, zero=True),
+    Parameter("dark_current", "electrons a pixel and second", 1e-30, 1e15, 0.0, zero=True),
+    Parameter("full_well", "electrons", 1e-30, 1e15, 0.0, zero=True),
+    Parameter("bits", "", 1, 32, 0.0, zero=True),
+    Parameter("gain", "electrons per number", 1e-30, 1e15, 0.0, zero=True),
+)
+
+OPTICAL = (
+    Parameter("pixel_pitch", "metres on the sensor", 1e-9, 1e6),
+    Parameter("magnification", "", 1e-9, 1e9),
+    Parameter("pupil_diameter", "metres", 1e-9, 1e9),
+    Parameter("transmission", "", 0.0, 1.0, 1.0),
+)
+
+PARAMETERS = tuple(parameter.name for parameter in ELECTRONIC[1:])
 
 
 @dataclass(frozen=True)
@@ -70,16 +90,8 @@ class SpeckleCamera(mi.Sensor):
 
     def __init__(self, props: mi.Properties) -> None:
         mi.Sensor.__init__(self, props)
-        magnification = positive("speckle_camera.magnification", props["magnification"])
-        self.pixel_pitch_m = positive("speckle_camera.pixel_pitch", props["pixel_pitch"]) / magnification
-        self.magnification = magnification
-        self.pupil_diameter_m = positive("speckle_camera.pupil_diameter", props["pupil_diameter"])
-        self.transmission = float(props.get("transmission", 1.0))
-        self.electronics = Electronics(
-            exposure_s=props["exposure"],
-            **{name: props.get(name, getattr(Electronics, name))
-               for name in PARAMETERS},
-        )
+        self._parameters = Parameters("speckle_camera", (*OPTICAL, *ELECTRONIC), props)
+        self._take()
         if "to_world" not in props:
             raise InputError("speckle_camera.to_world", "a transform that aims the camera", "none",
                              "add a <lookat> to the speckle_camera")
@@ -87,6 +99,22 @@ class SpeckleCamera(mi.Sensor):
         self.pupil_centre = matrix[:3, 3]
         self.axis = matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
         self.up = matrix[:3, 1] / np.linalg.norm(matrix[:3, 1])
+
+    def _take(self) -> None:
+        values = self._parameters
+        self.magnification = values["magnification"]
+        self.pixel_pitch_m = values["pixel_pitch"] / self.magnification
+        self.pupil_diameter_m, self.transmission = values["pupil_diameter"], values["transmission"]
+        # The constructor asks for a whole number of bits, which a float that is none fails.
+        bits = values["bits"]
+        self.electronics = Electronics(exposure_s=values["exposure"], bits=int(bits) if bits == int(bits) else bits,
+                                       **{name: values[name] for name in PARAMETERS if name != "bits"})
+
+    def traverse(self, callback):
+        self._parameters.traverse(callback)
+
+    def parameters_changed(self, keys=()):
+        self._parameters.changed(self._take)
 
     def bbox(self) -> mi.ScalarBoundingBox3f:
         return mi.ScalarBoundingBox3f()

@@ -1,0 +1,36 @@
+"""Which libLLVM Dr.Jit compiles with: the newest on the machine, unless DRJIT_LIBLLVM_PATH names one."""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+
+ENOUGH = 17
+"""Dr.Jit's minimum and maximum need this version on x86; spheres, smooth meshes, masks and microfacets use them."""
+
+_PLACES = ("/usr/lib/*/libLLVM*.so*", "/usr/lib64/libLLVM*.so*", "/usr/lib/llvm-*/lib/libLLVM*.so*",
+           "/usr/local/lib/libLLVM*.so*", "/opt/homebrew/opt/llvm/lib/libLLVM*.dylib", "/usr/local/opt/llvm/lib/libLLVM*.dylib")
+
+
+def version_of(path: str) -> int | None:
+    """Major version in a library's name, with links followed; None where it has none."""
+    for name in (os.path.basename(path), os.path.basename(os.path.realpath(path)), os.path.realpath(path)):
+        found = re.search(r"libLLVM[-.](?:so\.)?(\d+)|llvm[-@](\d+)", name)
+        if found:
+            return int(found.group(1) or found.group(2))
+    return None
+
+
+def newest() -> tuple[str, int] | None:
+    """Path and major version of the newest libLLVM in the usual places; None without any."""
+    found = [(version_of(path), path) for place in _PLACES for path in glob.glob(place) if os.path.isfile(path)]
+    versions = sorted((version, path) for version, path in found if version is not None)
+    return (versions[-1][1], versions[-1][0]) if versions else None
+
+
+def prefer_newest() -> None:
+    """Point Dr.Jit to the newest libLLVM; to be called before Dr.Jit first compiles."""
+    best = newest()
+    if "DRJIT_LIBLLVM_PATH" not in os.environ and best is not None and best[1] >= ENOUGH:
+        os.environ["DRJIT_LIBLLVM_PATH"] = best[0]

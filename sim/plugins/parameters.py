@@ -1,0 +1,76 @@
+"""Numbers of a plugin that `mi.traverse` shows and changes, each with its unit and range."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import mitsuba as mi
+
+from radiometry.errors import InputError
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a plugin.
+
+    Attributes:
+        unit: SI, in words; none for ratios and counts.
+        low, high: the range, both ends included.
+        default: None where the scene must give it.
+        zero: whether zero, which leaves an effect out, is legal below `low`.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    default: float | None = None
+    zero: bool = False
+
+    def checked(self, plugin: str, value: Any) -> float:
+        """The value as a float; InputError in the parameter's own unit where it lies outside its range."""
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            number = float("nan")
+        if self.low <= number <= self.high or (self.zero and number == 0.0):
+            return number
+        unit = f" {self.unit}" if self.unit else ""
+        raise InputError(f"{plugin}.{self.name}", f"{'0, or ' if self.zero else ''}{self.low:g} to {self.high:g}{unit}", value,
+                         f"correct {self.name}")
+
+
+class Parameters:
+    """Values of a plugin's parameters; `mi.traverse` holds the same arrays, so that an update changes both."""
+
+    def __init__(self, plugin: str, known: tuple[Parameter, ...], props: mi.Properties) -> None:
+        self._plugin, self._known = plugin, {parameter.name: parameter for parameter in known}
+        self._given: dict[str, float] = {}
+        for name, parameter in self._known.items():
+            if parameter.default is None and name not in props:
+                raise InputError(f"{plugin}.{name}", f"a number in {parameter.unit or 'no unit'}", "none", "add it to the scene")
+            self._given[name] = parameter.checked(plugin, props.get(name, parameter.default))
+        self._shown = {name: mi.Float64(value) for name, value in self._given.items()}
+
+    def __getitem__(self, name: str) -> float:
+        return self._given[name]
+
+    def traverse(self, callback: mi.TraversalCallback) -> None:
+        for name, value in self._shown.items():
+            callback.put(name, value, mi.ParamFlags.NonDifferentiable)
+
+    def changed(self, then: Callable[[], None]) -> None:
+        """Take over what `mi.traverse` changed; an impossible value is refused and the former one stays."""
+        before = dict(self._given)
+        try:
+            for name, value in self._shown.items():
+                self._given[name] = self._known[name].checked(self._plugin, float(value[0]))
+            then()
+        except InputError:
+            self._given = before
+            for name, value in before.items():
+                self._shown[name][0] = value
+            then()
+            raise
