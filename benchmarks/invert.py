@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from invert.capture import CameraFacts, Capture
 from invert.estimate import estimate_from_frames
 from invert.hio import HioOptions, hio
 from invert.learned import denoise, look, observation, predict
@@ -49,7 +48,7 @@ def main() -> None:
     geometry = simulation.geometry
     facts = CameraFacts(geometry.wavelength_m, geometry.pixel_pitch_m, geometry.distance_m, geometry.pupil_diameter_m,
                         geometry.pupil_distance_m, *geometry.seen_pitch_m)
-    capture = Capture(frames, [Path("frame_0.exr"), Path("frame_1.exr")], facts)
+    capture = Capture(frames, facts)
     estimate = estimate_from_frames(capture, None, "cpu")
     measurement = read_measurement(estimate.lags, transfer=estimate.transfer)
     network, _ = load_network(SHIPPED)

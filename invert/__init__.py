@@ -18,5 +18,29 @@
     result.py        the files of a result
     __main__.py      the command
 
+    inversion.py     all of it in one call
+
 Nothing here imports Mitsuba.
 """
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from invert.inversion import Result, reconstruct
+    from radiometry.capture import CameraFacts, Capture
+
+__all__ = ["CameraFacts", "Capture", "Result", "reconstruct"]
+
+
+def __getattr__(name: str) -> Any:
+    """The public names, imported when first asked for."""
+    if name in ("Result", "reconstruct"):
+        from importlib import import_module
+
+        return getattr(import_module("invert.inversion"), name)
+    if name in __all__:
+        from radiometry import capture
+
+        return getattr(capture, name)
+    raise AttributeError(f"module 'invert' has no attribute {name!r}")
+

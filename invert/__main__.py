@@ -34,9 +34,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Read, estimate, then retrieve and report each estimate."""
     options = parser().parse_args(argv)
     patch = _check(options)
-    from invert.capture import CameraFacts, read_capture
+    from invert.capture import read_capture
     from invert.estimate import estimate_from_frames, published_estimate
     from invert.result import check_truth_pitch, read_truth
+    from radiometry.capture import CameraFacts
     from radiometry.output import output_folder
 
     begin = time.perf_counter()
@@ -62,19 +63,12 @@ def _invert(estimate, truth, read_s: float, folder: Path, options) -> None:
     """Read the noise, retrieve the albedo, write the result."""
     from tqdm import tqdm
 
-    from invert.methods import iterations, retrieve
-    from invert.result import write_result
-    from invert.spectrum import read_measurement
+    from invert.inversion import retrieved, steps
 
-    begin = time.perf_counter()
-    measurement = read_measurement(estimate.lags, estimate.quantisation, estimate.transfer)
-    steps = iterations(options.method, options.quality)
-    with tqdm(total=steps, desc=options.method, unit="it", disable=None, leave=False) as bar:
-        result = retrieve(measurement, options.method, options.quality, options.seed, options.device, bar.update,
-                          options.weights)
-    seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
-    settings = {"method": options.method, "quality": options.quality, "seed": options.seed}
-    summary = write_result(folder, estimate, measurement, result, truth, settings, seconds)
+    with tqdm(total=steps(options.method, options.quality), desc=options.method, unit="it", disable=None, leave=False) as bar:
+        result = retrieved(estimate, method=options.method, quality=options.quality, weights=options.weights,
+                           seed=options.seed, device=options.device, read_s=read_s, progress=bar.update)
+    summary = result.save(folder, truth)
     print(f"{'object found' if summary['object_found'] else 'no object found'}: {folder / 'report.png'}")
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from radiometry.autocorrelation import SIDE
+from radiometry.capture import CameraFacts, Capture
 from radiometry.errors import InputError, positive
 from radiometry.frames import FrameHeader, read_frame
 
@@ -21,39 +22,6 @@ LARGEST_PIXEL = 1e9
 
 FRAME_KINDS = (".exr", ".tif", ".tiff", ".png", ".npy")
 """In a folder, the first kind that is there is the capture."""
-
-
-@dataclass(frozen=True)
-class CameraFacts:
-    """What is known of the capture; None where it is not. Lengths in metres, pitch on a wall that faces the camera.
-
-    `row_pitch_m` and `column_pitch_m` differ from it where camera or wall stand at an angle.
-    """
-
-    wavelength_m: float | None = None
-    pixel_pitch_m: float | None = None
-    distance_m: float | None = None
-    pupil_diameter_m: float | None = None
-    pupil_distance_m: float | None = None
-    row_pitch_m: float | None = None
-    column_pitch_m: float | None = None
-
-    @property
-    def lag_geometry(self) -> tuple[float, float, tuple[float, float]] | None:
-        """(wavelength, distance, pitches of rows and of columns as the object sees them), None unless all are known."""
-        if self.wavelength_m is None or self.distance_m is None or self.pixel_pitch_m is None:
-            return None
-        pitches = self.row_pitch_m or self.pixel_pitch_m, self.column_pitch_m or self.pixel_pitch_m
-        return self.wavelength_m, self.distance_m, pitches
-
-
-@dataclass(frozen=True)
-class Capture:
-    """Frames of one capture, each float32 (H, W), and what is known about them."""
-
-    frames: list[np.ndarray]
-    files: list[Path]
-    facts: CameraFacts
 
 
 def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
@@ -114,12 +82,12 @@ def read_capture(inputs: Sequence[str | Path], known: CameraFacts, dark: Path | 
     given = {name: positive(name, value) for name, value in vars(known).items() if value is not None}
     if "pixel_pitch_m" in given:  # the header's angles went with its own pitch
         given = {"row_pitch_m": None, "column_pitch_m": None, **given}
-    facts = replace(_facts_of(first), **given)
+    facts = replace(CameraFacts.of(first), **given)
     lacking = [name for name in ("wavelength_m", "pixel_pitch_m", "distance_m") if getattr(facts, name) is None]
     if given and lacking:
         options = ", ".join("--" + name.replace("_", "-") for name in lacking)
         raise InputError("camera facts", "wavelength, pixel pitch and distance together", f"no {options}", f"add {options}")
-    return Capture(frames, files, facts)
+    return Capture(frames, facts, tuple(file.name for file in files))
 
 
 def read_picture(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
@@ -173,13 +141,6 @@ def check_frame(pixels: np.ndarray, file: Path) -> None:
 def _capture_of(header: FrameHeader | None) -> FrameHeader | None:
     """What all frames of a capture have in common: their header but for seed and number."""
     return header and replace(header, seed=0, frame=0)
-
-
-def _facts_of(header: FrameHeader | None) -> CameraFacts:
-    if header is None:
-        return CameraFacts()
-    return CameraFacts(header.wavelength_m, header.pixel_pitch_m, header.distance_m, header.pupil_diameter_m,
-                       header.pupil_distance_m, header.row_pitch_m, header.column_pitch_m)
 
 
 def read_autocorrelation(file: Path) -> tuple[np.ndarray, float]:

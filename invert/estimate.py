@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from invert.capture import Capture, read_autocorrelation
+from invert.capture import read_autocorrelation
 from radiometry.autocorrelation import LAGS, AutocorrelationEstimator, automatic_patch_size, patch_grid
+from radiometry.capture import Capture
 from radiometry.transfer import lag_transfer
 
 
@@ -51,7 +52,7 @@ def estimate_from_frames(capture: Capture, patch: int | None, device: str) -> Es
             eighth of the frame where the camera is unknown.
     """
     begin = time.perf_counter()
-    geometry = capture.facts.lag_geometry
+    geometry = capture.camera.lag_geometry
     shape = (capture.frames[0].shape[0], capture.frames[0].shape[1])
     grid = patch_grid(shape, automatic_patch_size(shape, geometry) if patch is None else patch)
     estimator = AutocorrelationEstimator(grid, device)
@@ -59,7 +60,7 @@ def estimate_from_frames(capture: Capture, patch: int | None, device: str) -> Es
         estimator.add(frame)
     lags = estimator.estimate()
     return Estimate(
-        name=", ".join(file.name for file in capture.files),
+        name=", ".join(capture.names) or f"{len(capture.frames)} frames",
         lags=lags,
         transfer=_camera_transfer(capture, grid.patch_shape),
         pitches_m=grid.lag_pitches_m(*geometry) if geometry else None,
@@ -74,7 +75,7 @@ def estimate_from_frames(capture: Capture, patch: int | None, device: str) -> Es
 
 
 def _camera_transfer(capture: Capture, patch_shape: tuple[int, int]) -> np.ndarray | None:
-    facts = capture.facts
+    facts = capture.camera
     if facts.lag_geometry is None or facts.pupil_diameter_m is None or facts.pupil_distance_m is None:
         return None
     return lag_transfer(np.arange(-LAGS, LAGS + 1), patch_shape, facts.pixel_pitch_m, facts.pupil_diameter_m,

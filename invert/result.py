@@ -52,14 +52,14 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
                  truth: np.ndarray | None, settings: dict[str, Any], seconds: dict[str, float]) -> dict[str, Any]:
     """Write albedo.npy, albedo.png, autocorrelation.npy, report.png and, last, result.json; returns its content.
 
-    With a truth the albedo is moved onto it, and the floor over peak is read by fitting the known
-    r*r to all lags instead of extrapolating the measured ones to zero lag.
+    With a truth the report shows the albedo moved onto it, and the floor over peak is read by fitting the known
+    r*r to all lags instead of extrapolating the measured ones to zero lag; the saved albedo stays where it is.
     """
     (folder / "result.json").unlink(missing_ok=True)  # an older result must not vouch for half of a new one
-    albedo, comparison = result.albedo, {}
+    shown, comparison = result.albedo, {}
     floor_over_peak, floor_error = measurement.floor_over_peak, measurement.floor_over_peak_error
     if truth is not None:
-        pearson, albedo = aligned_pearson(albedo, truth)
+        pearson, shown = aligned_pearson(result.albedo, truth)
         comparison = {"pearson": pearson}
         floor_over_peak, floor_error = floor_over_known_peak(estimate, truth, bool(measurement.mended)), None
     summary = {
@@ -82,10 +82,10 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
         **comparison,
         "seconds": seconds,
     }
-    save_array(folder / "albedo.npy", np.ascontiguousarray(albedo, np.float32))
+    save_array(folder / "albedo.npy", np.ascontiguousarray(result.albedo, np.float32))
     save_array(folder / "autocorrelation.npy", estimate.lags)
-    save_picture(folder / "albedo.png", albedo)
-    save_report(folder / "report.png", frame=estimate.frame, estimate=estimate.lags, albedo=albedo, truth=truth,
+    save_picture(folder / "albedo.png", result.albedo)
+    save_report(folder / "report.png", frame=estimate.frame, estimate=estimate.lags, albedo=shown, truth=truth,
                 numbers=_numbers(summary))
     save_json(folder / "result.json", summary)
     return summary

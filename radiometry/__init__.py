@@ -1,8 +1,7 @@
 """Radiometry: photons, the light budget, frames and the autocorrelation estimate with its noise.
 
     photons.py          photon rates, coherence area, ideal noise floor
-    throughput.py       closed-form light budget, one row a factor
-    path_tracing.py     Monte Carlo light budget on a Mitsuba scene
+    throughput.py       light budget, one row a factor; its closed form for flat, Lambertian scenes
     safety.py           laser safety of the spot
     transfer.py         H: pupil and pixel
     autocorrelation.py  frames -> patches -> estimate (Eqs. 8 and 9), and what a patch window does to r*r
@@ -12,6 +11,8 @@
     prediction.py       all of these for a scene
     exposure_planner.py how to divide a photon budget (command: plan.py)
     validate.py         rendered and lab noise against prediction (lab_series.py, validation_figures.py)
+    scene_budget.py     light budget and prediction of a scene in one call
+    capture.py          frames with the facts of their camera (capture_folder.py: the folder of them, replaced as a whole)
     frames.py           EXR frames with their header (exr_version.py: one attribute of it)
     errors.py           InputError: name, expected, found, remedy
     output.py           folders and files, never half-written
@@ -21,6 +22,21 @@ Everything else builds on this package; it imports none of the others.
 """
 
 import os
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from radiometry.scene_budget import Forecast, light_budget, predict
+
+__all__ = ["Forecast", "light_budget", "predict"]
 
 # torch's threads busy-wait for one another; on shared cores that slows two jobs tenfold. Set before torch loads.
 os.environ.setdefault("GOMP_SPINCOUNT", "1000")
+
+
+def __getattr__(name: str) -> Any:
+    """The public names, imported when first asked for."""
+    if name in __all__:
+        from radiometry import scene_budget
+
+        return getattr(scene_budget, name)
+    raise AttributeError(f"module 'radiometry' has no attribute {name!r}")

@@ -24,6 +24,7 @@ Importing it sets a Mitsuba variant (unless one is set) and registers the plugin
 """
 
 import sys
+from typing import TYPE_CHECKING, Any
 
 from radiometry.errors import InputError
 from sim.variant import activate_variant
@@ -36,6 +37,25 @@ except InputError as error:
         raise SystemExit(2) from None
     raise
 
+if TYPE_CHECKING:
+    from sim.plan import Settings
+    from sim.scene import Scene, load, render, wall_field
+
 from sim.plugins import register_plugins  # (plugins need the variant)
 
 register_plugins()
+
+__all__ = ["Scene", "Settings", "load", "render", "wall_field"]
+
+
+def __getattr__(name: str) -> Any:
+    """The public names, imported when first asked for."""
+    if name == "Settings":
+        from sim.plan import Settings
+
+        return Settings
+    if name in __all__:
+        from sim import scene
+
+        return getattr(scene, name)
+    raise AttributeError(f"module 'sim' has no attribute {name!r}")

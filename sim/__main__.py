@@ -10,9 +10,7 @@ from collections.abc import Sequence
 from radiometry.errors import ArgumentParser, InputError, check_device, check_seed, positive, run_command
 
 KERNELS = ("fraunhofer", "fresnel", "nufft", "direct")
-VERSION_UNKNOWN = "uninstalled"
 SATURATION_WORTH_A_WARNING = 1e-3
-MONTE_CARLO_SAMPLES = 2**16
 
 
 def parser() -> ArgumentParser:
@@ -24,6 +22,8 @@ def parser() -> ArgumentParser:
     p.add_argument("--seed", type=int, default=0)
     p.add_argument("--plan", action="store_true", help="print what would be modelled, and render nothing: a page on a terminal, JSON elsewhere")
     p.add_argument("--json", action="store_true", help="print the plan as JSON on a terminal, too")
+    p.add_argument("--truth-patch", type=int, metavar="PIXELS",
+                   help="patch size whose lags truth.npy is sampled at, for 'invert --patch'; as invert would choose if left out")
     p.add_argument("--mean", action="store_true", help="write expected photoelectrons, before any noise")
     p.add_argument("--accuracy", choices=("statistical", "field"), default="statistical",
                    help="what the tolerance bounds: the expected autocorrelation, or this realisation's field")
@@ -45,6 +45,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     from sim.path_tracing import estimate_throughput
     from sim.plan import Plan, Settings
     from sim.plan_report import as_json, summary
+    from sim.scene import MONTE_CARLO_SAMPLES
     from sim.scene_file import load_scene, parse_definitions
 
     definitions = parse_definitions(options.definitions)
@@ -78,69 +79,31 @@ def _render(plan, content, digest: str, definitions: dict[str, str], options) ->
     """Draw every frame into a hidden folder, then move all at once: a stopped run leaves an older capture whole."""
     from tqdm import tqdm
 
-    from radiometry.frames import FrameHeader, write_frame
+    from radiometry.capture_folder import frame_path, replace_capture, staging_folder
+    from radiometry.frames import write_frame
     from radiometry.output import output_folder, save_array, save_json
-    from sim.capture_folder import frame_path, replace_capture, staging_folder
-    from sim.frame import Simulation
+    from sim.scene import draw, header, lag_grid_albedo, record, saturation
 
     folder = output_folder(options.output)
     staging = staging_folder(folder)
     begin = time.perf_counter()
-    geometry = plan.geometry
-    simulation = Simulation(geometry, device=options.device, plan=plan)
-    render_s = write_s = saturated = 0.0
-    for number in tqdm(range(options.frames), desc="frames", unit="frame", disable=None):
+    truth, pitches_m = lag_grid_albedo(plan.geometry, options.truth_patch)
+    write_s = saturated = 0.0
+    drawn = draw(plan, options.frames, options.seed, mean=options.mean, device=options.device)
+    prepared = time.perf_counter()
+    for number, frame in enumerate(tqdm(drawn, total=options.frames, desc="frames", unit="frame", disable=None)):
         started = time.perf_counter()
-        frame = simulation.expected(options.seed, number) if options.mean else simulation.frame(options.seed, number)
-        rendered = time.perf_counter()
-        header = FrameHeader(geometry.wavelength_m, geometry.pixel_pitch_m, geometry.distance_m,
-                             geometry.electronics.exposure_s, options.seed, number, digest, _version(),
-                             geometry.pupil_diameter_m, geometry.pupil_distance_m, *geometry.seen_pitch_m)
-        write_frame(frame_path(staging, number), frame.numpy(), header)
-        if geometry.electronics.full_well:
-            saturated += float((frame >= geometry.electronics.full_well).double().mean()) / options.frames
-        render_s, write_s = render_s + rendered - started, write_s + time.perf_counter() - rendered
-    truth, pitches_m = lag_grid_albedo(geometry)
+        write_frame(frame_path(staging, number), frame, header(plan, options.seed, number, digest))
+        saturated += saturation(plan, [frame]) / options.frames
+        write_s += time.perf_counter() - started
+    seconds = {"prepare": prepared - begin, "render": time.perf_counter() - prepared - write_s, "write": write_s}
     save_array(staging / "truth.npy", truth)
-    save_json(staging / "sim.json", {
-        "scene": str(options.scene),
-        "scene_sha256": digest,
-        "definitions": definitions,
-        "seed": options.seed,
-        "version": _version(),
-        "lag_pitch_m": pitches_m[0],
-        "lag_pitches_m": pitches_m,
-        "mean_photoelectrons_per_pixel": simulation.mean_photoelectrons,
-        "expected_photoelectrons_only": options.mean,
-        "frames": options.frames,
-        "saturated_fraction": saturated,
-        "plan": content,
-        "seconds": {"prepare": time.perf_counter() - begin - render_s - write_s, "render": render_s, "write": write_s},
-    })
+    save_json(staging / "sim.json", record(plan, content, str(options.scene), digest, definitions, options.seed, options.frames,
+                                           pitches_m, mean=options.mean, saturated=saturated, seconds=seconds))
     replace_capture(staging, folder)
     if saturated > SATURATION_WORTH_A_WARNING:
         print(f"warning: full_well: {100 * saturated:.3g} % of the pixels are saturated", file=sys.stderr)
     print(f"{options.frames} frames: {folder}")
-
-
-def lag_grid_albedo(geometry):
-    """The hidden object's albedo on the lag grid that `invert` chooses for these frames.
-
-    (64, 64) float32, and the pitches down and right.
-    """
-    from radiometry.prediction import patches_of
-
-    _, pitches_m = patches_of(geometry)
-    return geometry.hidden_object.cell_means(pitches_m, 64), pitches_m
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("correlograph")
-    except PackageNotFoundError:
-        return VERSION_UNKNOWN
 
 
 if __name__ == "__main__":

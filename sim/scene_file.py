@@ -118,3 +118,14 @@ def _as_input_error(error: Exception, path: Path) -> InputError:
     telling = [line for line in lines if "rror" in line or "expected" in line]
     reason = (telling or lines or [type(error).__name__])[-1]
     return InputError("scene", "a scene that Mitsuba can load", f"{path} ({reason})", "correct the file or the -D values")
+
+
+def version() -> str:
+    """Of the installed package."""
+    from importlib.metadata import PackageNotFoundError
+    from importlib.metadata import version as installed
+
+    try:
+        return installed("correlograph")
+    except PackageNotFoundError:
+        return "uninstalled"

@@ -33,7 +33,7 @@ def test_kinds_of_files(tmp_path, random, kind):
     (tmp_path / "notes.txt").write_text("not a frame")
     capture = read_capture([tmp_path], UNKNOWN)
     assert all(np.array_equal(a, b) for a, b in zip(capture.frames, frames, strict=True))
-    assert (capture.facts.lag_geometry is not None) == (kind == "exr")
+    assert (capture.camera.lag_geometry is not None) == (kind == "exr")
 
 
 def test_options_win_over_headers_and_dark_frames_are_subtracted(tmp_path, random):
@@ -41,7 +41,8 @@ def test_options_win_over_headers_and_dark_frames_are_subtracted(tmp_path, rando
     write_frame(tmp_path / "a.exr", frame, header())
     np.save(tmp_path / "dark.npy", np.full((130, 130), 0.25))
     capture = read_capture([tmp_path / "a.exr"], CameraFacts(distance_m=2.5), tmp_path / "dark.npy")
-    assert capture.facts.lag_geometry == pytest.approx((532e-9, 2.5, 6.9e-6))
+    wavelength_m, distance_m, pitches_m = capture.camera.lag_geometry
+    assert (wavelength_m, distance_m, *pitches_m) == pytest.approx((532e-9, 2.5, 6.9e-6, 6.9e-6))
     np.testing.assert_allclose(capture.frames[0], frame - 0.25, atol=1e-6)
 
 

@@ -1,0 +1,123 @@
+"""The public face of the inversion: frames, a path or a published autocorrelation to a reconstruction."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from invert.capture import check_frame, read_capture
+from invert.estimate import Estimate, estimate_from_frames, published_estimate
+from invert.methods import Reconstruction, iterations, retrieve
+from invert.projections import Progress
+from invert.result import write_result
+from invert.spectrum import Measurement, read_measurement
+from radiometry.autocorrelation import SIDE
+from radiometry.capture import CameraFacts, Capture
+from radiometry.errors import InputError, check_device
+
+Source = Capture | str | Path | np.ndarray | Sequence[np.ndarray]
+
+
+@dataclass(frozen=True)
+class Result:
+    """A reconstruction with the estimate that it was made from.
+
+    Attributes:
+        measurement: noise level and Fourier modulus read from the estimate.
+        settings: method, quality and seed.
+        seconds: of reading, autocorrelation and retrieval.
+    """
+
+    estimate: Estimate
+    measurement: Measurement
+    reconstruction: Reconstruction
+    settings: dict[str, Any]
+    seconds: dict[str, float]
+
+    @property
+    def albedo(self) -> np.ndarray:
+        """float32 (64, 64), one pixel a lag, largest value 1; zero where no object was found."""
+        return self.reconstruction.albedo
+
+    @property
+    def confidence(self) -> float:
+        return self.reconstruction.confidence
+
+    @property
+    def object_found(self) -> bool:
+        return self.reconstruction.object_found
+
+    def save(self, folder: str | Path, truth: np.ndarray | None = None) -> dict[str, Any]:
+        """Write what `python -m invert` writes; returns the content of result.json."""
+        from radiometry.output import output_folder
+
+        return write_result(output_folder(folder), self.estimate, self.measurement, self.reconstruction, truth, self.settings,
+                            self.seconds)
+
+
+def reconstruct(source: Source, *, method: str = "unet", quality: str = "balanced", patch: int | None = None,
+                camera: CameraFacts | None = None, weights: str | Path | None = None, seed: int = 0,
+                device: str = "cpu") -> Result:
+    """Reconstruct the hidden object's albedo.
+
+    Args:
+        source: a capture; a frame file or a folder of them; frames (n, H, W) or (H, W); or a published
+            autocorrelation, a file or array of 127 x 127 lags.
+        patch: size in pixels, chosen from the lag pitch where None.
+        camera: facts for frames that carry none.
+
+    Raises InputError for what cannot be inverted.
+    """
+    check_device(device)
+    begin = time.perf_counter()
+    capture = _as_capture(source, camera or CameraFacts())
+    read_s = time.perf_counter() - begin
+    estimate = capture if isinstance(capture, Estimate) else estimate_from_frames(capture, patch, device)
+    return retrieved(estimate, method=method, quality=quality, weights=weights, seed=seed, device=device, read_s=read_s)
+
+
+def retrieved(estimate: Estimate, *, method: str, quality: str, weights: str | Path | None = None, seed: int = 0,
+              device: str = "cpu", read_s: float = 0.0, progress: Progress = lambda: None) -> Result:
+    """Read an estimate's noise and retrieve the albedo."""
+    begin = time.perf_counter()
+    measurement = read_measurement(estimate.lags, estimate.quantisation, estimate.transfer)
+    reconstruction = retrieve(measurement, method, quality, seed, device, progress, None if weights is None else Path(weights))
+    seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
+    return Result(estimate, measurement, reconstruction, {"method": method, "quality": quality, "seed": seed}, seconds)
+
+
+def steps(method: str, quality: str) -> int:
+    """How often `retrieved` reports progress."""
+    return iterations(method, quality)
+
+
+def _as_capture(source: Source, camera: CameraFacts) -> Capture | Estimate:
+    if isinstance(source, Capture):
+        return source
+    if isinstance(source, (str, Path)):
+        path = Path(source)
+        return published_estimate(path) if path.is_file() and _is_published(path) else read_capture([path], camera)
+    array = np.asarray(source)
+    if array.ndim == 2 and array.shape == (SIDE, SIDE):
+        return Estimate("autocorrelation", np.asarray(array, np.float32))
+    if array.ndim == 2:
+        array = array[None]
+    if array.ndim != 3 or array.dtype.kind not in "uif" or len(array) == 0:
+        raise InputError("frames", "numbers of shape (frames, height, width)", f"{array.dtype} of shape {array.shape}",
+                         "give one channel of intensity")
+    frames = [np.asarray(frame, np.float32) for frame in array]
+    for number, frame in enumerate(frames):
+        check_frame(frame, Path(f"frame {number}"))
+    return Capture(frames, camera, tuple(f"frame {number}" for number in range(len(frames))))
+
+
+def _is_published(path: Path) -> bool:
+    """Whether a file has the shape of a published autocorrelation."""
+    from invert.capture import read_picture
+
+    return read_picture(path)[0].shape in ((SIDE, SIDE), (SIDE, 2 * SIDE))
