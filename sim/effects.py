@@ -11,6 +11,7 @@ from radiometry.noise_budget import NoiseTerms
 from sim.coherence import lost_contrast
 from sim.geometry import Geometry
 from sim.illumination import grain_m
+from sim.motion import is_moving, lost_variance
 from sim.object_samples import ObjectSamples
 from sim.plugins.speckle_camera import Electronics
 
@@ -20,7 +21,8 @@ ELECTRONIC = {"read_noise": "read_noise", "row_noise": "row_noise", "column_nois
 """Effects that a parameter of the speckle_camera switches on, and that parameter."""
 
 OPTICAL = ("source_grain", "pupil_and_pixel", "shot_noise", "detector_roughness", "detector_texture", "depolarisation",
-           "linewidth", "ambient", "other_light")
+           "linewidth", "ambient", "other_light",
+           "motion")
 
 FORCEABLE = (*OPTICAL, *ELECTRONIC)
 
@@ -67,6 +69,7 @@ def decide(geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced
     speckle = terms.over_peak()["detector_speckle"] or 0.0
     lit, texture = geometry.ambient_irradiance is not None, geometry.detector_texture
     spread = 0.0 if texture is None else float(texture.std(dtype="f8"))
+    moved = lost_variance(geometry, samples)
     contrast = lost_contrast(samples.path_m, samples.amplitude, geometry.linewidth_hz)
     found = [
         Effect("phase_screen", True, f"rough virtual source (phase rms {phase_rms:.3g} rad), independent samples",
@@ -84,13 +87,15 @@ def decide(geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced
                terms.over_peak()["ambient"] or 0.0),
         Effect("other_light", geometry.other_light_share > tolerance, "the laser's light by way of clutter or of several "
                "reflections, over the hidden object's", geometry.other_light_share),
+        Effect("motion", moved > tolerance, "share of the speckle's variance that is lost while the shutter is open"
+               if is_moving(geometry) else "nothing moves while the shutter is open", moved),
         Effect("linewidth", contrast > tolerance, f"{geometry.linewidth_hz:.3g} Hz against the spread of paths", contrast),
     ]
     found += [Effect(name, getattr(electronics, parameter) > 0.0, _set_or_zero(getattr(electronics, parameter)), 0.0)
               for name, parameter in ELECTRONIC.items()]
     decided = {effect.name: effect for effect in found}
     for name, on in forced:
-        needs = {"other_light": geometry.other_light_share, "linewidth": geometry.linewidth_hz, "ambient": float(lit), "detector_texture": spread}
+        needs = {"motion": moved, "other_light": geometry.other_light_share, "linewidth": geometry.linewidth_hz, "ambient": float(lit), "detector_texture": spread}
         needs |= {key: getattr(electronics, value) for key, value in ELECTRONIC.items()}
         if on and needs.get(name, 1.0) == 0.0:
             raise InputError(f"--effect {name}", "a parameter of the scene that sets it", "zero",

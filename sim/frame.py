@@ -17,13 +17,14 @@ from sim.detector_roughness import exact_image, gamma_image
 from sim.effects import remaining_electronics
 from sim.geometry import Geometry, read_geometry
 from sim.illumination import illuminate
+from sim.motion import Pose, poses, travel_phase
 from sim.other_light import background_of
 from sim.plan import Plan, Settings
 from sim.propagation.direct import Visibility, direct
 from sim.propagation.fraunhofer import fraunhofer
 from sim.propagation.fresnel import fresnel
 from sim.propagation.nufft import nufft
-from sim.propagation.sampling import kernel, middle
+from sim.propagation.sampling import kernel, middle, phasor
 
 
 class Simulation:
@@ -77,10 +78,11 @@ class Simulation:
             complex64 (oversampling H, oversampling W); complex128 where the kernel works in double precision.
         """
         height, width = self.geometry.frame_shape
-        canvas = self._canvas_field(seed, number, polarisation, offset_hz, oversampling, progress)
+        pose = self._poses(number)[0]
+        canvas = self._canvas_field(seed, number, polarisation, offset_hz, oversampling, pose, progress)
         return middle(canvas, (height * oversampling, width * oversampling))
 
-    def _canvas_field(self, seed: int, number: int, polarisation: int, offset_hz: float, oversampling: int,
+    def _canvas_field(self, seed: int, number: int, polarisation: int, offset_hz: float, oversampling: int, pose: Pose,
                       progress: Callable[[int], object] = lambda parts: None) -> torch.Tensor:
         """The same with a border around it for the camera's blur."""
         samples, chosen = self._samples, self.propagator
@@ -90,7 +92,10 @@ class Simulation:
         rows, columns = self.geometry.period_shape
         period = (rows * oversampling, columns * oversampling)
         lit = illuminate(self.geometry, samples.grid, lambda frame: _stream(seed, frame, 2 * polarisation), number,
-                         grain=self._models("source_grain"))
+                         grain=self._models("source_grain"), pose=pose)
+        if any(pose.object_m):
+            lit = lit.astype(np.complex64)
+            lit[samples.place] *= phasor(travel_phase(self.geometry, samples.coordinates_m, pose), 1.0)
         if chosen.propagator == "fraunhofer":
             field = fraunhofer(torch.from_numpy(samples.on_grid(lit, offset_hz)).to(self.device), period)
             return middle(field, wall.shape)
@@ -129,7 +134,7 @@ class Simulation:
     def expected(self, seed: int, number: int) -> torch.Tensor:
         """Expected photoelectrons of one frame's speckle, before any noise: float32 (H, W).
 
-        Incoherent sum over polarisations and spectral lines.
+        Incoherent sum over polarisations, spectral lines and what moves while the shutter is open.
         """
         if len(self._samples.amplitude) == 0:
             return self._ambient().expand(self.geometry.frame_shape).clone().cpu()
@@ -137,17 +142,19 @@ class Simulation:
         exact = self._modes.exact_roughness
         texture = self._texture(factor) if self._models("detector_texture") else None
         total = torch.zeros(self.geometry.canvas_shape, device=self.device)
-        for polarisation in range(polarisations):
-            for offset_hz, weight in self._modes.lines:
-                wall = self._canvas_field(seed, number, polarisation, offset_hz, factor).to(torch.complex64)
-                if texture is not None:
-                    wall = wall * texture
-                if exact:
-                    # One wall for all lines of a polarisation.
-                    image = exact_image(wall, factor, self.geometry, _stream(seed, number, 3 + 2 * polarisation))
-                else:
-                    image = wall.real.square() + wall.imag.square()
-                total.add_(image, alpha=weight / polarisations)
+        poses = self._poses(number)
+        modes = ((polarisation, offset_hz, weight / len(poses), pose) for polarisation in range(polarisations)
+                 for offset_hz, weight in self._modes.lines for pose in poses)
+        for polarisation, offset_hz, weight, pose in modes:
+            wall = self._canvas_field(seed, number, polarisation, offset_hz, factor, pose).to(torch.complex64)
+            if texture is not None:
+                wall = wall * texture
+            if exact:
+                # One wall for all lines of a polarisation.
+                image = exact_image(wall, factor, self.geometry, _stream(seed, number, 3 + 2 * polarisation))
+            else:
+                image = wall.real.square() + wall.imag.square()
+            total.add_(image, alpha=weight / polarisations)
         if self._background is not None:
             image = self._background.intensity(self.geometry, _stream(seed, number, 4), self.device)
             total.add_(image, alpha=self._background.share * self._samples.brightness)
@@ -157,6 +164,9 @@ class Simulation:
         if self._models("detector_roughness") and not exact:
             total = gamma_image(total, self.geometry, _stream(seed, number, 3), polarisations)
         return (total * (self.mean_photoelectrons / self._samples.brightness)).add_(self._ambient()).cpu()
+
+    def _poses(self, number: int) -> list[Pose]:
+        return poses(self.geometry, self._samples, number, moving=self._models("motion"))
 
     def _texture(self, factor: int) -> torch.Tensor:
         """What the wall's own albedo does to the amplitude, its mean square 1, on `factor` samples per pixel and axis."""

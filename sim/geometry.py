@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -36,6 +36,8 @@ class Spot:
     correlation_length_m: float
     scan_step_m: float | None
     """Way of the spot between frames; None for at least its diameter."""
+    scan_speed_m_s: float
+    """Speed of the spot over the wall while the shutter is open."""
     beam: np.ndarray
     """Direction of the laser's light."""
     normal: np.ndarray
@@ -73,6 +75,10 @@ class Geometry:
     """Albedo of the virtual detector under each pixel over its mean, float32 (H, W); None where it is the same everywhere."""
     ambient_irradiance: np.ndarray | None
     """Light of other emitters on the frame in W/m^2, a coarse map (see `ambient.py`); None without any."""
+    object_velocity_m_s: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Of the hidden object, in world axes (3,)."""
+    frame_interval_s: float = 0.0
+    """From the beginning of one frame to that of the next; the exposure where it is shorter."""
     other_light: OtherLight | None = None
     """The laser's light by way of clutter or of several reflections; None for an object shown in place of the scene's."""
 
@@ -220,7 +226,7 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
     if flat > 0.0 and hidden_object.throughput > 0.0:
         path = replace(path, beyond_flat=hidden_object.throughput / flat)
     return Geometry(
-        spot=Spot(spot_point, laser.spot_diameter_m, screen.height_rms_m, screen.correlation_length_m, laser.scan_step_m,
+        spot=Spot(spot_point, laser.spot_diameter_m, screen.height_rms_m, screen.correlation_length_m, laser.scan_step_m, laser.scan_speed_m_s,
                   laser.direction, source_normal),
         hidden_object=hidden_object,
         detector_centre=detector_centre,
@@ -239,6 +245,8 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
         detector_texture=texture,
         ambient_irradiance=ambient_irradiance(scene, detector_centre, right, down, detector_normal,
                                               (height * camera.pixel_pitch_m, width * camera.pixel_pitch_m)),
+        object_velocity_m_s=_velocity(hidden_shapes),
+        frame_interval_s=camera.frame_interval_s,
         other_light=estimate_other_light(scene, camera=camera),
         direct_light=_direct_light(scene, path.source_albedo, spot_point, source_normal, detector_centre, detector_normal),
     )
@@ -303,6 +311,14 @@ def _direct_light(scene: mi.Scene, source_albedo: float, spot: np.ndarray, sourc
     if cosines == 0.0 or is_blocked(scene, spot, detector):
         return 0.0
     return source_albedo * cosines / (np.pi * float(way @ way))
+
+
+def _velocity(shapes: list[mi.Shape]) -> np.ndarray:
+    """Of the hidden object as a whole; InputError where its parts move apart."""
+    found = np.array([shape.bsdf().velocity_m_s if isinstance(shape.bsdf(), PhaseScreen) else np.zeros(3) for shape in shapes])
+    if np.ptp(found, axis=0).any():
+        raise InputError("hidden_object", "one velocity for all of its shapes", found.tolist(), "correct their phase_screens")
+    return found[0]
 
 
 def _facing(normal: np.ndarray, direction: np.ndarray, name: str) -> np.ndarray:

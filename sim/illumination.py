@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 from scipy.special import j1
 
 from sim.geometry import Geometry
+from sim.motion import Pose
 
 Streams = Callable[[int], np.random.Generator]
 
@@ -31,7 +33,8 @@ def overlap(geometry: Geometry) -> float:
     return float(2.0 / np.pi * (np.arccos(reduced) - reduced * np.sqrt(1.0 - reduced**2)))
 
 
-def illuminate(geometry: Geometry, grid: tuple[int, int], streams: Streams, number: int, *, grain: bool = True) -> np.ndarray:
+def illuminate(geometry: Geometry, grid: tuple[int, int], streams: Streams, number: int, *, grain: bool = True,
+               pose: Pose | None = None) -> np.ndarray:
     """Complex field on the object, mean intensity 1 under a rough wall, at the samples of `Geometry.object_pitch_m`.
 
     The wall's heights turn the disc of light into a field of random phases 4 pi h / lambda (normal
@@ -44,13 +47,17 @@ def illuminate(geometry: Geometry, grid: tuple[int, int], streams: Streams, numb
         streams: streams(frame) -> random generator of that frame's screens.
         number: the frame's. Spots that overlap lie side by side on one wall and light one object; others share nothing.
         grain: whether the spot's own speckle lights the object; evenly lit if not.
+        pose: of spot and object; where the frame's number puts them if None.
 
     Returns:
         complex64 (rows, columns); times the object's own delta-correlated random phase.
     """
     pitch = geometry.object_pitch_m
-    shared = overlap(geometry) > 0.0
-    generator = streams(0 if shared else number)
+    pose = pose or Pose(number * (geometry.spot.scan_step_m or 0.0))
+    sharing = overlap(geometry) > 0.0
+    # One wall and one object for all frames, or for all of one frame.
+    shared = sharing or geometry.spot.scan_speed_m_s > 0.0 or any(pose.object_m)
+    generator = streams(0 if sharing else number)
     own_phase = np.exp(1j * generator.uniform(0.0, 2.0 * np.pi, grid).astype(np.float32))
     if not grain:
         return own_phase
@@ -63,14 +70,21 @@ def illuminate(geometry: Geometry, grid: tuple[int, int], streams: Streams, numb
     across = max(_SMALLEST_SPOT, int(np.ceil(geometry.spot.diameter_m / wanted)))
     step = geometry.spot.diameter_m / across
     position = (np.arange(across) - 0.5 * (across - 1)) * step
-    disc = np.hypot(position[:, None], position[None, :]) <= 0.5 * geometry.spot.diameter_m
-    first = round(number * geometry.spot.scan_step_m / step) if shared else 0
-    heights = _strip(generator, across, first) if shared else generator.standard_normal((across, across))
+    spot_m = pose.spot_m if sharing else pose.spot_m - number * (geometry.spot.scan_step_m or 0.0)
+    first = math.floor(spot_m / step) if shared else 0
+    if shared:  # one column more, over part of which the spot has moved
+        along = position[0] + np.arange(first, first + across + 1) * step
+        disc = np.hypot(position[:, None], along[None, :] - spot_m) <= 0.5 * geometry.spot.diameter_m
+        heights = _strip(generator, across, first, across + 1)
+    else:
+        along = position
+        disc = np.hypot(position[:, None], along[None, :]) <= 0.5 * geometry.spot.diameter_m
+        heights = generator.standard_normal((across, across))
     specular = np.sqrt(specular_share(geometry))
     phase = 4.0 * np.pi / geometry.wavelength_m * geometry.spot.height_rms_m * heights
     source = (disc * (np.exp(1j * phase) - specular)).astype(np.complex64)
-    to_rows = _fourier_kernel(grid[0], pitch[0], position, geometry)
-    to_columns = _fourier_kernel(grid[1], pitch[1], position + first * step, geometry)
+    to_rows = _fourier_kernel(grid[0], pitch[0], position, geometry, pose.object_m[0])
+    to_columns = _fourier_kernel(grid[1], pitch[1], along, geometry, pose.object_m[1])
     scattered = (to_rows @ source @ to_columns.T) / np.float32(np.sqrt(disc.sum()))
     return (scattered + specular_field(geometry, grid)) * own_phase
 
@@ -100,15 +114,16 @@ def specular_field(geometry: Geometry, grid: tuple[int, int]) -> np.ndarray | fl
     return (np.sqrt(share * gain) * airy).astype(np.complex64)
 
 
-def _strip(generator: np.random.Generator, across: int, first: int) -> np.ndarray:
-    """Columns `first` on of an endless strip of heights, each from a seed of its own; (across, across)."""
+def _strip(generator: np.random.Generator, across: int, first: int, count: int) -> np.ndarray:
+    """Columns `first` on of an endless strip of heights, each from a seed of its own; (across, count)."""
     seed = int(generator.integers(2**63))
-    columns = range(first, first + across)
+    columns = range(first, first + count)
     return np.stack([np.random.default_rng([seed, column]).standard_normal(across) for column in columns], 1)
 
 
-def _fourier_kernel(samples: int, pitch: float, source_position: np.ndarray, geometry: Geometry) -> np.ndarray:
+def _fourier_kernel(samples: int, pitch: float, source_position: np.ndarray, geometry: Geometry,
+                    displaced_m: float) -> np.ndarray:
     """exp(-2 pi i x s / (lambda d1)) along one axis, complex64 (samples, sources)."""
-    position = (np.arange(samples) - 0.5 * (samples - 1)) * pitch
+    position = (np.arange(samples) - 0.5 * (samples - 1)) * pitch + displaced_m
     turns = np.outer(position, source_position) / (geometry.wavelength_m * geometry.source_distance_m)
     return np.exp(-2j * np.pi * turns).astype(np.complex64)

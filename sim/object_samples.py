@@ -34,6 +34,8 @@ class ObjectSamples:
     wall: Wall
     flat_m: np.ndarray
     path_m: np.ndarray
+    coordinates_m: np.ndarray
+    """Of each sample along the axes of the object's grid (down, right), (n, 2)."""
 
     @property
     def brightness(self) -> float:
@@ -69,4 +71,4 @@ def sample_object(geometry: Geometry) -> ObjectSamples:
                 geometry.pixel_pitch_m, geometry.wavelength_m)
     path = path_difference(wall.centre_m, position) + path_difference(geometry.spot.centre - hidden.centre, position)
     return ObjectSamples((grid[0], grid[1]), place, position, np.sqrt(brightness[place], dtype=np.float32), wall,
-                         coordinates / hidden.axes.stretch, path)
+                         coordinates / hidden.axes.stretch, path, coordinates)

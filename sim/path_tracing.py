@@ -113,11 +113,11 @@ class _Paths:
         axis, up = (mi.Vector3f(*vector.tolist()) for vector in (camera.axis, camera.up))
         across, pupil = dr.cross(axis, up), mi.Point3f(*camera.pupil_centre.tolist())
         middle = scene.ray_intersect(mi.Ray3f(pupil, axis))
-        # Every pixel looks along the axis; what stands nearer to the camera is found on the way to the pupil.
-        nearest = dr.select(middle.is_valid(), middle.t - math.hypot(*sides) / dr.abs(dr.dot(middle.n, axis)), 0.0)
         place = self.uniform2()
         film_point = pupil + across * ((place.x - 0.5) * sides[0]) + up * ((place.y - 0.5) * sides[1])
-        self.wall = scene.ray_intersect(mi.Ray3f(film_point + axis * dr.select(nearest > 0.0, nearest, 0.0), axis))
+        # Every pixel looks along the axis, from just before the wall: what stands nearer is found on the way to the pupil.
+        before = dr.dot(middle.p - film_point, middle.n) / dr.dot(axis, middle.n) - 0.02 * middle.t
+        self.wall = scene.ray_intersect(mi.Ray3f(film_point + axis * before, axis))
         self.lens = self.disc(pupil, axis, 0.5 * camera.pupil_diameter_m)
         beam = mi.Vector3f(*self.laser.direction.tolist())
         origin = self.disc(mi.Point3f(*self.laser.origin.tolist()), beam, 0.5 * self.laser.spot_diameter_m)

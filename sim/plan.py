@@ -15,6 +15,7 @@ from sim.coherence import spectral_lines
 from sim.detector_roughness import oversampling
 from sim.effects import Effect, decide
 from sim.geometry import Geometry
+from sim.motion import steps
 from sim.object_samples import ObjectSamples, sample_object
 from sim.propagation.choose import Option, choose, options
 from sim.propagation.sampling import Scatterers
@@ -47,6 +48,7 @@ class Modes:
         oversampling: samples of the field per pixel and axis, 1 but for exact roughness.
         polarisations: 1, or 2 where light is depolarised.
         lines: (offset in Hz, weight) of each spectral line.
+        sub_exposures: that follow a motion.
     """
 
     exact_roughness: bool
@@ -54,10 +56,12 @@ class Modes:
     polarisations: int
     lines: tuple[tuple[float, float], ...]
 
+    sub_exposures: int = 1
+
     @property
     def samples(self) -> int:
         """Field samples for each pixel of a frame."""
-        return self.oversampling**2 * self.polarisations * len(self.lines)
+        return self.oversampling**2 * self.polarisations * len(self.lines) * self.sub_exposures
 
 
 @dataclass(frozen=True)
@@ -150,4 +154,5 @@ def _modes(geometry: Geometry, samples: ObjectSamples, effects: dict[str, Effect
     exact = effects["detector_roughness"].modelled and accuracy == "field"
     spread = effects["linewidth"].modelled and len(samples.path_m) > 0
     return Modes(exact, oversampling(geometry) if exact else 1, 2 if effects["depolarisation"].modelled else 1,
-                 tuple(spectral_lines(samples.path_m, geometry.linewidth_hz)) if spread else ((0.0, 1.0),))
+                 tuple(spectral_lines(samples.path_m, geometry.linewidth_hz)) if spread else ((0.0, 1.0),),
+                 steps(geometry, samples) if effects["motion"].modelled else 1)

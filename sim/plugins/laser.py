@@ -13,6 +13,7 @@ PARAMETERS = (
     Parameter("wavelength", "metres", 1e-9, 1.0),
     Parameter("power", "watts", 1e-30, 1e15, zero=True),
     Parameter("spot_diameter", "metres", 1e-9, 1e6),
+    Parameter("scan_speed", "metres of the wall a second", 1e-30, 1e9, 0.0, zero=True),
     Parameter("linewidth", "hertz (full width at half maximum)", 1e-30, 1e15, 0.0, zero=True),
 )
 _SCAN_STEP = Parameter("scan_step", "metres", 1e-30, 1e15, zero=True)
@@ -22,7 +23,7 @@ class Laser(mi.Emitter):
     """Beam along the local +z axis of `to_world`.
 
     Parameters: `to_world`, `wavelength`, `power`, `spot_diameter` (uniform disc on the wall), `linewidth`, `scan_step` (way of the
-    spot between frames; its diameter or more where left out).
+    spot between frames; its diameter or more where left out), `scan_speed` (while the shutter is open).
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -43,6 +44,7 @@ class Laser(mi.Emitter):
         values = self._parameters
         self.wavelength_m, self.power_w = values["wavelength"], values["power"]
         self.spot_diameter_m, self.linewidth_hz = values["spot_diameter"], values["linewidth"]
+        self.scan_speed_m_s = values["scan_speed"]
 
     def traverse(self, callback):
         self._parameters.traverse(callback)

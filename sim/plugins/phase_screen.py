@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mitsuba as mi
+import numpy as np
 
 from radiometry.errors import InputError
 from sim.plugins.parameters import Parameter, Parameters
@@ -14,13 +15,17 @@ PARAMETERS = (
 
 
 class PhaseScreen(mi.BSDF):
-    """Parameters (SI): one nested BSDF, `height_rms`, `correlation_length` of the surface heights, and `depolarising`,
-    whether scattered light is unpolarised (false)."""
+    """Parameters (SI): one nested BSDF, `height_rms`, `correlation_length` of the surface heights, `depolarising`,
+    whether scattered light is unpolarised (false), and `velocity` (a vector in m/s, of a hidden object that moves)."""
 
     def __init__(self, props: mi.Properties) -> None:
         mi.BSDF.__init__(self, props)
         self._parameters = Parameters("phase_screen", PARAMETERS, props)
         self._take()
+        velocity = props.get("velocity", mi.ScalarVector3f(0.0))
+        self.velocity_m_s = np.asarray(velocity, np.float64).reshape(3)
+        if not np.isfinite(self.velocity_m_s).all():
+            raise InputError("phase_screen.velocity", "three finite numbers in m/s", self.velocity_m_s, "correct it")
         self.depolarising = bool(props.get("depolarising", False))
         nested = [props[name] for name in props.unqueried() if isinstance(props[name], mi.BSDF)]
         if len(nested) != 1:

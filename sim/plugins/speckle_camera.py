@@ -28,6 +28,7 @@ OPTICAL = (
     Parameter("magnification", "", 1e-9, 1e9),
     Parameter("pupil_diameter", "metres", 1e-9, 1e9),
     Parameter("transmission", "", 0.0, 1.0, 1.0),
+    Parameter("frame_interval", "seconds", 1e-30, 1e15, 0.0, zero=True),
 )
 
 PARAMETERS = tuple(parameter.name for parameter in ELECTRONIC[1:])
@@ -105,6 +106,7 @@ class SpeckleCamera(mi.Sensor):
         self.magnification = values["magnification"]
         self.pixel_pitch_m = values["pixel_pitch"] / self.magnification
         self.pupil_diameter_m, self.transmission = values["pupil_diameter"], values["transmission"]
+        self.frame_interval_s = values["frame_interval"]
         # The constructor asks for a whole number of bits, which a float that is none fails.
         bits = values["bits"]
         self.electronics = Electronics(exposure_s=values["exposure"], bits=int(bits) if bits == int(bits) else bits,

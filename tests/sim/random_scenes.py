@@ -52,7 +52,7 @@ def random_scene(seed: int) -> RandomScene:
     screen = ('<bsdf type="phase_screen"><float name="height_rms" value="{0}"/><float name="correlation_length" value="{0}"/>'
               '<bsdf type="diffuse"><spectrum name="reflectance" value="1"/></bsdf></bsdf>').format(10.0 * scale)
     # The beam falls square on the wall, a little beside the line to the object, which it would cross otherwise.
-    laser = (f'<emitter type="laser"><float name="wavelength" value="{0.0025 * scale}"/><float name="power" value="1e-12"/>'
+    laser = (f'<emitter type="laser"><float name="wavelength" value="{0.0036 * scale}"/><float name="power" value="1e-12"/>'
              f'<float name="spot_diameter" value="{2 * spot * scale}"/><transform name="to_world">'
              f'<lookat origin="{place[0] * 0.98},{place[1] * 0.98},{place[2] * 0.98}" '
              f'target="{place[0]},{place[1]},{place[2]}" up="0,1,0"/><scale value="{scale}"/></transform></emitter>')

@@ -77,10 +77,11 @@ ENLARGED = """<scene version="3.0.0">
   {rest}
 </scene>"""
 
-CAMERA = """<sensor type="speckle_camera"><float name="pixel_pitch" value="0.01"/><float name="magnification" value="1"/>
+# The camera looks at the wall at 42 degrees: 888 columns of 1 mm cover its 1.2 m.
+CAMERA = """<sensor type="speckle_camera"><float name="pixel_pitch" value="0.001"/><float name="magnification" value="1"/>
   <float name="pupil_diameter" value="0.4"/><float name="exposure" value="1"/>
   <transform name="to_world"><lookat origin="-1.6,0,0.4" target="-0.6,0,1.5" up="0,1,0"/></transform>
-  <film type="hdrfilm"><integer name="width" value="120"/><integer name="height" value="100"/>
+  <film type="hdrfilm"><integer name="width" value="888"/><integer name="height" value="1000"/>
   <string name="pixel_format" value="luminance"/></film></sensor>"""
 
 LASER = """<emitter type="laser"><float name="wavelength" value="5e-7"/><float name="power" value="1"/>
