@@ -144,16 +144,16 @@ class HiddenObject:
         """
         scene, origin, masks = self._scene, detector - wall_centre_m, has_masks(self._scene)
         named = ("virtual_source", "virtual_detector")
-        if all(shape in self._shapes or shape.id() in named for shape in scene.shapes()) and self.depth_m == 0.0:
+        if all(shape in self._shapes or shape.id() in named for shape in scene.shapes()):
             return None
 
         def visible(places: np.ndarray, samples: np.ndarray) -> np.ndarray:
             start, end = (np.broadcast_to(side, (len(places), len(samples), 3)).reshape(-1, 3)
                           for side in ((origin + places)[:, None], (origin + samples)[None]))
-            # Samples of the object are means over a cell: stop a little short of its surface.
-            end = end + 1e-3 * (start - end)
-            points = [mi.Point3f(np.ascontiguousarray(point.T, np.float32)) for point in (start, end)]
-            share = transmittance(scene, *points, mi.Bool(True), masks=masks)
+            # Up to just before the object: what its parts hide of one another is in the light of its samples already.
+            way = start - end
+            end = end + way * np.clip(2.0 * self._radius_m / np.linalg.norm(way, axis=1), 1e-3, 0.9)[:, None]
+            share = transmittance(scene, mi.Point3f(_points(start)), mi.Point3f(_points(end)), mi.Bool(True), masks=masks)
             return np.sqrt(np.asarray(share)).reshape(len(places), len(samples))
 
         return visible
@@ -221,18 +221,28 @@ class HiddenObject:
         way = plane - eye
         length = dr.norm(way)
         direction = way / length
-        hit = scene.ray_intersect(mi.Ray3f(eye + direction * self._before(length), direction))
-        mine = self._is_mine(hit) & hit.is_valid()
-        share = transport.foreshortening(hit, eye)
-        mine &= ~self._seen_from_centre(hit, mine & (share > 0.0) & (share <= transport.most_foreshortened))
-        carried = transport.carried(hit, mine, from_centre=False)
-        found = carried.radiance > 0.0
+        ray, active = mi.Ray3f(eye + direction * self._before(length), direction), mi.Bool(True)
         cosine = np.asarray(dr.dot(direction, mi.Vector3f(*self.line_of_sight.tolist())), np.float64)
-        angle = wider**2 * rays.area * np.asarray(cosine / np.asarray(length, np.float64) ** 2)
-        position = np.asarray(hit.p, np.float64).T[found] - self.centre
-        depth = position @ self.line_of_sight
-        seen = self.axes.coordinates(position * (self._distance_m / (self._distance_m + depth))[:, None])
-        yield (carried.radiance * angle)[found], seen, depth
+        angle = wider**2 * rays.area * cosine / np.asarray(length, np.float64) ** 2
+        masks = has_masks(scene)
+        for _ in range(MOST_LAYERS if masks else 1):
+            hit = scene.ray_intersect(ray, active)
+            active &= hit.is_valid()
+            share = transport.foreshortening(hit, eye)
+            mine = self._is_mine(hit) & active
+            mine &= ~self._seen_from_centre(hit, mine & (share > 0.0) & (share <= transport.most_foreshortened))
+            carried = transport.carried(hit, mine, from_centre=False)
+            found = carried.radiance > 0.0
+            position = np.asarray(hit.p, np.float64).T[found] - self.centre
+            depth = position @ self.line_of_sight
+            seen = self.axes.coordinates(position * (self._distance_m / (self._distance_m + depth))[:, None])
+            yield (carried.radiance * angle)[found], seen, depth
+            if not masks:
+                return
+            active &= hit.bsdf().eval_null_transmission(hit, active)[0] > 0.0
+            if not dr.any(active)[0]:
+                return
+            ray = hit.spawn_ray(ray.d)
 
     def _seen_from_centre(self, hit: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
         """Whether a ray of `_layers` meets a surface.

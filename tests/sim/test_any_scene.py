@@ -1,5 +1,11 @@
 """Light and speckle of scenes that are not the flat letter: against closed forms, and a path tracer that shares no code."""
 
+import glob
+import json
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -11,6 +17,7 @@ from radiometry.autocorrelation import LAGS, PatchGrid, autocorrelate, estimate_
 from radiometry.errors import InputError  # noqa: E402
 from radiometry.noise_level import INDEPENDENT, RING  # noqa: E402
 from radiometry.throughput import light_budget  # noqa: E402
+from scenes import scene_path  # noqa: E402
 from sim.frame import Simulation  # noqa: E402
 from sim.geometry import read_geometry  # noqa: E402
 from sim.path_tracing import estimate_throughput  # noqa: E402
@@ -177,8 +184,6 @@ def test_traverse_changes_what_is_rendered(scene, tmp_path):
 def test_the_hash_knows_included_files(tmp_path):
     from sim.scene_file import load_scene
 
-    from scenes import scene_path
-
     text = scene_path("corner_letter").read_text().replace('"F.png"', f'"{scene_path("corner_letter").with_name("F.png")}"')
     baffle = text[text.index('<shape type="rectangle" id="baffle">') : text.rindex("</scene>")]
     (tmp_path / "scene.xml").write_text(text.replace(baffle, '<include filename="baffle.xml"/>'))
@@ -214,3 +219,35 @@ def test_thirty_scenes_drawn_at_random_agree_with_mitsuba_s_path_tracer():
             off.append((scene.told, np.round(scores, 1)))
     assert refused <= 3
     assert len(off) <= 1, off  # of 90 scores, a quarter of one lies beyond three standard errors by chance
+
+
+OLD_LLVM = next((path for place in ("/usr/lib/*/libLLVM-1[456]*.so*", "/usr/lib/llvm-1[456]/lib/libLLVM*.so*")
+                 for path in sorted(glob.glob(place))), None)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(OLD_LLVM is None, reason="no libLLVM older than 17 on this machine")
+@pytest.mark.parametrize("name", ["corner_letter", "glyph_mesh", "long_standoff", "occluded_letter", "strong_ambient",
+                                  "tilted_letter", "two_depths"])
+@pytest.mark.parametrize("arguments", [("sim", "--plan"), ("radiometry", "--json", "--samples", "20000")])
+def test_shipped_scenes_work_with_an_old_libllvm(name, arguments):
+    done = subprocess.run([sys.executable, "-m", arguments[0], str(scene_path(name)), *arguments[1:]], capture_output=True,
+                          text=True, check=False, env={**os.environ, "DRJIT_LIBLLVM_PATH": OLD_LLVM})
+    assert done.returncode == 0, done.stderr[-300:]
+    assert np.isfinite(json.loads(done.stdout).get("per_frame_db", 0.0))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(OLD_LLVM is None, reason="no libLLVM older than 17 on this machine")
+@pytest.mark.parametrize("surface", ['<bsdf type="principled"/>', '<bsdf type="roughplastic"/>', '<bsdf type="roughconductor"/>',
+                                     '<bsdf type="mask"><float name="opacity" value="0.3"/><bsdf type="diffuse"/></bsdf>'])
+def test_what_an_old_libllvm_cannot_compile_is_refused_in_one_line(tmp_path, surface):
+    plate = (f'<shape type="rectangle" id="plate"><transform name="to_world"><scale value="0.01"/><translate x="0.3" z="0.2"/>'
+             f"</transform>{surface}</shape></scene>")
+    text = scene_path("corner_letter").read_text().replace('"F.png"', f'"{scene_path("corner_letter").with_name("F.png")}"')
+    (tmp_path / "scene.xml").write_text(text.replace("</scene>", plate))
+    done = subprocess.run([sys.executable, "-m", "sim", str(tmp_path / "scene.xml"), "--plan"], capture_output=True, text=True,
+                          check=False, env={**os.environ, "DRJIT_LIBLLVM_PATH": OLD_LLVM})
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("error: plate: ")
+    assert done.stderr.count("\n") == 1
