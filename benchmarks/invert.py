@@ -21,6 +21,7 @@ from invert.methods import retrieve
 from invert.paper_unet import PaperUnet
 from invert.spectrum import fourier_modulus, read_measurement
 from invert.weights import SHIPPED, load_network
+from radiometry.capture import CameraFacts, Capture
 from scenes import scene_path
 from sim.frame import Simulation
 from sim.geometry import read_geometry

@@ -42,10 +42,10 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: int) -> dict[str, Any]:
     """Everything the command prints, as JSON: see the README for the keys."""
-    from sim.path_tracing import estimate_throughput
     from radiometry.prediction import predict
     from radiometry.safety import spot_safety
     from radiometry.throughput import closed_form, light_budget
+    from sim.path_tracing import estimate_throughput
     from sim.plan_report import disagreement, scene_warnings
 
     path = geometry.light_path

@@ -49,8 +49,8 @@ class PatchGrid:
 
     def lag_pitches_m(self, wavelength_m: float, distance_m: float, pixel_pitch_m: tuple[float, float]) -> tuple[float, float]:
         """The same down and right, of a wall whose rows and columns are so far apart as the object sees them."""
-        down, right = (wavelength_m * distance_m / (n * pitch) for n, pitch in zip(self.patch_shape, pixel_pitch_m, strict=True))
-        return down, right
+        down, right = (n * pitch for n, pitch in zip(self.patch_shape, pixel_pitch_m, strict=True))
+        return wavelength_m * distance_m / down, wavelength_m * distance_m / right
 
     def cut(self, frame: torch.Tensor) -> torch.Tensor:
         """Cut a frame (H, W) into patches, shape (count, *patch_shape)."""
@@ -68,7 +68,8 @@ def patch_grid(frame_shape: tuple[int, int], size: int | tuple[int, int]) -> Pat
     """
     height, width = (size, size) if isinstance(size, int) else size
     if not (SIDE <= height <= frame_shape[0] and SIDE <= width <= frame_shape[1]):
-        raise InputError("patch", f"a size between {SIDE} pixels ({SIDE} lags) and the frame's shorter side ({min(frame_shape)})",
+        shorter = min(frame_shape)
+        raise InputError("patch", f"a size between {SIDE} pixels ({SIDE} lags) and the frame's shorter side ({shorter})",
                          size, "choose another --patch")
     rows, columns = frame_shape[0] // height, frame_shape[1] // width
     fewest = min(rows, columns)

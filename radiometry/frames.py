@@ -21,8 +21,8 @@ _LINES_PER_BLOCK = 16  # of ZIP compression
 @dataclass(frozen=True)
 class FrameHeader:
     """Attributes of a frame file. Lengths in metres; `pixel_pitch_m` is on a wall that faces the camera, `distance_m` from
-    object to virtual detector; `row_pitch_m` and `column_pitch_m` are the distances of neighbouring rows and columns of the wall
-    as the object sees them. What may be unknown in files of other origin is None."""
+    object to virtual detector; `row_pitch_m` and `column_pitch_m` are the distances of neighbouring rows and columns of
+    the wall as the object sees them. What may be unknown in files of other origin is None."""
 
     wavelength_m: float
     pixel_pitch_m: float

@@ -20,10 +20,11 @@ def parser() -> ArgumentParser:
     p.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="scene parameter")
     p.add_argument("--frames", type=int, default=2)
     p.add_argument("--seed", type=int, default=0)
-    p.add_argument("--plan", action="store_true", help="print what would be modelled, and render nothing: a page on a terminal, JSON elsewhere")
+    p.add_argument("--plan", action="store_true",
+                   help="print what would be modelled, and render nothing: a page on a terminal, JSON elsewhere")
     p.add_argument("--json", action="store_true", help="print the plan as JSON on a terminal, too")
     p.add_argument("--truth-patch", type=int, metavar="PIXELS",
-                   help="patch size whose lags truth.npy is sampled at, for 'invert --patch'; as invert would choose if left out")
+                   help="patch size whose lags truth.npy is sampled at, for 'invert --patch' (default: as invert chooses)")
     p.add_argument("--mean", action="store_true", help="write expected photoelectrons, before any noise")
     p.add_argument("--accuracy", choices=("statistical", "field"), default="statistical",
                    help="what the tolerance bounds: the expected autocorrelation, or this realisation's field")

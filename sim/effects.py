@@ -95,7 +95,8 @@ def decide(geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced
               for name, parameter in ELECTRONIC.items()]
     decided = {effect.name: effect for effect in found}
     for name, on in forced:
-        needs = {"motion": moved, "other_light": geometry.other_light_share, "linewidth": geometry.linewidth_hz, "ambient": float(lit), "detector_texture": spread}
+        needs = {"motion": moved, "other_light": geometry.other_light_share, "linewidth": geometry.linewidth_hz,
+                 "ambient": float(lit), "detector_texture": spread}
         needs |= {key: getattr(electronics, value) for key, value in ELECTRONIC.items()}
         if on and needs.get(name, 1.0) == 0.0:
             raise InputError(f"--effect {name}", "a parameter of the scene that sets it", "zero",

@@ -2,8 +2,8 @@
 
 A camera turned by an angle away from the wall's normal spreads each pixel over a parallelogram of the wall, 1 / cos larger
 along the turn. Neighbouring pixels along a row are `right` apart, along a column `down`, both in units of the camera's own
-pitch. Seen from the object, fringes of frequency x / (lambda z) across the line of sight advance by x.right / (lambda z) from one
-pixel to the next, so the lags of a patch lie on the lattice dual to the steps across the line of sight.
+pitch. Seen from the object, fringes of frequency x / (lambda z) across the line of sight advance by x.right / (lambda z) from
+one pixel to the next, so the lags of a patch lie on the lattice dual to the steps across the line of sight.
 """
 
 from __future__ import annotations

@@ -226,8 +226,8 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
     if flat > 0.0 and hidden_object.throughput > 0.0:
         path = replace(path, beyond_flat=hidden_object.throughput / flat)
     return Geometry(
-        spot=Spot(spot_point, laser.spot_diameter_m, screen.height_rms_m, screen.correlation_length_m, laser.scan_step_m, laser.scan_speed_m_s,
-                  laser.direction, source_normal),
+        spot=Spot(spot_point, laser.spot_diameter_m, screen.height_rms_m, screen.correlation_length_m, laser.scan_step_m,
+                  laser.scan_speed_m_s, laser.direction, source_normal),
         hidden_object=hidden_object,
         detector_centre=detector_centre,
         right=right,

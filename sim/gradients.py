@@ -58,8 +58,7 @@ class Setup:
 
     def with_(self, **values: Any) -> Setup:
         """The same with other values; numbers become float64 tensors."""
-        return replace(self, **{name: value if isinstance(value, torch.Tensor) else torch.tensor(float(value), dtype=torch.float64)
-                                for name, value in values.items()})
+        return replace(self, **{name: torch.as_tensor(value, dtype=torch.float64) for name, value in values.items()})
 
 
 def setup_of(geometry: Any, cells: int = 48, patch: int | None = None) -> Setup:
@@ -90,7 +89,7 @@ def parameters(setup: Setup) -> list[str]:
 
 
 def cell_light(setup: Setup) -> tuple[Tensor, Tensor]:
-    """Photoelectrons that each cell brings to a pixel (m,), and where the frame's centre sees it, metres (m, 2) down and right."""
+    """Photoelectrons that each cell brings to a pixel (m,), and where the frame's centre sees it, (m, 2) down and right."""
     n = setup.albedo.shape[0]
     index = (torch.arange(n, dtype=torch.float64) - 0.5 * (n - 1)) * setup.cell_m
     down, right = (part.reshape(-1) for part in torch.meshgrid(index, index, indexing="ij"))
@@ -135,8 +134,8 @@ def expected_autocorrelation(setup: Setup) -> Tensor:
     offset = torch.arange(-(n - 1), n, dtype=torch.float64)
     turns = offset * setup.pixel_pitch_m / (setup.wavelength_m * setup.detector_m)
     # The speckle's field correlates like the transform of the light; light and places factor per cell.
-    waves = [torch.polar(torch.ones((), dtype=torch.float64), 2.0 * math.pi / setup.stretch[axis] * torch.outer(turns, place[:, axis]))
-             for axis in (0, 1)]
+    phases = [2.0 * math.pi / setup.stretch[axis] * torch.outer(turns, place[:, axis]) for axis in (0, 1)]
+    waves = [torch.polar(torch.ones_like(phase), phase) for phase in phases]
     field = (waves[0] * light.to(torch.complex128)) @ waves[1].T
     covariance = field.real.square() + field.imag.square()
     triangle = 1.0 - offset.abs() / n
@@ -148,8 +147,8 @@ def expected_autocorrelation(setup: Setup) -> Tensor:
 def _transfer(setup: Setup, lags: Tensor) -> Tensor:
     """H per lag; see `radiometry/transfer.py`."""
     frequency = lags / (setup.patch * setup.pixel_pitch_m)
-    reduced = torch.hypot(frequency[:, None], frequency[None] + 1e-12) * setup.wavelength_m * setup.pupil_m / setup.pupil_diameter_m
-    reduced = reduced.clamp(1e-9, 1.0 - 1e-9)
+    cutoff = setup.pupil_diameter_m / (setup.wavelength_m * setup.pupil_m)
+    reduced = (torch.hypot(frequency[:, None], frequency[None] + 1e-12) / cutoff).clamp(1e-9, 1.0 - 1e-9)
     otf = 2.0 / math.pi * (torch.arccos(reduced) - reduced * torch.sqrt(1.0 - reduced.square()))
     pixel = torch.sinc(frequency * setup.pixel_pitch_m)
     return (otf * pixel[:, None] * pixel[None]) ** 2

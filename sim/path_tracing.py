@@ -87,7 +87,8 @@ def estimate_throughput(scene: mi.Scene, samples: int = DEFAULT_SAMPLES, seed: i
     return _mean(np.concatenate([_object_light(paths) for paths in _batches(scene, samples, seed, camera)]))
 
 
-def estimate_other_light(scene: mi.Scene, samples: int = 2**16, seed: int = 0, camera: SpeckleCamera | None = None) -> OtherLight:
+def estimate_other_light(scene: mi.Scene, samples: int = 2**16, seed: int = 0,
+                         camera: SpeckleCamera | None = None) -> OtherLight:
     """Estimate the laser's light that reaches the frame by way of clutter or by several reflections.
 
     Light straight from the spot is left out; `Geometry.direct_light` tells of it. Raises InputError for too few samples.
@@ -184,7 +185,8 @@ class _Paths:
         scattered = _reflected(vertex, direction, active & (emitted > 0.0))
         lit = active & (scattered > 0.0)
         clear = transmittance(self.scene, vertex, self.spot.p, lit, masks=self.masks)
-        return dr.select(lit, mi.Float64(emitted) * mi.Float64(scattered) * mi.Float64(clear) / dr.square(mi.Float64(distance)), 0.0)
+        radiance = mi.Float64(emitted) * mi.Float64(scattered * clear) / dr.square(mi.Float64(distance))
+        return dr.select(lit, radiance, 0.0)
 
 
 def _object_light(paths: _Paths) -> np.ndarray:
@@ -252,7 +254,8 @@ class _Aim:
     def disc_radius(self, distance: mi.Float) -> mi.Float:
         """Radius at the centre's distance of the cone that holds the sphere; 0 too near for one."""
         ratio = self.radius_m / distance
-        return dr.select(ratio * _NEAR < 1.0, self.radius_m / dr.sqrt(1.0 - dr.square(dr.select(ratio < 0.99, ratio, 0.0))), 0.0)
+        far = ratio * _NEAR < 1.0
+        return dr.select(far, self.radius_m / dr.sqrt(1.0 - dr.square(dr.select(far, ratio, 0.0))), 0.0)
 
     def sample(self, paths: _Paths, start: mi.Point3f) -> tuple[mi.Vector3f, mi.Float]:
         """A direction towards the disc, and its density per steradian."""
@@ -277,7 +280,8 @@ class _Aim:
 
 def _mixture(paths: _Paths, aims: list[_Aim], vertex: mi.SurfaceInteraction3f) -> tuple[mi.Vector3f, mi.Float]:
     """A direction from a vertex, half of the time by the cosine, else towards a shape; and the density of the mixture."""
-    frame, spread = mi.Frame3f(dr.select(dr.dot(vertex.n, vertex.to_world(vertex.wi)) < 0.0, -vertex.n, vertex.n)), paths.uniform2()
+    behind = dr.dot(vertex.n, vertex.to_world(vertex.wi)) < 0.0
+    frame, spread = mi.Frame3f(dr.select(behind, -vertex.n, vertex.n)), paths.uniform2()
     sine, cosine = dr.sincos(2.0 * np.pi * spread.x)
     reach = dr.sqrt(spread.y)
     direction = frame.to_world(mi.Vector3f(reach * cosine, reach * sine, dr.sqrt(1.0 - spread.y)))

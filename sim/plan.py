@@ -115,8 +115,8 @@ def check_sampling(geometry: Geometry) -> None:
         field_of_view = 0.5 * geometry.wavelength_m * geometry.distance_m / pitch
         if extent > field_of_view:
             nearest = 2.0 * extent * pitch / geometry.wavelength_m
-            raise InputError("hidden_object", f"at most {field_of_view * 1e3:.3g} mm across at {geometry.distance_m:.3g} m with "
-                             f"{pitch * 1e6:.3g} um pixels on the wall", f"{extent * 1e3:.3g} mm",
+            raise InputError("hidden_object", f"at most {field_of_view * 1e3:.3g} mm across at {geometry.distance_m:.3g} m "
+                             f"with {pitch * 1e6:.3g} um pixels on the wall", f"{extent * 1e3:.3g} mm",
                              f"move the virtual detector to {nearest:.3g} m or more, or use smaller pixels")
 
 

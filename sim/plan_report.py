@@ -62,14 +62,15 @@ def warnings_of(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) 
     found = [f"{effect.name}: predicted error {effect.predicted_error:.2g} exceeds the tolerance {tolerance:g}"
              for effect in plan.effects.values() if effect.predicted_error > tolerance]
     if kernel.predicted_error > tolerance:
-        found.insert(0, f"propagator {kernel.propagator}: predicted {plan.settings.accuracy} error {kernel.predicted_error:.2g} "
-                     f"exceeds the tolerance {tolerance:g}; use --propagator auto")
+        found.insert(0, f"propagator {kernel.propagator}: predicted {plan.settings.accuracy} error "
+                     f"{kernel.predicted_error:.2g} exceeds the tolerance {tolerance:g}; use --propagator auto")
     found += scene_warnings(plan.geometry, plan.prediction.pitches_m)
     if monte_carlo is not None:
         found += disagreement(plan.geometry, monte_carlo)
     ratio = plan.prediction.signal_to_noise(frames) if plan.prediction.dof(frames) else None
     if ratio is not None and ratio < 1.0:
-        found.append(f"signal to noise: {ratio:.2g} on average over the object's lags in {frames} frames; {advice(plan, frames)}")
+        found.append(f"signal to noise: {ratio:.2g} on average over the object's lags in {frames} frames; "
+                     + advice(plan, frames))
     return found
 
 
@@ -104,7 +105,7 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
     dof, ratio = prediction.dof(frames), content["signal_to_noise"]
     floor, budget = prediction.terms.floor_over_peak(), light_budget(geometry.light_path)
     lines = [
-        f"{geometry.frame_shape[0]} x {geometry.frame_shape[1]} pixels, {frames} frames of {geometry.electronics.exposure_s:g} s",
+        "{} x {} pixels, ".format(*geometry.frame_shape) + f"{frames} frames of {geometry.electronics.exposure_s:g} s",
         f"light           {plan.mean_photoelectrons:.3g} photoelectrons a pixel; {budget.per_pixel_db:.2f} dB a pixel, "
         f"{budget.per_frame_db:.2f} dB a frame" + ("" if monte_carlo is None else
                                                    f" ({monte_carlo.per_frame_db:.2f} dB by Monte Carlo)"),
@@ -114,8 +115,9 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
         f"noise           floor over peak {'none' if floor is None else f'{floor:.3g}'}, signal to noise "
         f"{'none' if ratio is None else f'{ratio:.2g}'}"
         + (f"; {advice(plan, frames)}" if ratio is not None and ratio < WORTH_SEEING else ""),
-        f"propagation     {kernel.propagator} in {kernel.precision}, {plan.settings.accuracy} error {kernel.predicted_error:.2g} "
-        f"of {plan.settings.tolerance:g} allowed, {content['scatterers']} scatterers, about {content['seconds']:.1f} s",
+        f"propagation     {kernel.propagator} in {kernel.precision}, {plan.settings.accuracy} error "
+        f"{kernel.predicted_error:.2g} of {plan.settings.tolerance:g} allowed, {content['scatterers']} scatterers, about "
+        f"{content['seconds']:.1f} s",
         "modelled        " + ", ".join(name for name, effect in plan.effects.items() if effect.modelled),
         "left out        " + ", ".join(f"{name} ({effect.predicted_error:.1g})" if effect.predicted_error else name
                                        for name, effect in plan.effects.items() if not effect.modelled),

@@ -22,8 +22,8 @@ _SCAN_STEP = Parameter("scan_step", "metres", 1e-30, 1e15, zero=True)
 class Laser(mi.Emitter):
     """Beam along the local +z axis of `to_world`.
 
-    Parameters: `to_world`, `wavelength`, `power`, `spot_diameter` (uniform disc on the wall), `linewidth`, `scan_step` (way of the
-    spot between frames; its diameter or more where left out), `scan_speed` (while the shutter is open).
+    Parameters: `to_world`, `wavelength`, `power`, `spot_diameter` (uniform disc on the wall), `linewidth`, `scan_step` (way of
+    the spot between frames; its diameter or more where left out), `scan_speed` (while the shutter is open).
     """
 
     def __init__(self, props: mi.Properties) -> None:

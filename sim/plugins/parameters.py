@@ -50,7 +50,8 @@ class Parameters:
         self._given: dict[str, float] = {}
         for name, parameter in self._known.items():
             if parameter.default is None and name not in props:
-                raise InputError(f"{plugin}.{name}", f"a number in {parameter.unit or 'no unit'}", "none", "add it to the scene")
+                raise InputError(f"{plugin}.{name}", f"a number in {parameter.unit or 'no unit'}", "none",
+                                 "add it to the scene")
             self._given[name] = parameter.checked(plugin, props.get(name, parameter.default))
         self._shown = {name: mi.Float64(value) for name, value in self._given.items()}
 

@@ -39,7 +39,8 @@ def random_scene(seed: int) -> RandomScene:
     shapes, told = zip(*(_object(random, index) for index in range(random.integers(1, 4))), strict=True)
     if random.random() < 0.5:
         x, y = random.uniform(-0.15, 0.15, 2)
-        shapes += (_rectangle("plate", 0.1, 0.06, f'<translate x="{x}" y="{y}" z="{random.uniform(0.28, 0.36)}"/>', _diffuse(0)),)
+        placed = f'<translate x="{x}" y="{y}" z="{random.uniform(0.28, 0.36)}"/>'
+        shapes += (_rectangle("plate", 0.1, 0.06, placed, _diffuse(0)),)
         told += ("an occluder",)
     angle = random.uniform(-60.0, 60.0)
     about_up = bool(random.random() < 0.5)

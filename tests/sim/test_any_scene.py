@@ -12,7 +12,6 @@ import pytest
 mi = pytest.importorskip("mitsuba")
 
 import sim  # noqa: E402, F401
-from tests.sim.random_scenes import path_traced, random_scene  # noqa: E402
 from radiometry.autocorrelation import LAGS, PatchGrid, autocorrelate, estimate_autocorrelation, window_smooth  # noqa: E402
 from radiometry.errors import InputError  # noqa: E402
 from radiometry.noise_level import INDEPENDENT, RING  # noqa: E402
@@ -24,6 +23,7 @@ from sim.path_tracing import estimate_throughput  # noqa: E402
 from sim.plan import Settings  # noqa: E402
 from sim.plan_report import disagreement, make_plan  # noqa: E402
 from sim.variant import llvm_major  # noqa: E402
+from tests.sim.random_scenes import path_traced, random_scene  # noqa: E402
 
 NEW_LLVM = pytest.mark.skipif((llvm_major() or 99) < 17, reason="spheres, masks and microfacets need libLLVM 17")
 QUIET = (("shot_noise", False), ("other_light", False), ("detector_roughness", False))
@@ -112,6 +112,15 @@ def test_a_sphere_s_light_is_its_integral(scene):
     assert 10.0 * np.log10(path.beyond_flat) > 0.5
 
 
+def grain_widths(geometry) -> list[float]:
+    """Pixels down and right at which the speckle's covariance has fallen to half."""
+    simulation = Simulation(geometry, Settings(effects=QUIET))
+    images = [simulation.expected(1, number).numpy() - simulation.mean_photoelectrons for number in range(8)]
+    covariance = np.fft.ifft2(sum(np.abs(np.fft.fft2(image)) ** 2 for image in images)).real
+    lines = (covariance[:, 0], covariance[0])
+    return [float(np.interp(0.5, (line / line[0])[12::-1], np.arange(12, -1, -1))) for line in lines]
+
+
 def test_a_camera_at_sixty_degrees_sees_twice_as_many_photons_and_grains_half_as_wide(scene):
     turned = ('<lookat origin="-0.1122723, 0, -0.5281997"', '<lookat origin="-0.4676537, 0, -0.27"')
     wide = ('<scale x="0.015" y="0.015"/>', '<scale x="0.05" y="0.05"/>')
@@ -122,14 +131,7 @@ def test_a_camera_at_sixty_degrees_sees_twice_as_many_photons_and_grains_half_as
     assert other.per_pixel / base.per_pixel == pytest.approx(1.0, abs=0.01)
     assert angled.light_path.pixel_area_m2 / head_on.light_path.pixel_area_m2 == pytest.approx(cosines, rel=1e-3)
     assert angled.seen_pitch_m[1] / angled.seen_pitch_m[0] == pytest.approx(2.0, rel=1e-3)
-    simulation = Simulation(angled, Settings(effects=QUIET))
-    power = sum(np.abs(np.fft.fft2(simulation.expected(1, n).numpy() - simulation.mean_photoelectrons)) ** 2 for n in range(8))
-    covariance = np.fft.ifft2(power).real
-    widths = [float(np.interp(0.5, (line / line[0])[12::-1], np.arange(12, -1, -1))) for line in (covariance[:, 0], covariance[0])]
-    letter = Simulation(head_on, Settings(effects=QUIET))
-    power = sum(np.abs(np.fft.fft2(letter.expected(1, n).numpy() - letter.mean_photoelectrons)) ** 2 for n in range(8))
-    straight = np.fft.ifft2(power).real
-    before = [float(np.interp(0.5, (line / line[0])[12::-1], np.arange(12, -1, -1))) for line in (straight[:, 0], straight[0])]
+    widths, before = grain_widths(angled), grain_widths(head_on)
     assert widths[0] == pytest.approx(before[0], rel=0.08)
     assert widths[1] == pytest.approx(before[1] / cosines, rel=0.15)  # the pixel's own blur is a part of it
 
@@ -137,8 +139,8 @@ def test_a_camera_at_sixty_degrees_sees_twice_as_many_photons_and_grains_half_as
 def test_clutter_in_the_laser_s_light_shows(scene):
     """A plate beside the letter brings as much light as it would as a second object; an even share is a closed form."""
     plate = ('<shape type="rectangle" id="{}"><transform name="to_world"><scale x="0.003" y="0.004"/>'
-             '<translate x="0.013" z="0.001"/></transform><bsdf type="diffuse"><spectrum name="reflectance" value="0.7"/></bsdf>'
-             "</shape></scene>")
+             '<translate x="0.013" z="0.001"/></transform><bsdf type="diffuse"><spectrum name="reflectance" value="0.7"/>'
+             "</bsdf></shape></scene>")
     alone, both = scene(), scene(("</scene>", plate.format("hidden_object_2")))
     cluttered = scene(("</scene>", plate.format("clutter")))
     expected = both.hidden_object.throughput / alone.hidden_object.throughput - 1.0
@@ -213,7 +215,8 @@ def test_thirty_scenes_drawn_at_random_agree_with_mitsuba_s_path_tracer():
         frames = [float(simulation.expected(0, number).mean()) / simulation.mean_photoelectrons for number in range(40)]
         mean, spread = budget * np.mean(frames), budget * np.std(frames, ddof=1) / np.sqrt(40)
         own = 3e-3 * budget  # of the budget's own samples
-        scores = [(budget - expected) / np.hypot(error, own), (sampled.per_frame - expected) / np.hypot(error, sampled.standard_error),
+        scores = [(budget - expected) / np.hypot(error, own),
+                  (sampled.per_frame - expected) / np.hypot(error, sampled.standard_error),
                   (mean - expected) / np.sqrt(error**2 + own**2 + spread**2)]
         if max(map(abs, scores)) > 3.0:
             off.append((scene.told, np.round(scores, 1)))
@@ -239,7 +242,8 @@ def test_shipped_scenes_work_with_an_old_libllvm(name, arguments):
 
 @pytest.mark.slow
 @pytest.mark.skipif(OLD_LLVM is None, reason="no libLLVM older than 17 on this machine")
-@pytest.mark.parametrize("surface", ['<bsdf type="principled"/>', '<bsdf type="roughplastic"/>', '<bsdf type="roughconductor"/>',
+@pytest.mark.parametrize("surface", ['<bsdf type="principled"/>', '<bsdf type="roughplastic"/>',
+                                     '<bsdf type="roughconductor"/>',
                                      '<bsdf type="mask"><float name="opacity" value="0.3"/><bsdf type="diffuse"/></bsdf>'])
 def test_what_an_old_libllvm_cannot_compile_is_refused_in_one_line(tmp_path, surface):
     plate = (f'<shape type="rectangle" id="plate"><transform name="to_world"><scale value="0.01"/><translate x="0.3" z="0.2"/>'

@@ -62,7 +62,8 @@ def test_frames_at_stated_times_show_the_same_speckle_moved(scene):
     # Columns run along -x.
     step = f'{SPOT}<float name="scan_step" value="0"/>'
     camera = '<float name="pixel_pitch"'
-    geometry = scene(moving(-way / interval, 0.0), (SPOT, step), (camera, f'<float name="frame_interval" value="{interval}"/>{camera}'))
+    timed = f'<float name="frame_interval" value="{interval}"/>{camera}'
+    geometry = scene(moving(-way / interval, 0.0), (SPOT, step), (camera, timed))
     simulation = Simulation(geometry, BARE)
     first, second = (simulation.expected(3, number).numpy() for number in (0, 1))
 
