@@ -1,0 +1,27 @@
+"""Parameters of plugins: their table, their ranges, their messages."""
+
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("mitsuba")
+
+import sim  # noqa: F401
+from radiometry.errors import InputError
+from sim.plugins.table import PLUGINS, table
+
+
+def test_the_documented_table_is_the_code_s():
+    assert (Path(__file__).parents[2] / "docs" / "parameters.md").read_text() == table()
+
+
+@pytest.mark.parametrize(("plugin", "parameter"), [(plugin, known) for plugin, many in PLUGINS.items() for known in many])
+def test_ranges_hold_and_messages_speak_their_unit(plugin, parameter):
+    assert parameter.checked(plugin, parameter.low) == parameter.low
+    assert parameter.checked(plugin, parameter.high) == parameter.high
+    for value in (2.0 * parameter.high, float("nan"), "much"):
+        unit = parameter.unit.split()[0] if parameter.unit else ""
+        with pytest.raises(InputError, match=rf"^{plugin}\.{parameter.name}: expected .*{unit}"):
+            parameter.checked(plugin, value)
+    if parameter.default is not None:
+        assert parameter.checked(plugin, parameter.default) == parameter.default
