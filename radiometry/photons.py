@@ -20,7 +20,8 @@ def decibel(ratio: float) -> float:
     return 10.0 * math.log10(ratio) if ratio > 0.0 else -math.inf
 
 
-def grain_area(albedo: np.ndarray, cell_area_m2: float, wavelength_m: float, distance_m: float) -> float:
+def grain_area(albedo: np.ndarray, cell_area_m2: float, wavelength_m: float, distance_m: float,
+               square_sum: float | None = None) -> float:
     """Coherence area of the speckle on the wall, in m^2.
 
     (lambda z)^2 (integral r^2) / (integral r)^2, the integral of the squared degree of coherence
@@ -29,9 +30,10 @@ def grain_area(albedo: np.ndarray, cell_area_m2: float, wavelength_m: float, dis
     Args:
         albedo: power reflectance r on a grid, any shape.
         cell_area_m2: area of one grid cell on the object.
+        square_sum: sum of r^2 over the cells where their means have lost a part of it at edges; theirs where None.
     """
     power = float(albedo.sum(dtype=np.float64)) * cell_area_m2
     if power == 0.0:
         return math.inf
-    squared = float(np.square(albedo, dtype=np.float64).sum()) * cell_area_m2
+    squared = (float(np.square(albedo, dtype=np.float64).sum()) if square_sum is None else square_sum) * cell_area_m2
     return (wavelength_m * distance_m) ** 2 * squared / power**2

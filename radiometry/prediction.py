@@ -11,7 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from radiometry.autocorrelation import LAGS, PatchGrid, autocorrelate, automatic_patch_size, patch_grid, window_smooth
+from radiometry.autocorrelation import (
+    LAGS,
+    PatchGrid,
+    autocorrelate,
+    automatic_patch_size,
+    patch_grid,
+    peak_of_cell_means,
+    window_smooth,
+)
 from radiometry.noise_budget import NoiseTerms, degrees_of_freedom
 from radiometry.photons import grain_area
 from radiometry.throughput import light_budget
@@ -65,14 +73,15 @@ class Prediction:
         return float((weight * self.signal / (self.signal + floor)).sum()) * math.sqrt(self.dof(frames))
 
 
-def noise_terms(geometry: Any, albedo: np.ndarray, cell_area_m2: float) -> NoiseTerms:
+def noise_terms(geometry: Any, albedo: np.ndarray, cell_area_m2: float, square_sum: float | None = None) -> NoiseTerms:
     """Noise terms of one frame of a scene.
 
     Args:
         albedo: the object's effective albedo on cells of `cell_area_m2` across the line of sight.
+        square_sum: see `grain_area`.
     """
     electronics = geometry.electronics
-    grain = grain_area(albedo, cell_area_m2, geometry.wavelength_m, geometry.distance_m)
+    grain = grain_area(albedo, cell_area_m2, geometry.wavelength_m, geometry.distance_m, square_sum)
     ambient = geometry.ambient_photoelectrons_per_pixel_s
     # Subjective grain of the wall behind a circular pupil: (lambda z)^2 / A (Goodman, Speckle Phenomena, Eq. 4-75).
     pupil_area = 0.25 * math.pi * geometry.pupil_diameter_m**2
@@ -112,6 +121,7 @@ def predict(geometry: Any, patch: int | None = None) -> Prediction:
     lags = autocorrelate(albedo)
     transfer = lag_transfer(np.arange(-LAGS, LAGS + 1), grid.patch_shape, geometry.pixel_pitch_m, geometry.pupil_diameter_m,
                             geometry.wavelength_m, geometry.pupil_distance_m)
-    signal = window_smooth(lags / lags.max() if lags.max() > 0.0 else lags, CELLS_PER_LAG) * transfer
-    terms = noise_terms(geometry, albedo, cell[0] * cell[1] * hidden.axes.cell)
+    peak = peak_of_cell_means(lags)
+    signal = window_smooth(lags / peak if peak > 0.0 else lags, CELLS_PER_LAG) * transfer
+    terms = noise_terms(geometry, albedo, cell[0] * cell[1] * hidden.axes.cell, peak)
     return Prediction(terms, grid, pitches_m, signal, transfer)

@@ -22,8 +22,13 @@ def test_floor_dof_and_distribution_of_rendered_frames(letter_simulation, letter
     prediction = predict(simulation.geometry)
     frames = [simulation.frame(11, number).numpy() for number in range(2)]
     estimate, dof = estimate_autocorrelation(frames, prediction.grid)
-    gain, floor = fit_known_signal(estimate, prediction.signal)
     assert dof == prediction.dof(2) == 64
+    # At a 512th of a second a single capture tells its floor to a tenth.
+    captures = [estimate]
+    if float(exposure) < 0.01:
+        pairs = [[simulation.frame(seed, number).numpy() for number in range(2)] for seed in (12, 13, 14)]
+        captures += [estimate_autocorrelation(pair, prediction.grid)[0] for pair in pairs]
+    gain, floor = np.mean([fit_known_signal(one, prediction.signal) for one in captures], axis=0)
     assert floor / gain == pytest.approx(prediction.shot_floor_over_peak, rel=0.10)
     assert read_noise_level(estimate).dof == pytest.approx(dof, rel=0.10)
     free = estimate[SIGNAL_FREE]
@@ -56,10 +61,10 @@ def test_the_prediction_is_one_over_photons_per_coherence_area(letter_simulation
     albedo = geometry.hidden_object.sample((cell, cell), (256, 256)).albedo
     grain = grain_area(albedo, cell**2, geometry.wavelength_m, geometry.distance_m)
     assert grain == pytest.approx(1.4e-8, rel=0.05)
-    per_area = simulation.mean_photoelectrons / geometry.pixel_pitch_m**2
+    per_area = simulation.mean_photoelectrons / geometry.seen_pixel_area_m2
     prediction = predict(geometry)
     assert prediction.shot_floor_over_peak == pytest.approx(1.0 / (per_area * grain), rel=0.02)
-    assert autocorrelate(albedo).max() == pytest.approx(albedo.sum())
+    assert autocorrelate(albedo).max() == pytest.approx(albedo.sum(), rel=0.02)  # but for cells on an edge
 
 
 @pytest.mark.parametrize("patches", [1, 2, 3])
