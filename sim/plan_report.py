@@ -6,6 +6,8 @@ import math
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from radiometry.throughput import detector_to_pixel, light_budget
 from sim.effects import Effect
 from sim.geometry import Geometry
@@ -33,7 +35,9 @@ def as_json(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> d
     geometry, kernel, modes = plan.geometry, plan.kernel, plan.modes
     pixels = math.prod(geometry.canvas_shape)
     listed = [*plan.effects.values(),
-              Effect("direct_light", False, "blocked by a shape" if geometry.baffled else "not blocked by any shape", 0.0)]
+              Effect("direct_light", False, "blocked by a shape" if geometry.baffled else "not blocked by any shape", 0.0),
+              Effect("defocus", False, "the sensor is taken to be tilted until all of the wall is in focus (Scheimpflug); "
+                     f"untilted, the frame's corner would be blurred over {defocus_pixels(geometry):.2g} pixels", 0.0)]
     return {
         "accuracy": plan.settings.accuracy,
         "tolerance": plan.settings.tolerance,
@@ -72,6 +76,14 @@ def warnings_of(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) 
         found.append(f"signal to noise: {ratio:.2g} on average over the object's lags in {frames} frames; "
                      + advice(plan, frames))
     return found
+
+
+def defocus_pixels(geometry: Geometry) -> float:
+    """Diameter of the blur in the frame's corner of a camera whose sensor is not tilted along with the wall, in pixels."""
+    height, width = (0.5 * n * geometry.pixel_pitch_m for n in geometry.frame_shape)
+    corner = max(float(np.linalg.norm(height * geometry.down + side * width * geometry.right)) for side in (-1.0, 1.0))
+    nearer = corner * math.sqrt(1.0 - geometry.light_path.detector_cosine_out**2)
+    return nearer * geometry.pupil_diameter_m / geometry.pupil_distance_m / geometry.pixel_pitch_m
 
 
 def disagreement(geometry: Geometry, monte_carlo: MonteCarlo) -> list[str]:
@@ -120,7 +132,8 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
         f"{content['seconds']:.1f} s",
         "modelled        " + ", ".join(name for name, effect in plan.effects.items() if effect.modelled),
         "left out        " + ", ".join(f"{name} ({effect.predicted_error:.1g})" if effect.predicted_error else name
-                                       for name, effect in plan.effects.items() if not effect.modelled),
+                                       for name, effect in plan.effects.items() if not effect.modelled)
+        + f", defocus (of {defocus_pixels(geometry):.2g} pixels, were the sensor not tilted along with the wall)",
     ]
     return "\n".join(lines + [f"warning: {warning}" for warning in content["warnings"]])
 
