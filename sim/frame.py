@@ -6,7 +6,6 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 
-import mitsuba as mi
 import numpy as np
 import torch
 
@@ -15,7 +14,7 @@ from radiometry.throughput import light_budget
 from sim.camera import expose, mean_image, transfer_function
 from sim.detector_roughness import exact_image, gamma_image
 from sim.effects import remaining_electronics
-from sim.geometry import Geometry, read_geometry
+from sim.geometry import Geometry
 from sim.illumination import illuminate
 from sim.motion import Pose, poses, travel_phase
 from sim.other_light import background_of
@@ -55,10 +54,6 @@ class Simulation:
         other = copy(self)
         other._follow(Plan.of(self.geometry.showing(cells, pitch_m), self.settings))
         return other
-
-    @classmethod
-    def of_scene(cls, scene: mi.Scene) -> Simulation:
-        return cls(read_geometry(scene))
 
     @property
     def mean_photoelectrons(self) -> float:

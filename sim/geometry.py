@@ -109,7 +109,7 @@ class Geometry:
     @property
     def other_light_share(self) -> float:
         """The laser's light by other ways over the hidden object's."""
-        if self.other_light is None or self.light_path.beyond_flat == 0.0 or self.hidden_object.throughput == 0.0:
+        if self.other_light is None or self.hidden_object.throughput == 0.0:
             return 0.0
         return self.other_light.total.per_frame / (self.hidden_object.throughput * self.light_path.pixels)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +16,7 @@ from sim.footprint import LagAxes
 from sim.light_transport import Carried, LightTransport
 from sim.plugins.phase_screen import PhaseScreen
 from sim.propagation.direct import Visibility
-from sim.surfaces import MOST_LAYERS, check_energy, has_masks, transmittance
+from sim.surfaces import check_energy, has_masks, is_one_of, layers, transmittance
 
 RAYS = 768
 """Rays along the longer side of the object at least, however coarse the grid."""
@@ -67,16 +67,15 @@ class Measured:
 
 
 class HiddenObject:
-    """All shapes that `belongs` picks (those whose id starts with `hidden_object`), seen from the frame's centre.
+    """All shapes whose id starts with `hidden_object`, seen from the frame's centre.
 
     Rays leave the frame's centre through a grid in the plane across the line of sight that holds the object's centre; rows
     run along `axes.down`, columns along `axes.right`. Each ray stands for the solid angle of its cell.
     """
 
-    def __init__(self, transport: LightTransport, centre: np.ndarray, axes: LagAxes,
-                 belongs: Callable[[mi.Shape], bool] = is_hidden_object) -> None:
+    def __init__(self, transport: LightTransport, centre: np.ndarray, axes: LagAxes) -> None:
         self._scene = transport.scene
-        self._shapes = [shape for shape in self._scene.shapes() if belongs(shape)]
+        self._shapes = [shape for shape in self._scene.shapes() if is_hidden_object(shape)]
         self.axes = axes
         low, high = bounds(self._shapes)
         self.centre = centre
@@ -188,23 +187,14 @@ class HiddenObject:
         skipped = self._before(rays.length)
         start = self._transport.frame_centre + skipped[:, None] * rays.direction
         ray = mi.Ray3f(_points(start), mi.Vector3f(_points(rays.direction)))
-        gone, active = mi.Float(0.0), mi.Bool(True)
-        masks = has_masks(self._scene)
-        for _ in range(MOST_LAYERS if masks else 1):
-            hit = self._scene.ray_intersect(ray, active)
-            active &= hit.is_valid()
-            mine = self._is_mine(hit) & active
+        gone = mi.Float(0.0)
+        for hit, active in layers(self._scene, ray, mi.Bool(True)):
+            mine = is_one_of(hit, self._shapes) & active
             check_energy("hidden_object", hit, mine)
             carried = self._transport.carried(hit, mine)
             gone += dr.select(active, hit.t, 0.0)
             way = np.asarray(gone, np.float64) + skipped
             yield Carried(*map(rays.grid, vars(carried).values())), rays.grid(way * rays.cosine - self._distance_m)
-            if not masks:
-                return
-            active &= hit.bsdf().eval_null_transmission(hit, active)[0] > 0.0
-            if not dr.any(active)[0]:
-                return
-            ray = hit.spawn_ray(ray.d)
 
     def _beyond(self, rays: _Rays) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Light of surfaces that some of the frame sees, but its centre does not or hardly: light, coordinates (n, 2), depths.
@@ -213,7 +203,7 @@ class HiddenObject:
         """
         if self._flat:
             return
-        scene, transport = self._scene, self._transport
+        transport = self._transport
         # Pixels beside the centre see deep parts displaced: the grid is as much wider.
         wider = self._parallax
         plane = mi.Point3f(_points(self.centre + wider * rays.place))
@@ -221,15 +211,12 @@ class HiddenObject:
         way = plane - eye
         length = dr.norm(way)
         direction = way / length
-        ray, active = mi.Ray3f(eye + direction * self._before(length), direction), mi.Bool(True)
+        ray = mi.Ray3f(eye + direction * self._before(length), direction)
         cosine = np.asarray(dr.dot(direction, mi.Vector3f(*self.line_of_sight.tolist())), np.float64)
         angle = wider**2 * rays.area * cosine / np.asarray(length, np.float64) ** 2
-        masks = has_masks(scene)
-        for _ in range(MOST_LAYERS if masks else 1):
-            hit = scene.ray_intersect(ray, active)
-            active &= hit.is_valid()
+        for hit, active in layers(self._scene, ray, mi.Bool(True)):
             share = transport.foreshortening(hit, eye)
-            mine = self._is_mine(hit) & active
+            mine = is_one_of(hit, self._shapes) & active
             mine &= ~self._seen_from_centre(hit, mine & (share > 0.0) & (share <= transport.most_foreshortened))
             carried = transport.carried(hit, mine, from_centre=False)
             found = carried.radiance > 0.0
@@ -237,12 +224,6 @@ class HiddenObject:
             depth = position @ self.line_of_sight
             seen = self.axes.coordinates(position * (self._distance_m / (self._distance_m + depth))[:, None])
             yield (carried.radiance * angle)[found], seen, depth
-            if not masks:
-                return
-            active &= hit.bsdf().eval_null_transmission(hit, active)[0] > 0.0
-            if not dr.any(active)[0]:
-                return
-            ray = hit.spawn_ray(ray.d)
 
     def _seen_from_centre(self, hit: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
         """Whether a ray of `_layers` meets a surface.
@@ -253,12 +234,8 @@ class HiddenObject:
         outward = dr.normalize(hit.p - centre)
         whole = self._distance_m / dr.dot(outward, mi.Vector3f(*self.line_of_sight.tolist()))
         ray, seen = mi.Ray3f(centre + outward * self._before(whole), outward), mi.Bool(False)
-        for _ in range(MOST_LAYERS if has_masks(self._scene) else 1):
-            met = self._scene.ray_intersect(ray, active)
-            active = active & met.is_valid()
-            seen |= active & (dr.norm(met.p - hit.p) < SAME_PLACE * self._radius_m)
-            active &= met.bsdf().eval_null_transmission(met, active)[0] > 0.0
-            ray = met.spawn_ray(outward)
+        for met, there in layers(self._scene, ray, active):
+            seen |= there & (dr.norm(met.p - hit.p) < SAME_PLACE * self._radius_m)
         return seen
 
     def _before(self, length: Any) -> Any:
@@ -268,12 +245,6 @@ class HiddenObject:
         """
         gap, least = length - (2.0 * self._radius_m + 1e-3 * self._distance_m), 1e-4 * self._distance_m
         return np.maximum(gap, least) if isinstance(gap, np.ndarray) else dr.select(gap > least, gap, least)
-
-    def _is_mine(self, hit: mi.SurfaceInteraction3f) -> mi.Bool:
-        mine = dr.zeros(mi.Bool, dr.width(hit.t))
-        for shape in self._shapes:
-            mine |= hit.shape == mi.ShapePtr(shape)
-        return mine
 
     def _measure(self) -> Measured:
         """Sums over the whole object, at `RAYS` along its longer side."""

@@ -21,7 +21,7 @@ import numpy as np
 
 from sim.plugins.laser import Laser
 from sim.plugins.speckle_camera import SpeckleCamera
-from sim.surfaces import has_masks, transmittance
+from sim.surfaces import has_masks, reflected, transmittance
 
 _GOLDEN_6 = 1.1127756842787055
 """Root of x^7 = x + 1: the sequence of six dimensions steps by its negative powers."""
@@ -105,11 +105,11 @@ class LightTransport:
         to_lens, lens_m = towards(wall.p, lens)
 
         source.wi = source.to_local(-mi.Vector3f(*self.laser.direction.tolist()))
-        emitted = _reflected(source, -to_source, active)
+        emitted = reflected(source, -to_source, active)
         hit.wi = hit.to_local(to_wall)
-        scattered = _reflected(hit, to_source, active & (emitted > 0.0))
+        scattered = reflected(hit, to_source, active & (emitted > 0.0))
         wall.wi = wall.to_local(to_lens)
-        imaged = _reflected(wall, -to_wall, active & (scattered > 0.0))
+        imaged = reflected(wall, -to_wall, active & (scattered > 0.0))
         albedo = wall.bsdf().eval_diffuse_reflectance(wall, on_wall)[0]
         # The frame's texture has an effect of its own: here every pixel counts with the mean albedo.
         painted = float(dr.mean(dr.select(on_wall & (albedo > 0.0), mi.Float(1.0), 0.0))[0])
@@ -158,11 +158,6 @@ class LightTransport:
 
     def _pupil(self, spread: mi.Point2f) -> mi.Point3f:
         return _disc(self.camera.pupil_centre, self.camera.axis, self.camera.pupil_diameter_m, spread)
-
-
-def _reflected(surface: mi.SurfaceInteraction3f, direction: mi.Vector3f, active: mi.Bool) -> mi.Float:
-    """BSDF times the cosine of `direction`, for light that comes from or leaves for `surface.wi`."""
-    return surface.bsdf().eval(mi.BSDFContext(), surface, surface.to_local(direction), active)[0]
 
 
 def _spread(count: int) -> tuple[mi.Point2f, mi.Point2f, mi.Point2f]:

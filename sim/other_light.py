@@ -30,14 +30,12 @@ class Background:
         place: row and column of each cell of the period that light comes from, whole turns taken out, (n,) each.
         amplitude: of each cell, mean square 1 in sum, (n,).
         coherent: share of its amplitude of fluctuation that shows; the rest is even. 1 where it is as narrow as an object.
-        variance: of its speckle behind pupil and pixel, relative to its mean squared.
     """
 
     share: float
     place: tuple[np.ndarray, np.ndarray]
     amplitude: np.ndarray
     coherent: float
-    variance: float
 
     def intensity(self, geometry: Geometry, generator: np.random.Generator, device: torch.device) -> torch.Tensor:
         """One draw of its intensity on the canvas, mean 1, before pupil and pixel; (H, W)."""
@@ -56,7 +54,7 @@ def background_of(geometry: Geometry, even_below: float) -> Background | None:
     other, hidden = geometry.other_light, geometry.hidden_object
     if other is None or other.total.per_frame == 0.0 or hidden.throughput == 0.0:
         return None
-    share = other.total.per_frame / (hidden.throughput * geometry.light_path.pixels)
+    share = geometry.other_light_share
     offset = other.position - hidden.centre
     away = np.linalg.norm(hidden.centre - geometry.detector_centre)
     along = away + offset @ hidden.line_of_sight
@@ -76,7 +74,7 @@ def background_of(geometry: Geometry, even_below: float) -> Background | None:
     coherent = float(np.sqrt(min(variance / max(wrapped, 1e-12), 1.0)))
     if share**2 * variance < even_below:
         coherent = 0.0
-    return Background(share, place, np.sqrt(power), coherent, variance)
+    return Background(share, place, np.sqrt(power), coherent)
 
 
 def _transfer(geometry: Geometry, lag: np.ndarray) -> np.ndarray:

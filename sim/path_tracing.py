@@ -22,7 +22,7 @@ from radiometry.photons import decibel
 from sim.hidden_object import is_hidden_object
 from sim.plugins.laser import Laser
 from sim.plugins.speckle_camera import SpeckleCamera
-from sim.surfaces import MOST_LAYERS, has_masks, transmittance
+from sim.surfaces import MOST_LAYERS, has_masks, is_one_of, reflected, transmittance
 
 DEFAULT_SAMPLES = 2**20
 BATCH = 2**20
@@ -69,13 +69,11 @@ class OtherLight:
         total: of the whole frame.
         position: world places (n, 3) from which it last came, those of the paths that brought any.
         weight: photoelectrons of a frame per laser photon of each, (n,); they sum to the total.
-        single: whether clutter reflected it once on its way from spot to frame, bool (n,).
     """
 
     total: MonteCarlo
     position: np.ndarray
     weight: np.ndarray
-    single: np.ndarray
 
 
 def estimate_throughput(scene: mi.Scene, samples: int = DEFAULT_SAMPLES, seed: int = 0,
@@ -93,11 +91,10 @@ def estimate_other_light(scene: mi.Scene, samples: int = 2**16, seed: int = 0,
 
     Light straight from the spot is left out; `Geometry.direct_light` tells of it. Raises InputError for too few samples.
     """
-    values, positions, single = zip(*(_other_light(paths) for paths in _batches(scene, samples, seed, camera)), strict=True)
-    value, position, once = np.concatenate(values), np.concatenate(positions), np.concatenate(single)
-    total = value.sum(1)
+    values, positions = zip(*(_other_light(paths) for paths in _batches(scene, samples, seed, camera)), strict=True)
+    total, position = np.concatenate(values), np.concatenate(positions)
     lit = total > 0.0
-    return OtherLight(_mean(total), position[lit], total[lit] / len(total), once[lit] > 0.5 * total[lit])
+    return OtherLight(_mean(total), position[lit], total[lit] / len(total))
 
 
 class _Paths:
@@ -181,8 +178,8 @@ class _Paths:
         way = self.spot.p - vertex.p
         distance = dr.norm(way)
         direction = way / distance
-        emitted = _reflected(self.spot, -direction, active)
-        scattered = _reflected(vertex, direction, active & (emitted > 0.0))
+        emitted = reflected(self.spot, -direction, active)
+        scattered = reflected(vertex, direction, active & (emitted > 0.0))
         lit = active & (scattered > 0.0)
         clear = transmittance(self.scene, vertex, self.spot.p, lit, masks=self.masks)
         radiance = mi.Float64(emitted) * mi.Float64(scattered * clear) / dr.square(mi.Float64(distance))
@@ -201,7 +198,7 @@ def _object_light(paths: _Paths) -> np.ndarray:
         mine = paths.active & (pick > low) & (pick <= float(chances[index]))
         chance = float(chances[index]) - max(low, 0.0)
         direction, density = aim.sample(paths, start)
-        imaged = _reflected(paths.wall, direction, mine)
+        imaged = reflected(paths.wall, direction, mine)
         mine &= imaged > 0.0
         for hit, share, seen in paths.hits(mi.Ray3f(start + 1e-4 * aim.distance(start) * direction, direction), mine):
             seen = seen & (hit.shape == mi.ShapePtr(aim.shape))
@@ -211,32 +208,28 @@ def _object_light(paths: _Paths) -> np.ndarray:
     return np.asarray(total * paths.collected, np.float64)
 
 
-def _other_light(paths: _Paths) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Light by other ways that each path of a batch brought with each number of reflections (n, BOUNCES), the place that it
-    came from last (n, 3), and the part that clutter reflected once (n,)."""
+def _other_light(paths: _Paths) -> tuple[np.ndarray, np.ndarray]:
+    """Light by other ways that each path of a batch brought (n,), and the place that it came from last (n, 3)."""
     shapes = sorted(paths.scene.shapes(), key=lambda shape: not is_hidden_object(shape))
     aims = [_Aim(shape) for shape in shapes if shape.id() not in ("virtual_detector", "virtual_source")][:MOST_AIMS]
     vertex, active = paths.wall, mi.Bool(paths.active)
     weight, found, first = paths.collected, [], None
     for _ in range(BOUNCES):
         direction, density = _mixture(paths, aims, vertex)
-        value = _reflected(vertex, direction, active)
+        value = reflected(vertex, direction, active)
         active &= (value > 0.0) & (density > 0.0)
         weight = dr.select(active, weight * mi.Float64(value) / mi.Float64(density), 0.0)
         hit, stopping = paths.stopped(vertex.spawn_ray(direction), active)
         active &= hit.is_valid() & (stopping > 0.0)
         weight = dr.select(active, weight / mi.Float64(stopping), 0.0)
         hit.wi = hit.to_local(-direction)
-        of_object = dr.zeros(mi.Bool, paths.count)
-        for shape in shapes:
-            if is_hidden_object(shape):
-                of_object |= hit.shape == mi.ShapePtr(shape)
+        of_object = is_one_of(hit, [shape for shape in shapes if is_hidden_object(shape)])
         radiance = paths.lit_by_spot(hit, active)
         counts = active & ~of_object if first is None else active
         found.append(np.asarray(dr.select(counts, weight * radiance, 0.0), np.float64))
         first = np.asarray(hit.p, np.float64).T if first is None else first
         vertex = hit
-    return np.stack(found, 1), first, found[0]
+    return np.stack(found, 1).sum(1), first
 
 
 class _Aim:
@@ -298,11 +291,6 @@ def _mixture(paths: _Paths, aims: list[_Aim], vertex: mi.SurfaceInteraction3f) -
         near = aim.disc_radius(aim.distance(vertex.p)) <= 0.0
         total += share * dr.select(near, hemisphere, aim.density(vertex.p, direction))
     return direction, total
-
-
-def _reflected(surface: mi.SurfaceInteraction3f, direction: mi.Vector3f, active: mi.Bool) -> mi.Float:
-    """BSDF times cosine for light along `surface.wi` and `direction`, both away from the surface."""
-    return surface.bsdf().eval(mi.BSDFContext(), surface, surface.to_local(direction), active)[0]
 
 
 def _batches(scene: mi.Scene, samples: int, seed: int, camera: SpeckleCamera | None) -> Iterator[_Paths]:

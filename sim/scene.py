@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,6 @@ from sim.geometry import Geometry, fingerprint, read_geometry
 from sim.path_tracing import estimate_throughput
 from sim.plan import Plan, Settings
 from sim.plan_report import as_json
-from sim.plugins.speckle_camera import SpeckleCamera
 from sim.scene_file import load_scene, version
 
 MONTE_CARLO_SAMPLES = 2**16
@@ -52,10 +50,6 @@ class Scene:
         if settings not in plans:
             plans[settings] = Plan.of(geometry, settings)
         return plans[settings]
-
-    @cached_property
-    def cameras(self) -> list[SpeckleCamera]:
-        return [sensor for sensor in self.mitsuba.sensors() if isinstance(sensor, SpeckleCamera)]
 
     def through(self, sensor: int) -> Scene:
         """The same scene seen by another of its sensors."""

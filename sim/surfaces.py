@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import drjit as dr
 import mitsuba as mi
 
@@ -47,6 +49,34 @@ def check_energy(name: str, hit: mi.SurfaceInteraction3f, lit: mi.Bool) -> None:
 def has_masks(scene: mi.Scene) -> bool:
     """Whether any surface lets a part of the light pass straight through."""
     return any(shape.bsdf() is not None and mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.Null) for shape in scene.shapes())
+
+
+def layers(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> Iterator[tuple[mi.SurfaceInteraction3f, mi.Bool]]:
+    """Surfaces along a ray, nearest first, and whether there is one; those behind a partly transparent one follow it."""
+    masks = has_masks(scene)
+    for _ in range(MOST_LAYERS if masks else 1):
+        hit = scene.ray_intersect(ray, active)
+        active = active & hit.is_valid()
+        yield hit, active
+        if not masks:
+            return
+        active = active & (hit.bsdf().eval_null_transmission(hit, active)[0] > 0.0)
+        if not dr.any(active)[0]:
+            return
+        ray = hit.spawn_ray(ray.d)
+
+
+def is_one_of(hit: mi.SurfaceInteraction3f, shapes: list[mi.Shape]) -> mi.Bool:
+    """Whether a surface belongs to one of some shapes."""
+    found = dr.zeros(mi.Bool, dr.width(hit.t))
+    for shape in shapes:
+        found |= hit.shape == mi.ShapePtr(shape)
+    return found
+
+
+def reflected(surface: mi.SurfaceInteraction3f, direction: mi.Vector3f, active: mi.Bool) -> mi.Float:
+    """BSDF times cosine for light along `surface.wi` and `direction`, both away from the surface."""
+    return surface.bsdf().eval(mi.BSDFContext(), surface, surface.to_local(direction), active)[0]
 
 
 def transmittance(scene: mi.Scene, start: mi.SurfaceInteraction3f | mi.Point3f, end: mi.Point3f, active: mi.Bool, *,
