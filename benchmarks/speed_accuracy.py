@@ -41,7 +41,7 @@ class Object:
 
     scatterers: Scatterers
     wall: Wall
-    place: tuple[np.ndarray, np.ndarray]
+    cells: tuple[np.ndarray, np.ndarray]
     grid: tuple[int, int]
 
     @property
@@ -70,10 +70,10 @@ def propagate(option: Option, thing: Object) -> np.ndarray:
     name, precision = option.propagator, option.precision
     if name == "fraunhofer":
         field = np.zeros(thing.grid, np.complex64)
-        field[thing.place] = thing.scatterers.amplitude
+        field[thing.cells] = thing.scatterers.amplitude
         return fraunhofer(torch.from_numpy(field), thing.wall.shape).numpy()
     if name == "fresnel":
-        return fresnel(thing.scatterers, thing.place, thing.grid, thing.wall).numpy()
+        return fresnel(thing.scatterers, thing.cells, thing.grid, thing.wall).numpy()
     if name == "nufft":
         return nufft(thing.scatterers, thing.wall, precision=precision, patches=option.patches)
     return direct(thing.scatterers, thing.wall, precision=precision)

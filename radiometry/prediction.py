@@ -36,7 +36,7 @@ class Prediction:
     Attributes:
         pitches_m: object distance of one lag down and right.
         signal: H (r*r), window-smoothed, (127, 127), in units of (r*r)(0).
-        transfer: H per lag (127, 127).
+        transfer: H per lag (127, 127), with what motion leaves of each lag over what it leaves at zero lag.
         shot_floor_over_peak: one over the photoelectrons per coherence area; None without light.
     """
 
@@ -87,17 +87,18 @@ def noise_terms(geometry: Any, albedo: np.ndarray, cell_area_m2: float, square_s
     pupil_area = 0.25 * math.pi * geometry.pupil_diameter_m**2
     subjective_grain = (geometry.wavelength_m * geometry.pupil_distance_m) ** 2 / pupil_area
     signal = light_budget(geometry.light_path).photoelectrons_per_pixel_s * electronics.exposure_s
+    # What two incoherent polarisations, and motion, leave of the speckle's variance.
+    kept = (0.5 if geometry.depolarised else 1.0) * float(geometry.motion.transfer(np.zeros(1), np.zeros(1))[0])
     other = geometry.other_light_share * signal if geometry.other_light_share > 1e-3 else 0.0  # less is not modelled
     return NoiseTerms(
         signal=signal,
-        # Two incoherent polarisations halve the speckle's variance.
-        grain_pixels=grain / geometry.seen_pixel_area_m2 * (0.5 if geometry.depolarised else 1.0),
+        grain_pixels=grain / geometry.seen_pixel_area_m2 * kept,
         ambient=other + (0.0 if ambient is None else float(ambient.mean()) * electronics.exposure_s),
         dark=electronics.dark_current * electronics.exposure_s,
         read=electronics.read_noise**2,
         quantisation=electronics.step**2 / 12.0,
-        # Their mean square falls from 2 to 3/2, and the wall's own speckle has half the variance: 3/4 instead of 2.
-        detector_grain_pixels=subjective_grain / geometry.pixel_pitch_m**2 * (0.375 if geometry.depolarised else 1.0),
+        # The mean square falls from 2 to 1 + kept, and the wall's own speckle keeps as much of its variance.
+        detector_grain_pixels=subjective_grain / geometry.pixel_pitch_m**2 * 0.5 * (1.0 + kept) * kept,
     )
 
 
@@ -121,6 +122,10 @@ def predict(geometry: Any, patch: int | None = None) -> Prediction:
     lags = autocorrelate(albedo)
     transfer = lag_transfer(np.arange(-LAGS, LAGS + 1), grid.patch_shape, geometry.pixel_pitch_m, geometry.pupil_diameter_m,
                             geometry.wavelength_m, geometry.pupil_distance_m)
+    steps = np.arange(-LAGS, LAGS + 1.0)
+    if geometry.motion.moves:
+        left = geometry.motion.transfer(steps[:, None] * pitches_m[0], steps[None, :] * pitches_m[1])
+        transfer = transfer * left / left[LAGS, LAGS]
     peak = peak_of_cell_means(lags)
     signal = window_smooth(lags / peak if peak > 0.0 else lags, CELLS_PER_LAG) * transfer
     terms = noise_terms(geometry, albedo, cell[0] * cell[1] * hidden.axes.cell, peak)

@@ -11,7 +11,7 @@ from radiometry.noise_budget import NoiseTerms
 from sim.coherence import lost_contrast
 from sim.geometry import Geometry
 from sim.illumination import grain_m
-from sim.motion import is_moving, lost_variance
+from sim.motion import lost_variance
 from sim.object_samples import ObjectSamples
 from sim.plugins.speckle_camera import Electronics
 
@@ -88,7 +88,7 @@ def decide(geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced
         Effect("other_light", geometry.other_light_share > tolerance, "the laser's light by way of clutter or of several "
                "reflections, over the hidden object's", geometry.other_light_share),
         Effect("motion", moved > tolerance, "share of the speckle's variance that is lost while the shutter is open"
-               if is_moving(geometry) else "nothing moves while the shutter is open", moved),
+               if geometry.motion.moves else "nothing moves while the shutter is open", moved),
         Effect("linewidth", contrast > tolerance, f"{geometry.linewidth_hz:.3g} Hz against the spread of paths", contrast),
     ]
     found += [Effect(name, getattr(electronics, parameter) > 0.0, _set_or_zero(getattr(electronics, parameter)), 0.0)

@@ -10,6 +10,7 @@ import numpy as np
 
 from radiometry.autocorrelation import SIDE
 from radiometry.errors import InputError
+from radiometry.motion import Motion
 from radiometry.photons import photon_rate
 from radiometry.throughput import LightPath, closed_form, detector_to_pixel
 from sim.ambient import ambient_irradiance
@@ -121,6 +122,20 @@ class Geometry:
         path = self.light_path
         photons = photon_rate(1.0, path.wavelength_m) * path.pixel_area_m2
         return self.ambient_irradiance * photons * detector_to_pixel(path)
+
+    @property
+    def object_speed_m_s(self) -> tuple[float, float]:
+        """Across the line of sight along the object's axes (down, right)."""
+        down, right = self.hidden_object.axes.coordinates(self.object_velocity_m_s)
+        return float(down), float(right)
+
+    @property
+    def motion(self) -> Motion:
+        """What moves during one exposure."""
+        exposure_s, (down, right) = self.electronics.exposure_s, self.object_speed_m_s
+        return Motion(self.spot.scan_speed_m_s * exposure_s / self.spot.diameter_m, (down * exposure_s, right * exposure_s),
+                      self.wavelength_m * self.source_distance_m / self.spot.diameter_m,
+                      (1.0 / self.source_distance_m + 1.0 / self.distance_m) / self.wavelength_m)
 
     @property
     def seen_pitch_m(self) -> tuple[float, float]:

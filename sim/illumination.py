@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from scipy.special import j1
 
+from radiometry.motion import airy, disc_overlap
 from sim.geometry import Geometry
 from sim.motion import Pose
 
@@ -29,8 +29,7 @@ def overlap(geometry: Geometry) -> float:
     """
     if geometry.spot.scan_step_m is None or geometry.spot.scan_step_m >= geometry.spot.diameter_m:
         return 0.0
-    reduced = geometry.spot.scan_step_m / geometry.spot.diameter_m
-    return float(2.0 / np.pi * (np.arccos(reduced) - reduced * np.sqrt(1.0 - reduced**2)))
+    return float(disc_overlap(geometry.spot.scan_step_m / geometry.spot.diameter_m))
 
 
 def illuminate(geometry: Geometry, grid: tuple[int, int], streams: Streams, number: int, *, grain: bool = True,
@@ -109,9 +108,8 @@ def specular_field(geometry: Geometry, grid: tuple[int, int]) -> np.ndarray | fl
     missed = way / np.linalg.norm(way, axis=-1, keepdims=True) - spot.beam
     missed -= (missed @ spot.normal)[..., None] * spot.normal
     argument = np.pi * spot.diameter_m / geometry.wavelength_m * np.linalg.norm(missed, axis=-1)
-    airy = np.where(argument > 1e-6, 2.0 * j1(argument) / np.maximum(argument, 1e-6), 1.0)
     gain = np.pi * (0.25 * np.pi * spot.diameter_m**2) / geometry.wavelength_m**2
-    return (np.sqrt(share * gain) * airy).astype(np.complex64)
+    return (np.sqrt(share * gain) * airy(argument)).astype(np.complex64)
 
 
 def _strip(generator: np.random.Generator, across: int, first: int, count: int) -> np.ndarray:

@@ -5,7 +5,11 @@ import pytest
 
 pytest.importorskip("mitsuba")
 
+from radiometry.autocorrelation import estimate_autocorrelation
 from radiometry.errors import InputError
+from radiometry.noise_level import INDEPENDENT, fit_known_signal, read_noise_level
+from radiometry.prediction import predict
+from scenes import scene_path
 from sim.frame import Simulation
 from sim.motion import correlation, lost_variance, steps
 from sim.plan import Settings
@@ -78,12 +82,45 @@ def test_frames_at_stated_times_show_the_same_speckle_moved(scene):
 
 def abs_travel(simulation: Simulation, seconds: float) -> float:
     """The part of `correlation` that is travel alone: what remains of it at the place that the pattern has moved to is 1."""
-    from sim.motion import _bending, _object_speed
-
     samples, geometry = simulation.plan.samples, simulation.geometry
     power = samples.amplitude.astype(np.float64) ** 2
-    waves = samples.coordinates_m @ (np.array(_object_speed(geometry)) * seconds) * _bending(geometry) / geometry.wavelength_m
+    waves = geometry.motion.waves(*samples.coordinates_m.T) * seconds / geometry.electronics.exposure_s
     return float((abs((power * np.exp(2j * np.pi * waves)).sum()) / power.sum()) ** 2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("grains", "spots"), [(0.0, 0.75), (1.0, 0.0), (3.0, 0.3)])
+def test_floor_degrees_of_freedom_and_brightness_of_each_lag_are_as_predicted(tmp_path, grains, spots):
+    """Whole frames of 1/32 s: gain, floor and K of the estimate, and its lags, which a moving object blurs unequally."""
+    import sim
+
+    exposure = 1 / 32
+    still = sim.load("corner_letter", exposure=exposure).geometry
+    grain = still.wavelength_m * still.distance_m / 0.01
+    speed = grains * grain / (1.0 + still.distance_m / still.source_distance_m) / exposure
+    text = scene_path("corner_letter").read_text()
+    old, new = moving(0.8 * speed, 0.6 * speed)
+    text = text.replace(old, new).replace(SPOT, f'{SPOT}<float name="scan_speed" value="{spots * 5e-3 / exposure}"/>')
+    (tmp_path / "scene.xml").write_text(text)
+    (tmp_path / "F.png").write_bytes(scene_path("corner_letter").with_name("F.png").read_bytes())
+    geometry = sim.load(tmp_path / "scene.xml", exposure=exposure).geometry
+    prediction, frames = predict(geometry), 3
+    simulation = Simulation(geometry, Settings(effects=(("motion", True),)))
+    assert simulation.plan.modes.sub_exposures > 1
+    estimate, dof = estimate_autocorrelation((simulation.frame(3, number) for number in range(frames)), prediction.grid)
+    gain, floor = fit_known_signal(estimate, prediction.signal)
+    signal = prediction.terms.signal
+    assert gain == pytest.approx(signal**2 * prediction.terms.grain_pixels, rel=0.05)
+    assert floor / gain == pytest.approx(prediction.terms.floor_over_peak(), rel=0.15)
+    assert read_noise_level(estimate).dof == pytest.approx(prediction.dof(frames), rel=0.1)
+    assert prediction.dof(frames) == dof
+    if grains:  # the lags of a scene at rest, fitted as well as can be, do not explain the estimate
+        def misfit(signal: np.ndarray) -> float:
+            a, b = fit_known_signal(estimate, signal)
+            return float(np.mean((estimate / (a * signal + b) - 1.0)[INDEPENDENT] ** 2) * dof)
+
+        assert misfit(prediction.signal) < 1.1
+        assert misfit(predict(still).signal) > 1.2
 
 
 def test_what_stands_still_is_left_alone_and_what_races_is_refused(scene):
