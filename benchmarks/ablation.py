@@ -10,9 +10,9 @@ import json
 import tempfile
 from pathlib import Path
 
-from invert.losses import LOSSES
-from invert.train import VALIDATION
-from invert.train import main as train
+from invert.training.losses import LOSSES
+from invert.training.train import VALIDATION
+from invert.training.train import main as train
 
 STEPS, EVERY = 240, 40
 POINT = 1

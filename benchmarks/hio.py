@@ -11,7 +11,7 @@ from pathlib import Path
 
 import torch
 
-from invert.hio import HioOptions, hio
+from invert.solvers.hio import HioOptions, hio
 
 STARTS, ITERATIONS, PAIRS, REPEATS = 16, 2000, 64_000, 3
 

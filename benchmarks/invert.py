@@ -15,12 +15,12 @@ import numpy as np
 import torch
 
 from invert.estimate import estimate_from_frames
-from invert.hio import HioOptions, hio
-from invert.learned import denoise, look, observation, predict
 from invert.methods import retrieve
-from invert.paper_unet import PaperUnet
+from invert.network.checkpoints import SHIPPED, load_network
+from invert.network.inference import denoise, fuse, observation, predict
+from invert.network.paper_unet import PaperUnet
+from invert.solvers.hio import HioOptions, hio
 from invert.spectrum import fourier_modulus, read_measurement
-from invert.weights import SHIPPED, load_network
 from radiometry.capture import CameraFacts, Capture
 from scenes import scene_path
 from sim.frame import Simulation
@@ -68,7 +68,7 @@ def main() -> None:
     rows = [
         ("autocorrelation of two frames", lambda: estimate_from_frames(capture, None, "cpu")),
         ("noise level", lambda: read_measurement(estimate.lags, transfer=estimate.transfer)),
-        ("network, batch 1: all three parts", lambda: (denoise(network, seen, 1), look(network, seen, seen.classical, 1))),
+        ("network, batch 1: all three parts", lambda: (denoise(network, seen, 1), fuse(network, seen, seen.classical, 1))),
         ("two frames to albedo, fast", whole),
         ("estimate to albedo, balanced", lambda: retrieve(measurement, "unet", "balanced", 0, "cpu")),
         ("estimate to albedo, best", lambda: retrieve(measurement, "unet", "best", 0, "cpu")),

@@ -51,15 +51,15 @@ class Object:
 
 
 def make_object(standoff_m: float, depth_m: float, tilt_deg: float, seed: int = 0, shape: tuple[int, int] = SHAPE) -> Object:
-    random = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     pitch = [WAVELENGTH_M * standoff_m / (PIXEL_M * n) for n in shape]
     size = min(0.01, 0.33 * WAVELENGTH_M * standoff_m / PIXEL_M)
     across = size * np.cos(np.deg2rad(tilt_deg))
     grid = (max(2, round(size / pitch[0])), max(2, round(across / pitch[1])))
-    row, column = np.nonzero(random.random(grid) < 0.3)
+    row, column = np.nonzero(rng.random(grid) < 0.3)
     y, x = ((index - 0.5 * (n - 1)) * step for index, n, step in zip((row, column), grid, pitch, strict=True))
-    depth = np.tan(np.deg2rad(tilt_deg)) * x + depth_m * size / 0.01 * (random.integers(0, 5, len(x)) / 4.0 - 0.5)
-    waves = random.standard_normal(len(x)) + 1j * random.standard_normal(len(x))
+    depth = np.tan(np.deg2rad(tilt_deg)) * x + depth_m * size / 0.01 * (rng.integers(0, 5, len(x)) / 4.0 - 0.5)
+    waves = rng.standard_normal(len(x)) + 1j * rng.standard_normal(len(x))
     wall = Wall(standoff_m * np.eye(3)[2], np.eye(3)[0], np.eye(3)[1], shape, PIXEL_M, WAVELENGTH_M)
     return Object(Scatterers(np.stack([x, y, depth], 1), waves), wall, (row, column), grid)
 

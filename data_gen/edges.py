@@ -95,22 +95,22 @@ def read_luminance(file: Path) -> np.ndarray:
     return np.asarray(grey)
 
 
-def edge_targets(luminance: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray | None:
+def edge_targets(luminance: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray | None:
     """`count` crops of the edges of one photograph, all of one turn and scale; uint8 (count, 64, 64), 0 or 255.
 
     None where the photograph has too few edges in every view that was tried.
     """
     for _ in range(VIEWS):
-        edges = _edges(luminance, random)
-        found = _crops(edges, count, random)
+        edges = _edges(luminance, rng)
+        found = _crops(edges, count, rng)
         if found is not None:
             return found
     return None
 
 
-def _edges(luminance: np.ndarray, random: np.random.Generator) -> np.ndarray:
+def _edges(luminance: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Canny edges of a turned and scaled view, bool."""
-    turn, scale = random.uniform(-180.0, 180.0), 2.0 ** random.uniform(-1.3, 0.3)
+    turn, scale = rng.uniform(-180.0, 180.0), 2.0 ** rng.uniform(-1.3, 0.3)
     view = Image.fromarray(luminance)
     view = view.resize((max(SIDE, round(view.width * scale)), max(SIDE, round(view.height * scale))), Image.Resampling.BILINEAR,
                        reducing_gap=2.0)
@@ -118,18 +118,18 @@ def _edges(luminance: np.ndarray, random: np.random.Generator) -> np.ndarray:
     view = view.rotate(turn, Image.Resampling.BILINEAR, expand=True)
     mask = np.asarray(inside) > 0
     pixels = np.asarray(view, np.float32) / np.float32(255.0)
-    return canny(pixels, sigma=random.uniform(1.0, 2.0), mask=mask)
+    return canny(pixels, sigma=rng.uniform(1.0, 2.0), mask=mask)
 
 
-def _crops(edges: np.ndarray, count: int, random: np.random.Generator) -> np.ndarray | None:
+def _crops(edges: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray | None:
     height, width = edges.shape
     if min(height, width) <= WINDOW[1]:
         return None
     targets = np.zeros((count, SIDE, SIDE), np.uint8)
     accepted = 0
     for _ in range(8 * count):
-        side = int(random.integers(WINDOW[0], WINDOW[1] + 1))
-        row, column = int(random.integers(height - side)), int(random.integers(width - side))
+        side = int(rng.integers(WINDOW[0], WINDOW[1] + 1))
+        row, column = int(rng.integers(height - side)), int(rng.integers(width - side))
         crop = edges[row : row + side, column : column + side]
         if not FEWEST <= np.count_nonzero(crop) <= MOST * side * side:
             continue

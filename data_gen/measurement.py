@@ -11,7 +11,7 @@ from radiometry.prediction import noise_terms, predict
 
 
 def model_measurement(albedo: torch.Tensor, floor_over_peak: torch.Tensor, dof: torch.Tensor,
-                      generator: torch.Generator) -> torch.Tensor:
+                      rng: torch.Generator) -> torch.Tensor:
     """Noisy estimates, in units of (r*r)(0), from radiometry's noise model.
 
     Args:
@@ -22,14 +22,14 @@ def model_measurement(albedo: torch.Tensor, floor_over_peak: torch.Tensor, dof: 
         (n, 127, 127), zero lag at [63, 63].
     """
     signal = window_smoothed(albedo) / albedo.square().sum((-2, -1))[..., None, None]
-    return draw_estimate(expected_spectrum(signal, floor_over_peak), dof, generator)
+    return draw_estimate(expected_spectrum(signal, floor_over_peak), dof, rng)
 
 
 def draw_noise_levels(count: int, floor_over_peak: tuple[float, float], dof: tuple[float, float],
-                      random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+                      rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Floors over peak and degrees of freedom, log-uniform in their ranges, each float32 (count,)."""
     def log_uniform(low: float, high: float) -> np.ndarray:
-        return np.exp(random.uniform(np.log(low), np.log(high), count)).astype(np.float32)
+        return np.exp(rng.uniform(np.log(low), np.log(high), count)).astype(np.float32)
 
     return log_uniform(*floor_over_peak), log_uniform(*dof)
 
@@ -69,7 +69,7 @@ class SceneMeasurement:
         frames = (shown.frame(seed, number) for number in range(self._frames))
         return estimate_autocorrelation(frames, self._grid)[0] / self.noise_level(albedo)[1]
 
-    def model(self, albedo: torch.Tensor, floor_over_peak: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    def model(self, albedo: torch.Tensor, floor_over_peak: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
         """Estimates (n, 127, 127) from the noise model with the camera's H, in units of (r*r)(0)."""
         signal = window_smoothed(albedo) / albedo.square().sum((-2, -1))[..., None, None]
-        return draw_estimate(expected_spectrum(signal, floor_over_peak, self._transfer), self.dof, generator)
+        return draw_estimate(expected_spectrum(signal, floor_over_peak, self._transfer), self.dof, rng)

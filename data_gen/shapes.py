@@ -34,84 +34,84 @@ def _font(name: str, size: int) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name, size)
 
 
-def glyph(character: str, random: np.random.Generator) -> np.ndarray:
+def glyph(character: str, rng: np.random.Generator) -> np.ndarray:
     """A character of random font, size, slant and turn, uint8 (64, 64)."""
     canvas = Image.new("L", (_CANVAS, _CANVAS))
-    font = _font(FONTS[random.integers(len(FONTS))], 150)
+    font = _font(FONTS[rng.integers(len(FONTS))], 150)
     ImageDraw.Draw(canvas).text((_CANVAS // 2, _CANVAS // 2), character, fill=255, font=font, anchor="mm")
     box = canvas.getbbox()
     if box is None:
         raise ValueError(f"DejaVu Sans has no character {character!r}")
-    stretch = np.diag(_stretch(random))
-    angle = random.uniform(-np.pi, np.pi) if random.random() < 0.5 else random.normal(0.0, 0.3)
+    stretch = np.diag(_stretch(rng))
+    angle = rng.uniform(-np.pi, np.pi) if rng.random() < 0.5 else rng.normal(0.0, 0.3)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    shape = turn @ np.array([[1.0, random.normal(0.0, 0.2)], [0.0, 1.0]]) @ stretch
+    shape = turn @ np.array([[1.0, rng.normal(0.0, 0.2)], [0.0, 1.0]]) @ stretch
     corners = shape @ np.array([[-1, 1, -1, 1], [-1, -1, 1, 1]]) * 0.5 * np.array([[box[2] - box[0]], [box[3] - box[1]]])
     extent = float(np.ptp(corners, axis=1).max())
-    inverse = np.linalg.inv(shape * (FINE * random.uniform(18.0, 54.0) / extent))
+    inverse = np.linalg.inv(shape * (FINE * rng.uniform(18.0, 54.0) / extent))
     middle = np.array([0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3])])
     offset = middle - inverse @ np.full(2, _CANVAS / 2)
     coefficients = (*inverse[0], offset[0], *inverse[1], offset[1])
-    return _cells(canvas.transform(canvas.size, Image.Transform.AFFINE, coefficients, Image.Resampling.BILINEAR), random)
+    return _cells(canvas.transform(canvas.size, Image.Transform.AFFINE, coefficients, Image.Resampling.BILINEAR), rng)
 
 
-def _stretch(random: np.random.Generator) -> np.ndarray:
+def _stretch(rng: np.random.Generator) -> np.ndarray:
     """Factors along the two axes, the larger one 1; half of all objects keep their proportions."""
-    aspect = ASPECT ** random.uniform(-1.0, 1.0) if random.random() < 0.5 else 1.0
+    aspect = ASPECT ** rng.uniform(-1.0, 1.0) if rng.random() < 0.5 else 1.0
     return np.minimum(1.0, np.array([aspect, 1.0 / aspect]))
 
 
-def strokes(random: np.random.Generator) -> np.ndarray:
+def strokes(rng: np.random.Generator) -> np.ndarray:
     """One to four strokes (quadratic curves and corners), as a pen draws them; uint8 (64, 64)."""
     canvas = Image.new("L", (_CANVAS, _CANVAS))
     pen = ImageDraw.Draw(canvas)
-    reach = 0.5 * FINE * random.uniform(18.0, 52.0) * _stretch(random)
-    thickness = FINE * random.uniform(1.2, 6.5)
-    start = random.uniform(-reach, reach, 2)
-    for _ in range(random.integers(1, 5)):
-        end = random.uniform(-reach, reach, 2)
-        if random.random() < 0.5:
+    reach = 0.5 * FINE * rng.uniform(18.0, 52.0) * _stretch(rng)
+    thickness = FINE * rng.uniform(1.2, 6.5)
+    start = rng.uniform(-reach, reach, 2)
+    for _ in range(rng.integers(1, 5)):
+        end = rng.uniform(-reach, reach, 2)
+        if rng.random() < 0.5:
             path = np.stack([start, end])
         else:
-            bend, along = random.uniform(-reach, reach, 2), np.linspace(0.0, 1.0, 24)[:, None]
+            bend, along = rng.uniform(-reach, reach, 2), np.linspace(0.0, 1.0, 24)[:, None]
             path = (1 - along) ** 2 * start + 2 * along * (1 - along) * bend + along**2 * end
         points = [tuple(point) for point in path + _CANVAS / 2]
         pen.line(points, fill=255, width=max(1, round(thickness)), joint="curve")
         for x, y in (points[0], points[-1]):
             pen.ellipse((x - thickness / 2, y - thickness / 2, x + thickness / 2, y + thickness / 2), fill=255)
-        start = end if random.random() < 0.6 else random.uniform(-reach, reach, 2)
-    return _cells(canvas, random)
+        start = end if rng.random() < 0.6 else rng.uniform(-reach, reach, 2)
+    return _cells(canvas, rng)
 
 
-def filled(random: np.random.Generator) -> np.ndarray:
+def filled(rng: np.random.Generator) -> np.ndarray:
     """One to three filled polygons and ellipses of different albedo, some with a hole; uint8 (64, 64)."""
     canvas = Image.new("L", (_CANVAS, _CANVAS))
     pen = ImageDraw.Draw(canvas)
-    reach = 0.5 * FINE * random.uniform(16.0, 46.0) * _stretch(random)
-    for _ in range(random.integers(1, 4)):
-        centre = _CANVAS / 2 + random.uniform(-0.6, 0.6, 2) * reach
-        size = reach * random.uniform(0.25, 0.8)
-        albedo = int(random.integers(90, 256))
-        for radius, fill in ((size, albedo), (size * random.uniform(0.3, 0.7), 0)):
-            if random.random() < 0.35:
-                half_axes = radius * np.array([1.0, random.uniform(0.6, 1.0)])
+    reach = 0.5 * FINE * rng.uniform(16.0, 46.0) * _stretch(rng)
+    for _ in range(rng.integers(1, 4)):
+        centre = _CANVAS / 2 + rng.uniform(-0.6, 0.6, 2) * reach
+        size = reach * rng.uniform(0.25, 0.8)
+        albedo = int(rng.integers(90, 256))
+        for radius, fill in ((size, albedo), (size * rng.uniform(0.3, 0.7), 0)):
+            if rng.random() < 0.35:
+                half_axes = radius * np.array([1.0, rng.uniform(0.6, 1.0)])
                 pen.ellipse((*(centre - half_axes), *(centre + half_axes)), fill=fill)
             else:
-                angle = np.sort(random.uniform(0.0, 2.0 * np.pi, random.integers(3, 8)))
-                distance = random.uniform(0.6, 1.2, angle.size)
+                angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, rng.integers(3, 8)))
+                distance = rng.uniform(0.6, 1.2, angle.size)
                 corner = centre + radius * distance[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
                 pen.polygon([tuple(point) for point in corner], fill=fill)
-            if random.random() < 0.5:
+            if rng.random() < 0.5:
                 break
-    return _cells(canvas, random)
+    return _cells(canvas, rng)
 
 
-def _cells(canvas: Image.Image, random: np.random.Generator) -> np.ndarray:
+def _cells(canvas: Image.Image, rng: np.random.Generator) -> np.ndarray:
     """Cell means, in one case of three under uneven light; blank pictures get a square, so that none is empty."""
     fine = np.asarray(canvas, np.float32)
     cells = fine.reshape(SIDE, FINE, SIDE, FINE).mean((1, 3))
-    if random.random() < 0.33:
-        light = ndimage.gaussian_filter(random.standard_normal((SIDE, SIDE)), 12.0)
+    if rng.random() < 0.33:
+        light = ndimage.gaussian_filter(rng.standard_normal((SIDE, SIDE)), 12.0)
         cells = cells * np.clip(0.7 + 0.3 * light / light.std(), 0.25, 1.0)
     if cells.max() < 64.0:
         cells[24:40, 26:38] = 255.0

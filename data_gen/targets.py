@@ -54,21 +54,21 @@ def draw_block(source: TargetSource, seed: int, block: int) -> tuple[np.ndarray,
 
     Raises InputError where no photograph has edges enough.
     """
-    random = np.random.default_rng([seed, block])
+    rng = np.random.default_rng([seed, block])
     kind = source.kinds[block % len(source.kinds)]
     if kind == "edges":
-        return _edge_block(source.photographs, random)
+        return _edge_block(source.photographs, rng)
     if kind == "glyphs":
-        character = ALPHABET[random.integers(len(ALPHABET))]
-        return np.stack([glyph(character, random) for _ in range(BLOCK)]), held_out(character)
+        character = ALPHABET[rng.integers(len(ALPHABET))]
+        return np.stack([glyph(character, rng) for _ in range(BLOCK)]), held_out(character)
     draw = {"strokes": strokes, "filled": filled}[kind]
-    return np.stack([draw(random) for _ in range(BLOCK)]), held_out(f"{kind} {block}")
+    return np.stack([draw(rng) for _ in range(BLOCK)]), held_out(f"{kind} {block}")
 
 
-def _edge_block(photographs: Photographs | None, random: np.random.Generator) -> tuple[np.ndarray, bool]:
+def _edge_block(photographs: Photographs | None, rng: np.random.Generator) -> tuple[np.ndarray, bool]:
     assert photographs is not None
-    for index in random.permutation(len(photographs.names)):
-        targets = edge_targets(read_luminance(photographs.folder / photographs.names[index]), BLOCK, random)
+    for index in rng.permutation(len(photographs.names)):
+        targets = edge_targets(read_luminance(photographs.folder / photographs.names[index]), BLOCK, rng)
         if targets is not None:
             return targets, held_out(photographs.hashes[index])
     raise InputError("--images", f"photographs with crops of {SIDE} x {SIDE} pixels that hold edges", "none",

@@ -55,10 +55,10 @@ def measure(recipe: Recipe, block: int, targets: np.ndarray) -> dict[str, np.nda
     """Measurements of a block's targets, uint8 (n, 64, 64)."""
     albedo = targets.astype(np.float32) / np.float32(255.0)
     streams = np.random.SeedSequence([recipe.seed, block, 1]).spawn(2)
-    generator = torch.Generator().manual_seed(int(streams[1].generate_state(1)[0]))
+    rng = torch.Generator().manual_seed(int(streams[1].generate_state(1)[0]))
     if recipe.scene is None:
         floor, dof = draw_noise_levels(len(targets), recipe.floor_over_peak, recipe.dof, np.random.default_rng(streams[0]))
-        lags = model_measurement(torch.from_numpy(albedo), torch.from_numpy(floor), torch.from_numpy(dof), generator).numpy()
+        lags = model_measurement(torch.from_numpy(albedo), torch.from_numpy(floor), torch.from_numpy(dof), rng).numpy()
     else:
         place = _place(recipe.scene)
         levels = [place.noise_level(one) for one in albedo]
@@ -68,7 +68,7 @@ def measure(recipe: Recipe, block: int, targets: np.ndarray) -> dict[str, np.nda
             seeds = streams[0].generate_state(len(targets))
             lags = np.stack([place.render(one, int(seed)) for one, seed in zip(albedo, seeds, strict=True)])
         else:
-            lags = place.model(torch.from_numpy(albedo), torch.from_numpy(floor), generator).numpy()
+            lags = place.model(torch.from_numpy(albedo), torch.from_numpy(floor), rng).numpy()
     return {"autocorrelation": lags.astype(np.float16), "floor_over_peak": floor, "dof": dof}
 
 

@@ -13,8 +13,8 @@ import numpy as np
 from invert.capture import check_frame, read_capture
 from invert.estimate import Estimate, estimate_from_frames, published_estimate
 from invert.methods import Reconstruction, iterations, retrieve
-from invert.projections import Progress
 from invert.result import write_result
+from invert.solvers.base import Progress
 from invert.spectrum import Measurement, read_measurement
 from radiometry.autocorrelation import SIDE
 from radiometry.capture import CameraFacts, Capture

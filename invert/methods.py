@@ -8,19 +8,16 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from invert.calibrate import confidence
-from invert.learned import draw, retrieval_options
-from invert.projections import Progress
+from invert.network.checkpoints import SHIPPED, load_network
+from invert.network.confidence import UNCALIBRATED, confidence
+from invert.network.inference import reconstruct_by_network, retrieval_options
 from invert.registration import OBJECT, centred, consensus
-from invert.solvers import method_options, solve
+from invert.solvers.base import Progress
+from invert.solvers.registry import method_options, solve
 from invert.spectrum import Measurement
-from invert.weights import SHIPPED, load_network
-
-UNCALIBRATED = (0.0, 1.0, 0.0, 0.0, 0.0)
-"""Confidence of a network without calibration: what it expects of itself."""
 
 BELIEVED = 0.1
-"""Correlation with the truth that a network must expect of its picture to claim an object."""
+"""Correlation with the truth that a network must expect of its reconstruction to claim an object."""
 
 
 @dataclass(frozen=True)
@@ -68,13 +65,13 @@ def retrieve(measurement: Measurement, method: str, quality: str, seed: int, dev
 
 def _by_network(measurement: Measurement, quality: str, seed: int, device: str, progress: Progress,
                 weights: Path) -> Reconstruction:
-    """The network's picture, if it believes it."""
+    """The network's reconstruction, if it believes it."""
     network, card = load_network(weights, device)
-    drawing = draw(network, measurement, quality, seed, device, progress)
-    trust = float(confidence(card.get("calibration", {}).get(quality, UNCALIBRATED), np.array(drawing.signs)))
+    answer = reconstruct_by_network(network, measurement, quality, seed, device, progress)
+    trust = float(confidence(card.get("calibration", {}).get(quality, UNCALIBRATED), answer.features))
     if trust < BELIEVED:
         return replace(NOTHING, confidence=trust)
-    return _normalised(drawing.image, trust, None, drawing.transfer)
+    return _normalised(answer.image, trust, None, answer.transfer)
 
 
 def _normalised(image: torch.Tensor, confidence: float, residual: float | None,

@@ -42,7 +42,7 @@ def window_smoothed(albedo: torch.Tensor) -> torch.Tensor:
     return 0.5 * (smooth + smooth.flip((-2, -1)))  # exactly centro-symmetric in spite of rounding
 
 
-def draw_estimate(spectrum: torch.Tensor, dof: torch.Tensor | float, generator: torch.Generator,
+def draw_estimate(spectrum: torch.Tensor, dof: torch.Tensor | float, rng: torch.Generator,
                   form: Form = "gamma") -> torch.Tensor:
     """Draw a centro-symmetric noisy estimate with mean S: both signs of a lag carry the same noise.
 
@@ -58,12 +58,12 @@ def draw_estimate(spectrum: torch.Tensor, dof: torch.Tensor | float, generator: 
         raise InputError("dof", "degrees of freedom above zero", dof, "take at least two frames or patches")
     shape = shape[..., None, None].expand(spectrum.shape).contiguous()
     if form == "gaussian":
-        noise = torch.randn(spectrum.shape, generator=generator, dtype=torch.float64, device=spectrum.device)
+        noise = torch.randn(spectrum.shape, generator=rng, dtype=torch.float64, device=spectrum.device)
         factor = 1.0 + noise / shape.sqrt()
     else:
         middle = spectrum.shape[-1] // 2
         shape[..., middle, middle] *= 0.5
-        factor = torch._standard_gamma(shape, generator=generator) / shape
+        factor = torch._standard_gamma(shape, generator=rng) / shape
     flat = factor.flatten(-2)
     count = flat.shape[-1]
     # The second half of the lags is the first half read backwards.

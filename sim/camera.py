@@ -34,7 +34,7 @@ CAMERA = 20200107
 """Seed of the one camera whose fixed pattern all frames share."""
 
 
-def expose(photoelectrons: np.ndarray, electronics: Electronics, generator: np.random.Generator,
+def expose(photoelectrons: np.ndarray, electronics: Electronics, rng: np.random.Generator,
            shot_noise: bool = True) -> np.ndarray:
     """Draw one stored frame from expected photoelectrons, float32, in electrons.
 
@@ -42,13 +42,13 @@ def expose(photoelectrons: np.ndarray, electronics: Electronics, generator: np.r
     converter; an effect whose parameter is 0 is left out.
     """
     mean = photoelectrons + electronics.dark_current * electronics.exposure_s
-    stored = (generator.poisson(mean) if shot_noise else mean).astype(np.float32)
+    stored = (rng.poisson(mean) if shot_noise else mean).astype(np.float32)
     if electronics.read_noise:
-        stored += np.float32(electronics.read_noise) * generator.standard_normal(stored.shape, np.float32)
+        stored += np.float32(electronics.read_noise) * rng.standard_normal(stored.shape, np.float32)
     if electronics.row_noise:
-        stored += np.float32(electronics.row_noise) * generator.standard_normal((stored.shape[0], 1), np.float32)
+        stored += np.float32(electronics.row_noise) * rng.standard_normal((stored.shape[0], 1), np.float32)
     if electronics.column_noise:
-        stored += np.float32(electronics.column_noise) * generator.standard_normal((1, stored.shape[1]), np.float32)
+        stored += np.float32(electronics.column_noise) * rng.standard_normal((1, stored.shape[1]), np.float32)
     if electronics.fixed_pattern:
         pattern = np.random.default_rng(CAMERA).standard_normal(stored.shape, np.float32)
         stored += np.float32(electronics.fixed_pattern) * pattern

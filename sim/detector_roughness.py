@@ -23,7 +23,7 @@ def oversampling(geometry: Geometry) -> int:
     return math.ceil(2.0 * geometry.pixel_pitch_m * cutoff) | 1
 
 
-def exact_image(field: torch.Tensor, factor: int, geometry: Geometry, generator: np.random.Generator) -> torch.Tensor:
+def exact_image(field: torch.Tensor, factor: int, geometry: Geometry, rng: np.random.Generator) -> torch.Tensor:
     """Intensity collected by each pixel, (H, W), mean over the wall's phases equal to the blurred |field|^2.
 
     Args:
@@ -32,7 +32,7 @@ def exact_image(field: torch.Tensor, factor: int, geometry: Geometry, generator:
     """
     height, width = field.shape
     pitch = geometry.pixel_pitch_m / factor
-    parts = generator.standard_normal((2, *field.shape), np.float32) * np.float32(math.sqrt(0.5))
+    parts = rng.standard_normal((2, *field.shape), np.float32) * np.float32(math.sqrt(0.5))
     spectrum = torch.fft.fft2(field * torch.complex(*(torch.from_numpy(part).to(field.device) for part in parts)))
     row, column = (torch.fft.fftfreq(n, pitch, device=field.device) for n in (height, width))
     inside = torch.hypot(row[:, None], column[None]) <= 0.5 * geometry.pupil_diameter_m / (
@@ -56,8 +56,8 @@ def degrees_of_freedom(geometry: Geometry, samples: int = 512) -> float:
     return float(otf.sum() / (otf * pixel[:, None] * pixel[None]).sum())
 
 
-def gamma_image(mean: torch.Tensor, geometry: Geometry, generator: np.random.Generator, polarisations: int = 1) -> torch.Tensor:
+def gamma_image(mean: torch.Tensor, geometry: Geometry, rng: np.random.Generator, polarisations: int = 1) -> torch.Tensor:
     """A mean image (H, W) under independent Gamma factors of mean 1; each polarisation adds M degrees of freedom."""
     dof = degrees_of_freedom(geometry) * polarisations
-    factor = generator.standard_gamma(dof, mean.shape, np.float32) / np.float32(dof)
+    factor = rng.standard_gamma(dof, mean.shape, np.float32) / np.float32(dof)
     return mean * torch.from_numpy(factor).to(mean.device)

@@ -161,7 +161,7 @@ class Simulation:
         return (total * (self.mean_photoelectrons / self._samples.brightness)).add_(self._ambient()).cpu()
 
     def _poses(self, number: int) -> list[Pose]:
-        return poses(self.geometry, self._samples, number, moving=self._models("motion"))
+        return poses(self.geometry, number, self._modes.sub_exposures, moving=self._models("motion"))
 
     def _texture(self, factor: int) -> torch.Tensor:
         """What the wall's own albedo does to the amplitude, its mean square 1, on `factor` samples per pixel and axis."""

@@ -56,13 +56,13 @@ def illuminate(geometry: Geometry, grid: tuple[int, int], streams: Streams, numb
     sharing = overlap(geometry) > 0.0
     # One wall and one object for all frames, or for all of one frame.
     shared = sharing or geometry.spot.scan_speed_m_s > 0.0 or any(pose.object_m)
-    generator = streams(0 if sharing else number)
-    own_phase = np.exp(1j * generator.uniform(0.0, 2.0 * np.pi, grid).astype(np.float32))
+    rng = streams(0 if sharing else number)
+    own_phase = np.exp(1j * rng.uniform(0.0, 2.0 * np.pi, grid).astype(np.float32))
     if not grain:
         return own_phase
     if grain_m(geometry) < 0.5 * min(pitch) and not shared and specular_share(geometry) < 1e-12:
         # No two samples share a grain: independent circular Gaussians, whatever the spot's shape.
-        gaussian = generator.standard_normal((2, *grid), np.float32) * np.float32(np.sqrt(0.5))
+        gaussian = rng.standard_normal((2, *grid), np.float32) * np.float32(np.sqrt(0.5))
         return gaussian[0] + 1j * gaussian[1]
     reach = 1.25 * max(n * step for n, step in zip(grid, pitch, strict=True))
     wanted = geometry.wavelength_m * geometry.source_distance_m / reach
@@ -74,11 +74,11 @@ def illuminate(geometry: Geometry, grid: tuple[int, int], streams: Streams, numb
     if shared:  # one column more, over part of which the spot has moved
         along = position[0] + np.arange(first, first + across + 1) * step
         disc = np.hypot(position[:, None], along[None, :] - spot_m) <= 0.5 * geometry.spot.diameter_m
-        heights = _strip(generator, across, first, across + 1)
+        heights = _strip(rng, across, first, across + 1)
     else:
         along = position
         disc = np.hypot(position[:, None], along[None, :]) <= 0.5 * geometry.spot.diameter_m
-        heights = generator.standard_normal((across, across))
+        heights = rng.standard_normal((across, across))
     specular = np.sqrt(specular_share(geometry))
     phase = 4.0 * np.pi / geometry.wavelength_m * geometry.spot.height_rms_m * heights
     source = (disc * (np.exp(1j * phase) - specular)).astype(np.complex64)
@@ -112,9 +112,9 @@ def specular_field(geometry: Geometry, grid: tuple[int, int]) -> np.ndarray | fl
     return (np.sqrt(share * gain) * airy(argument)).astype(np.complex64)
 
 
-def _strip(generator: np.random.Generator, across: int, first: int, count: int) -> np.ndarray:
+def _strip(rng: np.random.Generator, across: int, first: int, count: int) -> np.ndarray:
     """Columns `first` on of an endless strip of heights, each from a seed of its own; (across, count)."""
-    seed = int(generator.integers(2**63))
+    seed = int(rng.integers(2**63))
     columns = range(first, first + count)
     return np.stack([np.random.default_rng([seed, column]).standard_normal(across) for column in columns], 1)
 

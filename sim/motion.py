@@ -17,7 +17,10 @@ from sim.geometry import Geometry
 from sim.object_samples import ObjectSamples
 
 STEPS_PER_GRAIN = 6
+"""Sub-exposures at least, for each grain that passes by."""
+
 MOST_STEPS = 512
+_SHARES = np.linspace(0.0, 1.0, 129)
 
 
 @dataclass(frozen=True)
@@ -33,25 +36,37 @@ class Pose:
     object_m: tuple[float, float] = (0.0, 0.0)
 
 
-def poses(geometry: Geometry, samples: ObjectSamples, number: int, *, moving: bool) -> list[Pose]:
-    """Sub-exposures of a frame; a single one where nothing moves while the shutter is open."""
+def poses(geometry: Geometry, number: int, count: int, *, moving: bool) -> list[Pose]:
+    """The `count` sub-exposures of a frame, each in its middle."""
     exposure_s, interval_s = geometry.electronics.exposure_s, geometry.frame_interval_s
     begin_s = number * max(interval_s, exposure_s)
     speed = geometry.object_speed_m_s
     scanned = number * (geometry.spot.scan_step_m or 0.0)
-    count = steps(geometry, samples) if moving else 1
     times = (np.arange(count) + 0.5) / count * exposure_s
     return [Pose(scanned + geometry.spot.scan_speed_m_s * float(time), tuple(float(part * (begin_s + time)) for part in speed))
             if moving else Pose(scanned) for time in times]
 
 
-def steps(geometry: Geometry, samples: ObjectSamples) -> int:
-    """Sub-exposures that follow the motion of one exposure. InputError where no speckle would be left."""
+def sub_exposures(geometry: Geometry, samples: ObjectSamples, tolerance: float) -> int:
+    """How many follow the motion of one exposure so that the speckle's variance is right to the tolerance.
+
+    Each is sharp in itself, so few of them leave too much variance. Raises InputError where no speckle would be left.
+    """
+    if len(samples.amplitude) == 0:
+        return 1
     grains = _grains(geometry)
-    count = max(1, math.ceil(STEPS_PER_GRAIN * grains)) if len(samples.amplitude) else 1
+    count = max(1, math.ceil(STEPS_PER_GRAIN * grains))
     if count > MOST_STEPS:
         raise InputError("motion", f"at most {MOST_STEPS / STEPS_PER_GRAIN:.0f} grains in an exposure", f"{grains:.3g}",
                          "shorten the exposure; the speckle would be gone")
+    likeness, exact = _likeness(geometry, samples), 1.0 - lost_variance(geometry, samples)
+
+    def left(count: int) -> float:
+        apart = np.arange(1, count)
+        return (1.0 + 2.0 * ((1.0 - apart / count) * np.interp(apart / count, _SHARES, likeness)).sum()) / count
+
+    while count < MOST_STEPS and left(count) > (1.0 + tolerance) * exact:
+        count = min(MOST_STEPS, math.ceil(1.2 * count))
     return count
 
 
@@ -59,9 +74,12 @@ def lost_variance(geometry: Geometry, samples: ObjectSamples) -> float:
     """1 - contrast^2 of the speckle: the share of its variance that motion during the exposure takes."""
     if not geometry.motion.moves or len(samples.amplitude) == 0:
         return 0.0
-    share = (np.arange(64) + 0.5) / 64
-    kept = np.array([correlation(geometry, samples, part * geometry.electronics.exposure_s) for part in share])
-    return float(1.0 - 2.0 * np.mean((1.0 - share) * kept))
+    return float(1.0 - 2.0 * np.trapezoid((1.0 - _SHARES) * _likeness(geometry, samples), _SHARES))
+
+
+def _likeness(geometry: Geometry, samples: ObjectSamples) -> np.ndarray:
+    """`correlation` after each of `_SHARES` of the exposure."""
+    return np.array([correlation(geometry, samples, share * geometry.electronics.exposure_s) for share in _SHARES])
 
 
 def correlation(geometry: Geometry, samples: ObjectSamples, seconds: float) -> float:

@@ -37,11 +37,11 @@ class Background:
     amplitude: np.ndarray
     coherent: float
 
-    def intensity(self, geometry: Geometry, generator: np.random.Generator, device: torch.device) -> torch.Tensor:
+    def intensity(self, geometry: Geometry, rng: np.random.Generator, device: torch.device) -> torch.Tensor:
         """One draw of its intensity on the canvas, mean 1, before pupil and pixel; (H, W)."""
         if self.coherent == 0.0:
             return torch.ones(geometry.canvas_shape, device=device)
-        waves = generator.standard_normal((2, len(self.amplitude))) * np.sqrt(0.5)
+        waves = rng.standard_normal((2, len(self.amplitude))) * np.sqrt(0.5)
         field = np.zeros(geometry.period_shape, np.complex64)
         field[self.place] = (waves[0] + 1j * waves[1]) * self.amplitude
         wall = middle(fraunhofer(torch.from_numpy(field).to(device), geometry.period_shape), geometry.canvas_shape)

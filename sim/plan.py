@@ -15,7 +15,7 @@ from sim.coherence import spectral_lines
 from sim.detector_roughness import oversampling
 from sim.effects import Effect, decide
 from sim.geometry import Geometry
-from sim.motion import steps
+from sim.motion import sub_exposures
 from sim.object_samples import ObjectSamples, sample_object
 from sim.propagation.choose import Option, choose, options
 from sim.propagation.sampling import Scatterers
@@ -55,8 +55,7 @@ class Modes:
     oversampling: int
     polarisations: int
     lines: tuple[tuple[float, float], ...]
-
-    sub_exposures: int = 1
+    sub_exposures: int
 
     @property
     def samples(self) -> int:
@@ -94,7 +93,7 @@ class Plan:
         prediction = predict(geometry)
         effects = decide(geometry, samples, prediction.terms, settings.effects, settings.tolerance)
         return cls(geometry, settings, samples, tuple(kernels), kernel, prediction, effects,
-                   _modes(geometry, samples, effects, settings.accuracy))
+                   _modes(geometry, samples, effects, settings))
 
     @cached_property
     def mean_photoelectrons(self) -> float:
@@ -149,10 +148,10 @@ def _kernels(geometry: Geometry, samples: ObjectSamples, settings: Settings) -> 
                    wanted=settings.propagator)
 
 
-def _modes(geometry: Geometry, samples: ObjectSamples, effects: dict[str, Effect], accuracy: str) -> Modes:
+def _modes(geometry: Geometry, samples: ObjectSamples, effects: dict[str, Effect], settings: Settings) -> Modes:
     """The modes that the effects of a scene ask for."""
-    exact = effects["detector_roughness"].modelled and accuracy == "field"
+    exact = effects["detector_roughness"].modelled and settings.accuracy == "field"
     spread = effects["linewidth"].modelled and len(samples.path_m) > 0
     return Modes(exact, oversampling(geometry) if exact else 1, 2 if effects["depolarisation"].modelled else 1,
                  tuple(spectral_lines(samples.path_m, geometry.linewidth_hz)) if spread else ((0.0, 1.0),),
-                 steps(geometry, samples) if effects["motion"].modelled else 1)
+                 sub_exposures(geometry, samples, settings.tolerance) if effects["motion"].modelled else 1)

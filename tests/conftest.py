@@ -20,7 +20,7 @@ def measured() -> Path:
 
 
 @pytest.fixture
-def random() -> np.random.Generator:
+def rng() -> np.random.Generator:
     return np.random.default_rng(20201)
 
 

@@ -192,8 +192,8 @@ def _expand(centre: np.ndarray, size: int, wall: Wall, position: np.ndarray, bas
     fine = _interpolation(_NODES_PATCH, (np.arange(size) - 0.5 * (size - 1)) / (0.5 * size))
     pixels = np.einsum("pa,abt,qb->tpq", fine, alpha, fine, optimize=True)
     beta = _at_scatterers(right[:terms], basis[1])
-    random = np.random.default_rng(size)
-    rows, columns, chosen = (random.integers(n, size=64) for n in (size, size, len(position)))
+    rng = np.random.default_rng(size)
+    rows, columns, chosen = (rng.integers(n, size=64) for n in (size, size, len(position)))
     middle = 0.5 * (size - 1)
     places = ((rows - middle)[:, None] * wall.down + (columns - middle)[:, None] * wall.right) * wall.pitch_m
     exact = np.diagonal(_slow(centre, places, position[chosen], wall))

@@ -38,7 +38,9 @@ def fresnel_error(wall: Wall, place: np.ndarray, scatterers: Scatterers) -> floa
     approximate = approximate * phasor(path_difference(wall.centre_m, few.position_m), wall.wavelength_m)
     exact = kernel(wall, pixel[:, None], few.position_m[None])
     exact /= np.sqrt((np.abs(exact) ** 2).mean(0))  # a scatterer's power is that of its light in the frame
-    return float(np.hypot(_distance(exact, approximate), ROUNDING))
+    # Of n scatterers the realised power scatters by 1 / sqrt(n) around its mean.
+    few_of_them = 1.0 + 1.0 / np.sqrt(len(scatterers))
+    return float(np.hypot(few_of_them * _distance(exact, approximate), ROUNDING))
 
 
 def statistical_error(wall: Wall, place: np.ndarray, scatterers: Scatterers, lag_m: float | tuple[float, float],

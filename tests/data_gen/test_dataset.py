@@ -30,11 +30,11 @@ COUNT = 9000
 def photographs(tmp_path_factory) -> Path:
     """Three drawn photographs, and files that are none."""
     folder = tmp_path_factory.mktemp("photographs")
-    generator = np.random.default_rng(8)
+    rng = np.random.default_rng(8)
     for number, mode in enumerate(("RGB", "L", "CMYK")):
         row, column = np.mgrid[:300, :420]
         pattern = np.sin(row / (9.0 + number)) + np.sin(column / 13.0) + np.hypot(row - 150, column - 200) / 60.0
-        grey = (40.0 * (pattern - pattern.min()) + 4.0 * generator.standard_normal(pattern.shape)).clip(0, 255)
+        grey = (40.0 * (pattern - pattern.min()) + 4.0 * rng.standard_normal(pattern.shape)).clip(0, 255)
         Image.fromarray(grey.astype(np.uint8)).convert(mode).save(folder / f"{mode}.jpg")
     Image.new("L", (40, 30), 7).save(folder / "tiny.png")
     Image.new("L", (300, 300), 7).save(folder / "flat.png")

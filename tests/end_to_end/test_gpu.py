@@ -14,10 +14,10 @@ pytestmark = [pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(),
 
 
 @pytest.fixture
-def scattered(random) -> tuple[Scatterers, Wall]:
+def scattered(rng) -> tuple[Scatterers, Wall]:
     """Scatterers in a box 10 mm deep, and a wall that is neither square nor centred."""
-    place = random.uniform(-4e-3, 4e-3, (300, 3)) + np.array([0.0, 0.0, 1e-3])
-    amplitude = random.standard_normal(300) + 1j * random.standard_normal(300)
+    place = rng.uniform(-4e-3, 4e-3, (300, 3)) + np.array([0.0, 0.0, 1e-3])
+    amplitude = rng.standard_normal(300) + 1j * rng.standard_normal(300)
     wall = Wall(np.array([0.02, -0.01, 0.5]), np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]), (130, 200), 7e-6, 532e-9)
     return Scatterers(place, amplitude), wall
 

@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 
 from invert.__main__ import main as invert
 from invert.capture import read_autocorrelation
-from invert.identification import identify
+from invert.evaluation.identification import identify
 from invert.methods import retrieve
 from invert.spectrum import read_measurement
 from radiometry.noise_level import RING, read_noise_level

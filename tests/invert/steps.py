@@ -5,7 +5,7 @@ from functools import lru_cache
 import torch
 
 from invert.spectrum import Measurement, read_measurement
-from invert.training_data import at_noise
+from invert.training.data import at_noise
 
 
 def steps(*blocks: tuple[int, int, int, int]) -> torch.Tensor:

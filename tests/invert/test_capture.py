@@ -20,8 +20,8 @@ def header(**changes) -> FrameHeader:
 
 
 @pytest.mark.parametrize("kind", ["npy", "png", "tif", "exr"])
-def test_kinds_of_files(tmp_path, random, kind):
-    frames = [random.integers(0, 60000, (130, 140)).astype(np.uint16) for _ in range(2)]
+def test_kinds_of_files(tmp_path, rng, kind):
+    frames = [rng.integers(0, 60000, (130, 140)).astype(np.uint16) for _ in range(2)]
     for number, frame in enumerate(frames):
         path = tmp_path / f"{number}.{kind}"
         if kind == "npy":
@@ -36,8 +36,8 @@ def test_kinds_of_files(tmp_path, random, kind):
     assert (capture.camera.lag_geometry is not None) == (kind == "exr")
 
 
-def test_options_win_over_headers_and_dark_frames_are_subtracted(tmp_path, random):
-    frame = random.random((130, 130)).astype(np.float32)
+def test_options_win_over_headers_and_dark_frames_are_subtracted(tmp_path, rng):
+    frame = rng.random((130, 130)).astype(np.float32)
     write_frame(tmp_path / "a.exr", frame, header())
     np.save(tmp_path / "dark.npy", np.full((130, 130), 0.25))
     capture = read_capture([tmp_path / "a.exr"], CameraFacts(distance_m=2.5), tmp_path / "dark.npy")
@@ -46,14 +46,14 @@ def test_options_win_over_headers_and_dark_frames_are_subtracted(tmp_path, rando
     np.testing.assert_allclose(capture.frames[0], frame - 0.25, atol=1e-6)
 
 
-def test_a_folder_stands_for_one_kind_of_file(tmp_path, random):
-    write_frame(tmp_path / "frame_0000.exr", random.random((8, 8)), header())
+def test_a_folder_stands_for_one_kind_of_file(tmp_path, rng):
+    write_frame(tmp_path / "frame_0000.exr", rng.random((8, 8)), header())
     np.save(tmp_path / "truth.npy", np.zeros((64, 64)))
     assert [path.name for path in find_frames([tmp_path])] == ["frame_0000.exr"]
 
 
-def test_refusals(tmp_path, random):
-    good = random.random((130, 130))
+def test_refusals(tmp_path, rng):
+    good = rng.random((130, 130))
 
     def refused(match: str, **arrays) -> None:
         paths = []
@@ -78,15 +78,15 @@ def test_refusals(tmp_path, random):
         read_capture([tmp_path / "pickled.npy"], UNKNOWN)
 
 
-def test_frames_of_two_captures_are_refused(tmp_path, random):
-    write_frame(tmp_path / "a.exr", random.random((130, 130)), header())
-    write_frame(tmp_path / "b.exr", random.random((130, 130)), header(distance_m=2.0))
+def test_frames_of_two_captures_are_refused(tmp_path, rng):
+    write_frame(tmp_path / "a.exr", rng.random((130, 130)), header())
+    write_frame(tmp_path / "b.exr", rng.random((130, 130)), header(distance_m=2.0))
     with pytest.raises(InputError, match="one capture"):
         read_capture([tmp_path], UNKNOWN)
 
 
-def test_published_autocorrelations_are_read_as_their_left_half(tmp_path, random):
-    half = random.integers(0, 255, (127, 127))
+def test_published_autocorrelations_are_read_as_their_left_half(tmp_path, rng):
+    half = rng.integers(0, 255, (127, 127))
     half = (half + half[::-1, ::-1]) // 2
     Image.fromarray(np.hstack([half, half * 0 + 9]).astype(np.uint8)).save(tmp_path / "a.png")
     lags, step = read_autocorrelation(tmp_path / "a.png")

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from invert.evaluate import main
-from invert.evaluation_report import _leads, _summary, _tables
+from invert.evaluation.evaluate import main
+from invert.evaluation.report import _leads, _summary, _tables
 
 
 @pytest.fixture

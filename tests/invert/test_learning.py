@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 import torch
 
-from invert.calibrate import confidence, fit_logistic
-from invert.features import (
+from invert.methods import retrieve
+from invert.metrics import aligned_pearson
+from invert.network.checkpoints import SHIPPED, load_network, save_weights
+from invert.network.features import (
     FUSION_CHANNELS,
     LAG_CHANNELS,
     PICTURES,
@@ -23,40 +25,38 @@ from invert.features import (
     sketch_features,
     whole_plane,
 )
-from invert.learned import POSES, predict
-from invert.losses import LOSSES, noise_left, registered_pearson
-from invert.methods import retrieve
-from invert.metrics import aligned_pearson
-from invert.paper_unet import PaperModulusUnet, PaperUnet
+from invert.network.inference import AUGMENTATIONS, predict
+from invert.network.model import CorrelographyNet
+from invert.network.paper_unet import PaperModulusUnet, PaperUnet
 from invert.spectrum import read_measurement
-from invert.training_data import at_noise, paper_noise, varied
-from invert.unet import CorrelographyNet
-from invert.weights import SHIPPED, load_network, save_weights
+from invert.training.calibration import confidence, fit_logistic
+from invert.training.data import at_noise, paper_noise, varied
+from invert.training.losses import LOSSES, noise_left, registered_pearson
 from radiometry.autocorrelation import autocorrelate
 from radiometry.errors import InputError
 from radiometry.noise_level import INDEPENDENT, OUTERMOST, RING
 
 
-def generator(seed: int = 3) -> torch.Generator:
+def torch_rng(seed: int = 3) -> torch.Generator:
     return torch.Generator().manual_seed(seed)
 
 
 @pytest.fixture(scope="module")
 def objects() -> torch.Tensor:
     """Lopsided objects, uint8 (6, 64, 64)."""
-    random = np.random.default_rng(4)
+    rng = np.random.default_rng(4)
     pictures = np.zeros((6, 64, 64), np.uint8)
     for picture in pictures:
         for _ in range(3):
-            row, column = random.integers(14, 40, 2)
-            height, width = random.integers(3, 14, 2)
-            picture[row : row + height, column : column + width] = random.integers(100, 256)
+            row, column = rng.integers(14, 40, 2)
+            height, width = rng.integers(3, 14, 2)
+            picture[row : row + height, column : column + width] = rng.integers(100, 256)
     return torch.from_numpy(pictures)
 
 
 @pytest.fixture
 def observed(objects) -> Observation:
-    return at_noise(objects.float() / 255.0, 0.3, 64.0, generator()).seen
+    return at_noise(objects.float() / 255.0, 0.3, 64.0, torch_rng()).seen
 
 
 def lags_seen(seen: Observation) -> torch.Tensor:
@@ -102,7 +102,7 @@ def test_the_denoiser_gives_an_autocorrelation_in_the_estimate_s_unit(observed):
 
 
 def test_noise_left_is_the_share_that_is_left(objects):
-    batch = at_noise(objects.float() / 255.0, 0.3, 64.0, generator())
+    batch = at_noise(objects.float() / 255.0, 0.3, 64.0, torch_rng())
     measured = batch.seen.estimate - 0.3
     halved = batch.signal + 0.5 * (measured - batch.signal)
     halved[:, 63, 63] = batch.signal[:, 63, 63]  # zero lag is never measured
@@ -131,7 +131,7 @@ def test_losses_do_not_feel_shift_turn_or_brightness(objects, name):
     other = truth.roll(1, 0)
     assert float(LOSSES[name](moved, truth).max()) < 0.02
     assert float(LOSSES[name](other, truth).min()) > 0.02
-    guess = torch.rand(6, 64, 64, generator=generator()).requires_grad_(True)
+    guess = torch.rand(6, 64, 64, generator=torch_rng()).requires_grad_(True)
     LOSSES[name](guess, truth).sum().backward()
     assert torch.isfinite(guess.grad).all()
     assert guess.grad.abs().amax((-2, -1)).min() > 0.0
@@ -139,7 +139,7 @@ def test_losses_do_not_feel_shift_turn_or_brightness(objects, name):
 
 def test_registered_pearson_is_the_metric(objects):
     truth = objects.float() / 255.0
-    guess = torch.roll(truth.flip((-2, -1)), (2, 3), (-2, -1)) + 0.2 * torch.rand(6, 64, 64, generator=generator())
+    guess = torch.roll(truth.flip((-2, -1)), (2, 3), (-2, -1)) + 0.2 * torch.rand(6, 64, 64, generator=torch_rng())
     guess[:, :8], guess[:, -8:] = 0.0, 0.0
     ours = registered_pearson(guess, truth)
     theirs = [aligned_pearson(a.numpy(), b.numpy())[0] for a, b in zip(guess, truth, strict=True)]
@@ -151,20 +151,20 @@ def test_the_registered_loss_is_not_deceived(objects):
     truth = objects[:1].float() / 255.0
     deceiver = 0.02 * truth.clone()
     deceiver[0, 2, 2] = float(0.02 * truth.sum()) * 2.0
-    wrong = torch.rand(1, 64, 64, generator=generator())
+    wrong = torch.rand(1, 64, 64, generator=torch_rng())
     assert LOSSES["pearson"](deceiver, truth)[0] < LOSSES["pearson"](wrong, truth)[0] + 0.5
     assert LOSSES["registered"](deceiver, truth)[0] > 0.7
 
 
-def test_batches_depend_on_the_generator_alone(objects):
-    first, second = (varied(objects, 40, generator(9)) for _ in range(2))
+def test_batches_depend_on_the_seed_alone(objects):
+    first, second = (varied(objects, 40, torch_rng(9)) for _ in range(2))
     torch.testing.assert_close(first.seen.estimate, second.seen.estimate, rtol=0, atol=0)
     estimate = first.seen.estimate
     torch.testing.assert_close(estimate, estimate.flip((-2, -1)), rtol=1e-5, atol=1e-6)
     assert (first.truth.amax((-2, -1)) == 0.0).sum() <= 8
     outer = estimate[:, torch.from_numpy(RING > OUTERMOST)]
     np.testing.assert_allclose(np.median(outer.mean(1) / first.seen.floor), 1.0, atol=0.1)
-    paper = paper_noise(objects, 200, generator()).seen
+    paper = paper_noise(objects, 200, torch_rng()).seen
     corner = paper.estimate[:, :20, :20]
     assert float(corner.mean()) * 255 == pytest.approx(70.0, rel=0.03)
     assert float(corner.var() / corner.mean() ** 2) == pytest.approx(0.015, rel=0.1)
@@ -203,7 +203,7 @@ def test_the_modulus_picture_is_the_object_s_spectrum(objects):
 
 
 def test_poses_are_undone(objects):
-    for pose, back in POSES:
+    for pose, back in AUGMENTATIONS:
         torch.testing.assert_close(back(pose(objects)), objects)
 
 
@@ -241,17 +241,17 @@ def test_shipped_weights_are_small_and_say_where_they_come_from():
     assert hashlib.sha256(SHIPPED.read_bytes()).hexdigest() in described
 
 
-def noise(random: np.random.Generator, kind: str) -> np.ndarray:
+def noise(rng: np.random.Generator, kind: str) -> np.ndarray:
     """Estimates of nothing: white, with lines of read noise, on sloping floors."""
     floor = np.ones((127, 127))
     radius = np.hypot(*np.mgrid[-63:64, -63:64]) / 63.0
     if kind == "slope":
-        floor += random.uniform(-0.2, 0.2) * radius**2
-    dof = float(np.exp(random.uniform(np.log(8.0), np.log(1000.0))))
-    estimate = floor * random.gamma(dof, 1.0 / dof, floor.shape)
+        floor += rng.uniform(-0.2, 0.2) * radius**2
+    dof = float(np.exp(rng.uniform(np.log(8.0), np.log(1000.0))))
+    estimate = floor * rng.gamma(dof, 1.0 / dof, floor.shape)
     estimate = np.where(INDEPENDENT, estimate, estimate[::-1, ::-1])
     if kind == "lines":
-        line = 1.0 + random.uniform(0.0, 4.0) * random.gamma(8.0, 1.0 / 8.0, 127)
+        line = 1.0 + rng.uniform(0.0, 4.0) * rng.gamma(8.0, 1.0 / 8.0, 127)
         estimate[63] *= 0.5 * (line + line[::-1])
     return estimate.astype(np.float32)
 
@@ -259,17 +259,17 @@ def noise(random: np.random.Generator, kind: str) -> np.ndarray:
 @needs_weights
 @pytest.mark.parametrize("kind", ["white", "lines", "slope"])
 @pytest.mark.parametrize(("quality", "count"), [("fast", 200), ("balanced", 40)])
-def test_noise_is_no_object(random, kind, quality, count):
+def test_noise_is_no_object(rng, kind, quality, count):
     """False alarms below 1 %: the signal must stand out of a floor that slopes, and the network must believe its picture."""
-    estimates = (read_measurement(noise(random, kind)) for _ in range(count))
+    estimates = (read_measurement(noise(rng, kind)) for _ in range(count))
     assert sum(retrieve(estimate, "unet", quality, 0, "cpu").object_found for estimate in estimates) <= 0.01 * count
 
 
 @needs_weights
-def test_the_network_draws_an_f_that_is_not_mirrored(random):
+def test_the_network_draws_an_f_that_is_not_mirrored(rng):
     image = np.zeros((64, 64), np.float32)
     image[14:48, 20:25], image[14:19, 20:42], image[28:33, 20:37] = 1.0, 1.0, 1.0
-    batch = at_noise(torch.from_numpy(image)[None], 80.0 / 255.0, 64.0, generator())
+    batch = at_noise(torch.from_numpy(image)[None], 80.0 / 255.0, 64.0, torch_rng())
     measurement = read_measurement(batch.seen.estimate[0].numpy())
     for quality, wanted in (("fast", 0.7), ("balanced", 0.85)):
         result = retrieve(measurement, "unet", quality, 0, "cpu")
@@ -282,9 +282,9 @@ def test_the_network_draws_an_f_that_is_not_mirrored(random):
     np.testing.assert_array_equal(twice.albedo, result.albedo)
 
 
-def test_calibration_finds_the_logistic_it_was_made_with(random):
-    signs = random.standard_normal((4000, 3))
+def test_calibration_finds_the_logistic_it_was_made_with(rng):
+    features = rng.standard_normal((4000, 3))
     true = [0.3, 1.2, -0.7, 0.0]
-    achieved = confidence(true, signs) + 0.05 * random.standard_normal(4000)
-    np.testing.assert_allclose(fit_logistic(signs, achieved.clip(0.0, 1.0)), true, atol=0.05)
+    achieved = confidence(true, features) + 0.05 * rng.standard_normal(4000)
+    np.testing.assert_allclose(fit_logistic(features, achieved.clip(0.0, 1.0)), true, atol=0.05)
     assert np.isfinite(fit_logistic(np.zeros((50, 3)), np.full(50, 0.7))).all()

@@ -1,4 +1,4 @@
-"""Likelihood of an estimate under drawings: the noise model's, and blind to what an autocorrelation cannot tell."""
+"""Likelihood of an estimate of candidates: the noise model's, and blind to what an autocorrelation cannot tell."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ def pedestal(lags: float) -> torch.Tensor:
 
 
 def test_likelihoods_are_those_of_the_noise_model():
-    """Differences between drawings are those of `log_likelihood` at each one's likeliest brightness and pedestal."""
+    """Differences between candidates are those of `log_likelihood` at each one's likeliest brightness and pedestal."""
     albedos = torch.stack((RIGHT, MIRRORED_STEM, RIGHT + 0.02 * MIRRORED_STEM))
     near = torch.from_numpy(RING <= 1)  # the same for all
     noise, estimate = noisy().noise, torch.from_numpy(noisy().estimate).double().masked_fill(near, 1.0)
@@ -49,8 +49,8 @@ def test_likelihood_knows_no_shift_turn_brightness_or_unit(unit):
     assert float((found - log_likelihoods(RIGHT[None], noisy())).abs().max()) < 0.02
 
 
-def test_likelihood_of_an_empty_drawing_and_without_noise():
-    """An empty drawing is less likely than a wrong one; without noise the truth is the likeliest."""
+def test_likelihood_of_an_empty_candidate_and_without_noise():
+    """An empty candidate is less likely than a wrong one; without noise the truth is the likeliest."""
     blank = log_likelihoods(torch.stack((torch.zeros(64, 64), MIRRORED_STEM)), noisy())
     assert torch.isfinite(blank).all()
     assert blank[1] > blank[0]
@@ -74,10 +74,10 @@ def test_a_pedestal_is_not_taken_for_the_object(lags, light):
 
 def test_brightnesses_are_those_of_non_negative_least_squares():
     """Against scipy, with either, neither and both of the two at zero."""
-    random, zeros = np.random.default_rng(4), set()
+    rng, zeros = np.random.default_rng(4), set()
     for _ in range(60):
-        signal, pedestal, weight = random.random(9), random.random(9), random.random(9)
-        excess = random.normal(size=2) @ (signal, pedestal) + 0.3 * random.normal(size=9)
+        signal, pedestal, weight = rng.random(9), rng.random(9), rng.random(9)
+        excess = rng.normal(size=2) @ (signal, pedestal) + 0.3 * rng.normal(size=9)
         wanted, _ = nnls(np.sqrt(weight)[:, None] * np.stack((signal, pedestal), 1), np.sqrt(weight) * excess)
         found = _brightnesses(*map(torch.from_numpy, (signal[None], pedestal, excess, weight[None])))
         np.testing.assert_allclose([float(one) for one in found], wanted, atol=1e-9)

@@ -7,29 +7,29 @@ import pytest
 import torch
 
 from invert.__main__ import parser
-from invert.admm_tv import divergence, gradients, shrunk
-from invert.error_reduction import ErrorReductionOptions, error_reduction
 from invert.methods import retrieve
 from invert.metrics import aligned_pearson
-from invert.projections import box_support, modulus_residual
 from invert.registration import centred, registered
-from invert.solvers import METHODS, QUALITIES, method_options
+from invert.solvers.admm_tv import divergence, gradients, shrunk
+from invert.solvers.base import box_support, modulus_residual
+from invert.solvers.error_reduction import ErrorReductionOptions, error_reduction
+from invert.solvers.registry import METHODS, QUALITIES, method_options
+from invert.solvers.taf import amplitude_gradient
+from invert.solvers.twf import full_intensity, poisson_gradient
 from invert.spectrum import read_measurement
-from invert.taf import amplitude_gradient
-from invert.twf import full_intensity, poisson_gradient
 from radiometry.autocorrelation import autocorrelate, window_smooth
 from radiometry.noise_level import INDEPENDENT
 
 SOLVERS = {name: pair for name, pair in METHODS.items() if name != "classical"}
 
 
-def strokes(random: np.random.Generator, side: int = 64) -> np.ndarray:
+def strokes(rng: np.random.Generator, side: int = 64) -> np.ndarray:
     """Three connected thick strokes of unequal brightness in the middle of a square."""
     image = np.zeros((side, side), np.float32)
     low, high = side // 4, 3 * side // 4
-    point = random.integers(low, high, 2)
+    point = rng.integers(low, high, 2)
     for _ in range(3):
-        target, level = random.integers(low, high, 2), random.uniform(0.7, 1.0)
+        target, level = rng.integers(low, high, 2), rng.uniform(0.7, 1.0)
         for t in np.linspace(0.0, 1.0, 4 * side):
             r, c = np.round(point + t * (target - point)).astype(int)
             image[r - 1 : r + 2, c - 1 : c + 2] = level
@@ -42,22 +42,22 @@ def modulus_of(image: np.ndarray) -> torch.Tensor:
     return torch.from_numpy(np.abs(np.fft.rfft2(image, s=(side, side))).astype(np.float32))
 
 
-def generator() -> torch.Generator:
+def torch_rng() -> torch.Generator:
     return torch.Generator().manual_seed(7)
 
 
-def test_full_intensity_is_the_whole_plane(random):
-    image = random.random((6, 6))
+def test_full_intensity_is_the_whole_plane(rng):
+    image = rng.random((6, 6))
     whole = np.abs(np.fft.fft2(image, s=(12, 12))) ** 2
     half = torch.from_numpy(np.abs(np.fft.rfft2(image, s=(12, 12))))
     np.testing.assert_allclose(full_intensity(half)[0], whole, rtol=1e-10)
 
 
 @pytest.mark.parametrize("flow", ["poisson", "amplitude"])
-def test_gradients_match_autograd(random, flow):
-    image = torch.from_numpy(random.standard_normal((2, 10, 10))).requires_grad_(True)
-    amplitude = torch.from_numpy(random.random((2, 10, 10)) + 0.5)
-    kept = torch.from_numpy(random.random((2, 10, 10)) > 0.3)
+def test_gradients_match_autograd(rng, flow):
+    image = torch.from_numpy(rng.standard_normal((2, 10, 10))).requires_grad_(True)
+    amplitude = torch.from_numpy(rng.random((2, 10, 10)) + 0.5)
+    kept = torch.from_numpy(rng.random((2, 10, 10)) > 0.3)
     spectrum = torch.fft.fft2(image)
     power = spectrum.real.square() + spectrum.imag.square()
     if flow == "poisson":
@@ -71,37 +71,37 @@ def test_gradients_match_autograd(random, flow):
     np.testing.assert_allclose(ours, image.grad, rtol=1e-9, atol=1e-12)
 
 
-def test_divergence_is_minus_the_adjoint_of_gradients(random):
-    image, field = torch.from_numpy(random.random((8, 8))), torch.from_numpy(random.random((2, 8, 8)))
+def test_divergence_is_minus_the_adjoint_of_gradients(rng):
+    image, field = torch.from_numpy(rng.random((8, 8))), torch.from_numpy(rng.random((2, 8, 8)))
     assert float((gradients(image) * field).sum()) == pytest.approx(-float((image * divergence(field)).sum()))
 
 
-def test_shrinking_is_the_proximal_map(random):
-    vector, threshold = torch.from_numpy(random.standard_normal((2, 1, 1))), torch.tensor(0.4, dtype=torch.float64)
+def test_shrinking_is_the_proximal_map(rng):
+    vector, threshold = torch.from_numpy(rng.standard_normal((2, 1, 1))), torch.tensor(0.4, dtype=torch.float64)
     found = shrunk(vector, threshold)
 
     def objective(v: torch.Tensor) -> float:
         return float(0.5 * (v - vector).square().sum() + threshold * v.norm())
 
     for _ in range(50):
-        assert objective(found) <= objective(found + 0.01 * torch.from_numpy(random.standard_normal((2, 1, 1)))) + 1e-12
+        assert objective(found) <= objective(found + 0.01 * torch.from_numpy(rng.standard_normal((2, 1, 1)))) + 1e-12
     assert not shrunk(0.1 * vector / vector.norm(), threshold).any()
 
 
-def test_error_reduction_never_raises_the_residual(random):
-    modulus = modulus_of(strokes(random))
-    residuals = [float(error_reduction(modulus, 64, generator(), ErrorReductionOptions(iterations=n, starts=1)).residual[0])
+def test_error_reduction_never_raises_the_residual(rng):
+    modulus = modulus_of(strokes(rng))
+    residuals = [float(error_reduction(modulus, 64, torch_rng(), ErrorReductionOptions(iterations=n, starts=1)).residual[0])
                  for n in (1, 3, 10, 30, 100)]
     assert residuals == sorted(residuals, reverse=True)
 
 
 @pytest.mark.parametrize("name", SOLVERS)
-def test_results_do_not_depend_on_the_batch(random, name):
+def test_results_do_not_depend_on_the_batch(rng, name):
     solve, options = SOLVERS[name]
     options = replace(options, iterations=120, starts=2)
-    moduli = torch.stack([modulus_of(strokes(random)) for _ in range(3)])
-    together = solve(moduli, 64, generator(), options)
-    alone = solve(moduli[1], 64, generator(), options)
+    moduli = torch.stack([modulus_of(strokes(rng)) for _ in range(3)])
+    together = solve(moduli, 64, torch_rng(), options)
+    alone = solve(moduli[1], 64, torch_rng(), options)
     assert together.images.shape == (3, 2, 128, 128)
     np.testing.assert_allclose(together.images[1], alone.images, atol=1e-3 * float(alone.images.abs().max()))
     np.testing.assert_allclose(alone.residual, modulus_residual(alone.images, moduli[1]), rtol=1e-4)
@@ -109,10 +109,10 @@ def test_results_do_not_depend_on_the_batch(random, name):
 
 @pytest.mark.parametrize("name", SOLVERS)
 @pytest.mark.parametrize("side", [8, 96])
-def test_any_size_keeps_its_support(random, name, side):
+def test_any_size_keeps_its_support(rng, name, side):
     solve, options = SOLVERS[name]
-    modulus = modulus_of(strokes(random, side))
-    found = solve(modulus, side, generator(), replace(options, iterations=110, starts=2))
+    modulus = modulus_of(strokes(rng, side))
+    found = solve(modulus, side, torch_rng(), replace(options, iterations=110, starts=2))
     outside = found.images * (1.0 - box_support(modulus, side))
     assert torch.isfinite(found.images).all()
     assert not outside.any()
@@ -120,19 +120,19 @@ def test_any_size_keeps_its_support(random, name, side):
 
 @pytest.mark.parametrize("name", SOLVERS)
 @pytest.mark.parametrize("scale", [0.0, 1e-12, 1e12])
-def test_scale_and_darkness(random, name, scale):
+def test_scale_and_darkness(rng, name, scale):
     solve, options = SOLVERS[name]
     options = replace(options, iterations=110, starts=1)
-    found = solve(scale * modulus_of(strokes(random, 16)), 16, generator(), options).images
+    found = solve(scale * modulus_of(strokes(rng, 16)), 16, torch_rng(), options).images
     assert torch.isfinite(found).all()
 
 
 @pytest.mark.parametrize("name", ["hio", "raar", "admm-tv"])
 def test_exact_moduli_are_solved(name):
-    random = np.random.default_rng(11)
-    images = [strokes(random) for _ in range(3)]
+    rng = np.random.default_rng(11)
+    images = [strokes(rng) for _ in range(3)]
     solve, options = SOLVERS[name]
-    found = solve(torch.stack([modulus_of(image) for image in images]), 64, generator(), replace(options, starts=8))
+    found = solve(torch.stack([modulus_of(image) for image in images]), 64, torch_rng(), replace(options, starts=8))
     for index, image in enumerate(images):
         best = found.images[index, found.residual[index].argmin()]
         assert aligned_pearson(centred(best).numpy(), image)[0] > 0.98
@@ -143,41 +143,41 @@ def test_exact_moduli_are_solved(name):
 def test_twenty_windowed_estimates_of_k_1e6(name, wanted):
     """The patch window and an unknown zero lag stand between estimate and modulus. From exact moduli all three reach
     1.00; from estimates the plain methods, with their one best start and loose support, do not all reach 0.98."""
-    random = np.random.default_rng(3)
+    rng = np.random.default_rng(3)
     offset = (1.0 - np.abs(np.fft.fftfreq(128)))
     pearson = []
     for _ in range(20):
-        image = strokes(random)
+        image = strokes(rng)
         spectrum = np.abs(np.fft.fft2(image.astype(np.float64), s=(128, 128))) ** 2 * offset[:, None] * offset[None, :]
         lags = np.roll(np.fft.ifft2(spectrum).real, (63, 63), (0, 1))[:127, :127]
-        noise = random.normal(1.0, 1e-3, lags.shape)
+        noise = rng.normal(1.0, 1e-3, lags.shape)
         noise = np.where(np.tri(127, 127, -1), noise, noise[::-1, ::-1])
         result = retrieve(read_measurement((lags.clip(0.0) * noise).astype(np.float32)), name, "balanced", 0, "cpu")
         pearson.append(aligned_pearson(result.albedo, image)[0])
     assert np.mean(np.array(pearson) >= wanted) >= 0.95, np.round(pearson, 3)
 
 
-def gamma_estimate(random: np.random.Generator, signal: np.ndarray, dof: float) -> np.ndarray:
-    noise = random.gamma(dof, 1.0 / dof, signal.shape)
+def gamma_estimate(rng: np.random.Generator, signal: np.ndarray, dof: float) -> np.ndarray:
+    noise = rng.gamma(dof, 1.0 / dof, signal.shape)
     return (signal * np.where(INDEPENDENT, noise, noise[::-1, ::-1])).astype(np.float32)
 
 
 @pytest.mark.parametrize("name", METHODS)
-def test_extremes(random, name):
+def test_extremes(rng, name):
     """Nothing, a delta, nothing above the floor, K of 1, and any unit: a finite picture, or none, never a wrong number."""
     zero = np.zeros((127, 127), np.float32)
     delta = zero.copy()
     delta[63, 63] = 5.0
-    below = gamma_estimate(random, np.ones((127, 127)), 64.0)
+    below = gamma_estimate(rng, np.ones((127, 127)), 64.0)
     below[40:87, 40:87] *= 0.5
     for estimate in (zero, delta, zero + 1.0, below):
         result = retrieve(read_measurement(estimate), name, "fast", 0, "cpu")
         assert not result.object_found
         assert not result.albedo.any()
-    signal = window_smooth(autocorrelate(strokes(random)))
-    one = retrieve(read_measurement(gamma_estimate(random, signal / signal.max() + 0.02, 1.0)), name, "fast", 0, "cpu")
+    signal = window_smooth(autocorrelate(strokes(rng)))
+    one = retrieve(read_measurement(gamma_estimate(rng, signal / signal.max() + 0.02, 1.0)), name, "fast", 0, "cpu")
     assert np.isfinite(one.albedo).all()
-    estimate = gamma_estimate(random, signal / signal.max() + 0.02, 64.0)
+    estimate = gamma_estimate(rng, signal / signal.max() + 0.02, 64.0)
     reference = retrieve(read_measurement(estimate), name, "fast", 0, "cpu")
     assert reference.object_found
     # rounding grows along a chaotic iteration: the same object, not the same bits; powers of two round nothing
@@ -188,11 +188,11 @@ def test_extremes(random, name):
 
 @pytest.mark.parametrize("name", ["hio", "classical", "raar"])
 @pytest.mark.parametrize("side", [8, 256])
-def test_grids_of_16_and_512(random, name, side):
+def test_grids_of_16_and_512(rng, name, side):
     """Recovered where there is a picture to recover, whatever the grid."""
     solve, options = METHODS[name]
-    image = strokes(random, side) if side > 8 else np.pad([[1.0, 0.2], [0.5, 0.9]], 3).astype(np.float32)
-    found = solve(modulus_of(image), side, generator(), replace(options, iterations=400, starts=4))
+    image = strokes(rng, side) if side > 8 else np.pad([[1.0, 0.2], [0.5, 0.9]], 3).astype(np.float32)
+    found = solve(modulus_of(image), side, torch_rng(), replace(options, iterations=400, starts=4))
     best = found.images[found.residual.argmin()]
     assert best.shape == (2 * side, 2 * side)
     aligned_image, correlation = registered(best[None], torch.nn.functional.pad(torch.from_numpy(image), (0, side, 0, side)))

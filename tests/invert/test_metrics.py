@@ -36,8 +36,8 @@ def test_nothing_scores_nothing(truth):
         score(truth, np.ones((64, 64)))
 
 
-def test_psnr_after_gain_is_that_of_the_noise(truth, random):
-    noise = random.standard_normal(truth.shape)
+def test_psnr_after_gain_is_that_of_the_noise(truth, rng):
+    noise = rng.standard_normal(truth.shape)
     noise -= truth * (noise * truth).sum() / (truth * truth).sum()  # orthogonal, so that the best gain is 1
     found = score(3.0 * (truth + 0.05 * noise), truth)
     # least squares shrinks the noisy image a little: error e E / (e + E) instead of e
@@ -76,7 +76,7 @@ def test_agreement_is_deceived_and_pearson_is_not(truth):
     assert score(deceiver, truth).pearson < 0.3
 
 
-def test_bootstrap_error_is_that_of_a_mean(random):
-    values = random.standard_normal(400)
+def test_bootstrap_error_is_that_of_a_mean(rng):
+    values = rng.standard_normal(400)
     assert bootstrap_error(values) == pytest.approx(values.std() / 20.0, rel=0.1)
     assert bootstrap_error(np.ones(5)) == 0.0

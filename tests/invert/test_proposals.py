@@ -1,12 +1,12 @@
-"""What each start is shown with, and which of a network's drawings are kept."""
+"""What each start is shown with, and which of a network's candidates are kept."""
 
 import torch
 
-from invert.features import PICTURES
-from invert.learned import POSES, draw, look, observation
-from invert.projections import Candidates
-from invert.proposals import overview, proposals
+from invert.network.features import PICTURES
+from invert.network.inference import AUGMENTATIONS, fuse, observation, reconstruct_by_network
+from invert.network.proposals import overview, proposals
 from invert.registration import registered
+from invert.solvers.base import Candidates
 from tests.invert.steps import MIRRORED_STEM, RIGHT, noisy, steps
 
 
@@ -56,14 +56,14 @@ class Copyist(torch.nn.Module):
 def test_looks_are_turned_back():
     seen = observation([noisy()])
     shown = torch.stack((RIGHT, MIRRORED_STEM, RIGHT.mT, RIGHT, MIRRORED_STEM))[:, None].expand(-1, PICTURES, -1, -1)
-    albedo, _ = look(Copyist(), seen, shown, len(POSES))
+    albedo, _ = fuse(Copyist(), seen, shown, len(AUGMENTATIONS))
     torch.testing.assert_close(albedo, shown[:, 0])
 
 
-def test_the_likeliest_drawings_are_kept(monkeypatch):
+def test_the_likeliest_candidates_are_kept(monkeypatch):
     """Of many wrong turns and a few right ones the mean is the right one."""
     wrong, right = [MIRRORED_STEM.roll(index, 0) for index in range(20)], [RIGHT.roll(index, 1) for index in range(8)]
-    monkeypatch.setattr("invert.learned.look", lambda *_: (torch.stack(wrong + right), torch.zeros(28)))
-    drawing = draw(Copyist(), noisy(), "balanced", 0, "cpu")
-    assert float(registered(drawing.image[None], padded(RIGHT)[0])[1]) > 0.99
-    assert drawing.signs[1] > 0.99
+    monkeypatch.setattr("invert.network.inference.look", lambda *_: (torch.stack(wrong + right), torch.zeros(28)))
+    answer = reconstruct_by_network(Copyist(), noisy(), "balanced", 0, "cpu")
+    assert float(registered(answer.image[None], padded(RIGHT)[0])[1]) > 0.99
+    assert answer.features.agreement > 0.99

@@ -4,30 +4,30 @@ import numpy as np
 import pytest
 import torch
 
-from invert.identification import identify
+from invert.evaluation.identification import identify
 from invert.metrics import aligned_pearson
 from invert.registration import centred, consensus, laid_over, on_grid, phase_retrieval_transfer, registered, turned
 from invert.spectrum import GRID
 
 
-def lopsided(random) -> np.ndarray:
+def lopsided(rng) -> np.ndarray:
     image = np.zeros((64, 64), np.float32)
     image[20:50, 10:14], image[20:26, 10:40] = 0.7, 1.0
-    return image + 0.01 * random.random((64, 64)).astype(np.float32)
+    return image + 0.01 * rng.random((64, 64)).astype(np.float32)
 
 
 @pytest.mark.parametrize("turn", [False, True])
 @pytest.mark.parametrize("shift", [(0, 0), (5, -11), (63, 64)])
-def test_shift_and_turn_are_undone(random, turn, shift):
-    reference = on_grid(lopsided(random))
+def test_shift_and_turn_are_undone(rng, turn, shift):
+    reference = on_grid(lopsided(rng))
     moved = torch.roll(turned(reference) if turn else reference, shift, (0, 1))
     back, correlation = registered(moved[None], reference)
     assert float(correlation[0]) == pytest.approx(1.0, abs=1e-4)
     np.testing.assert_allclose(back[0], reference, atol=1e-6)
 
 
-def test_each_image_is_laid_over_its_own_reference(random):
-    references = torch.stack([torch.from_numpy(lopsided(random)), torch.from_numpy(lopsided(random)).mT])
+def test_each_image_is_laid_over_its_own_reference(rng):
+    references = torch.stack([torch.from_numpy(lopsided(rng)), torch.from_numpy(lopsided(rng)).mT])
     moved = torch.stack([torch.roll(references[0].flip((0, 1)), (3, 4), (0, 1)), torch.roll(references[1], (-5, 2), (0, 1))])
     back = laid_over(torch.stack((moved, 0.5 * moved.square()), 1), references)
     for (one, other), reference in zip(back, references, strict=True):
@@ -36,14 +36,14 @@ def test_each_image_is_laid_over_its_own_reference(random):
     assert not laid_over(torch.zeros(1, 2, 64, 64), references[:1]).any()
 
 
-def test_mirrors_are_not_undone(random):
-    image = lopsided(random)
+def test_mirrors_are_not_undone(rng):
+    image = lopsided(rng)
     assert aligned_pearson(np.rot90(image, 2), image)[0] > 0.99
     assert aligned_pearson(image[:, ::-1], image)[0] < 0.8
     assert aligned_pearson(image.T, image)[0] < 0.8
 
 
-def test_centred_keeps_a_wide_lopsided_object(random):
+def test_centred_keeps_a_wide_lopsided_object(rng):
     image = np.zeros((GRID, GRID), np.float32)
     image[3:63, 100:103] = 1.0
     image[58:63, 70:103] = 2.0
@@ -56,8 +56,8 @@ def test_centred_keeps_a_wide_lopsided_object(random):
         torch.testing.assert_close(pair[0], window)
 
 
-def test_consensus_averages_what_agrees(random):
-    reference = on_grid(lopsided(random))
+def test_consensus_averages_what_agrees(rng):
+    reference = on_grid(lopsided(rng))
     good = [torch.roll(turned(reference) if i % 2 else reference, (i, -2 * i), (0, 1)) for i in range(4)]
     bad = torch.rand(2, GRID, GRID, generator=torch.Generator().manual_seed(0))
     # the one of least residual is wrong: the others outvote it
@@ -66,8 +66,8 @@ def test_consensus_averages_what_agrees(random):
     assert 0.35 < together.agreement < 0.7
 
 
-def test_transfer_is_one_where_phases_agree_and_falls_where_they_do_not(random):
-    reference = on_grid(lopsided(random))
+def test_transfer_is_one_where_phases_agree_and_falls_where_they_do_not(rng):
+    reference = on_grid(lopsided(rng))
     assert min(phase_retrieval_transfer(torch.stack([reference] * 4))) > 0.999
     n = 64
     noise = torch.randn(n, GRID, GRID, generator=torch.Generator().manual_seed(2))

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 import torch
 
-from invert.train import main as train
-from invert.weights import read_weights
+from invert.network.checkpoints import read_weights
+from invert.training.train import main as train
 
 
 @pytest.fixture(scope="module")
@@ -52,9 +52,9 @@ def test_training_resumes_exactly_after_a_kill(tmp_path, dataset):
 
 @pytest.mark.slow
 def test_training_learns_and_warm_starts_are_used(tmp_path, dataset, command):
-    from invert.features import PICTURES
-    from invert.warm_starts import load_warm_starts
-    from invert.warm_starts import main as warm_starts
+    from invert.network.features import PICTURES
+    from invert.training.warm_starts import load_warm_starts
+    from invert.training.warm_starts import main as warm_starts
 
     store, output = tmp_path / "warm.zarr", tmp_path / "w.safetensors"
     base = [dataset, "-o", output, "--width", 32, "--steps", 60, "--batch", 8, "--checkpoint-every", 5]

@@ -24,8 +24,8 @@ def slow_lag(patches: list[np.ndarray], row: int, column: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("lag", [(0, 0), (1, 0), (0, 3), (-5, 7), (63, -63), (-63, 0)])
-def test_two_frames_match_the_definition(random, lag):
-    frames = [random.gamma(2.0, 3.0, (280, 412)) for _ in range(2)]
+def test_two_frames_match_the_definition(rng, lag):
+    frames = [rng.gamma(2.0, 3.0, (280, 412)) for _ in range(2)]
     grid = patch_grid((280, 412), 131)
     estimate, dof = estimate_autocorrelation(frames, grid)
     cut = [[frame[r * 140 : r * 140 + 131, c * 206 : c * 206 + 131] for r in range(2) for c in range(2)] for frame in frames]
@@ -36,16 +36,16 @@ def test_two_frames_match_the_definition(random, lag):
     assert estimate[LAGS + lag[0], LAGS + lag[1]] == pytest.approx(expected, rel=2e-4)
 
 
-def test_one_frame_is_pooled_over_patches(random):
-    frame = random.gamma(2.0, 3.0, (262, 262))
+def test_one_frame_is_pooled_over_patches(rng):
+    frame = rng.gamma(2.0, 3.0, (262, 262))
     estimate, dof = estimate_autocorrelation([frame], patch_grid((262, 262), 131))
     spectra = slow_lag([frame[:131, :131], frame[:131, 131:], frame[131:, :131], frame[131:, 131:]], 4, -9)
     assert dof == 3
     assert estimate[LAGS + 4, LAGS - 9] == pytest.approx((np.abs(spectra - spectra.mean()) ** 2).sum() / (3 * 131**2), rel=2e-4)
 
 
-def test_white_noise_gives_its_variance_and_k(random):
-    frames = [random.poisson(0.4, (1040, 1040)) for _ in range(3)]
+def test_white_noise_gives_its_variance_and_k(rng):
+    frames = [rng.poisson(0.4, (1040, 1040)) for _ in range(3)]
     estimate, dof = estimate_autocorrelation(frames, patch_grid((1040, 1040), 130))
     assert dof == 128
     half = estimate[LAGS + 1 :, :]
@@ -53,9 +53,9 @@ def test_white_noise_gives_its_variance_and_k(random):
     assert half.mean() ** 2 / half.var() == pytest.approx(dof, rel=0.06)
 
 
-def test_estimate_is_centro_symmetric_and_blind_to_a_fixed_pattern(random):
-    pattern = 50.0 * random.random((262, 400))
-    frames = [random.poisson(3.0, (262, 400)).astype(float) for _ in range(2)]
+def test_estimate_is_centro_symmetric_and_blind_to_a_fixed_pattern(rng):
+    pattern = 50.0 * rng.random((262, 400))
+    frames = [rng.poisson(3.0, (262, 400)).astype(float) for _ in range(2)]
     grid = patch_grid((262, 400), 131)
     plain, _ = estimate_autocorrelation(frames, grid)
     lifted, _ = estimate_autocorrelation([frame + pattern for frame in frames], grid)
@@ -77,15 +77,15 @@ def test_impossible_patches_are_refused(shape, size):
         patch_grid(shape, size)
 
 
-def test_autocorrelate_matches_the_sum(random):
-    albedo = random.random((5, 5))
+def test_autocorrelate_matches_the_sum(rng):
+    albedo = rng.random((5, 5))
     lags = autocorrelate(albedo)
     assert lags.shape == (9, 9)
     assert lags[4, 4] == pytest.approx((albedo**2).sum())
     assert lags[4 + 1, 4 - 2] == pytest.approx((albedo[:-1, 2:] * albedo[1:, :-2]).sum())
 
 
-def test_window_smoothing_matches_the_spectrum_of_windowed_noise(random):
+def test_window_smoothing_matches_the_spectrum_of_windowed_noise(rng):
     """A rough field's expected periodogram is r*r smoothed: checked against brute-force speckle of a bar."""
     size, bar = 128, 7.0
     offset = np.arange(-(size - 1), size)

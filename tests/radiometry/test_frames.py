@@ -10,8 +10,8 @@ from radiometry.frames import FrameHeader, read_frame, write_frame
 HEADER = FrameHeader(532e-9, 6.9e-6, 1.0, 0.125, 3, 1, "ab" * 32, "1.2.3", 0.0514, 0.54)
 
 
-def test_round_trip(tmp_path, random):
-    pixels = random.poisson(0.7, (37, 53)).astype(np.float32)
+def test_round_trip(tmp_path, rng):
+    pixels = rng.poisson(0.7, (37, 53)).astype(np.float32)
     write_frame(tmp_path / "frame.exr", pixels, HEADER)
     back, header = read_frame(tmp_path / "frame.exr")
     assert np.array_equal(back, pixels)
@@ -21,11 +21,11 @@ def test_round_trip(tmp_path, random):
     assert [path.name for path in tmp_path.iterdir()] == ["frame.exr"]
 
 
-def test_other_programs_read_it(tmp_path, random):
+def test_other_programs_read_it(tmp_path, rng):
     mi = pytest.importorskip("mitsuba")
     if mi.variant() is None:
         mi.set_variant("scalar_rgb")
-    pixels = random.poisson(5.0, (40, 21)).astype(np.float32)
+    pixels = rng.poisson(5.0, (40, 21)).astype(np.float32)
     write_frame(tmp_path / "frame.exr", pixels, HEADER)
     with OpenEXR.File(str(tmp_path / "frame.exr"), separate_channels=True) as file:
         assert list(file.channels()) == ["photoelectrons"]
@@ -36,8 +36,8 @@ def test_other_programs_read_it(tmp_path, random):
 
 
 @pytest.mark.parametrize("keep", [0, 5, 100, 700, 3000])
-def test_truncated_files_are_one_clear_error(tmp_path, random, capfd, keep):
-    write_frame(tmp_path / "whole.exr", random.random((64, 64)).astype(np.float32), HEADER)
+def test_truncated_files_are_one_clear_error(tmp_path, rng, capfd, keep):
+    write_frame(tmp_path / "whole.exr", rng.random((64, 64)).astype(np.float32), HEADER)
     (tmp_path / "cut.exr").write_bytes((tmp_path / "whole.exr").read_bytes()[:keep])
     with pytest.raises(InputError, match=r"cut\.exr"):
         read_frame(tmp_path / "cut.exr")

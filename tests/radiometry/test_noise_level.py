@@ -15,32 +15,32 @@ def albedo() -> np.ndarray:
     return image
 
 
-def gamma_estimate(random, floor: float, dof: float) -> np.ndarray:
+def gamma_estimate(rng, floor: float, dof: float) -> np.ndarray:
     """Centro-symmetric Gamma noise around the window-smoothed r*r of `albedo`, peak scaled to 1."""
     lags = autocorrelate(albedo())
     mean = window_smooth(lags) / lags.max() + floor
-    noise = random.gamma(dof, 1.0 / dof, mean.shape)
+    noise = rng.gamma(dof, 1.0 / dof, mean.shape)
     return (mean * np.where(INDEPENDENT, noise, noise[::-1, ::-1])).astype(np.float32)
 
 
 @pytest.mark.parametrize(("floor", "dof"), [(0.005, 64.0), (0.05, 64.0), (0.5, 16.0), (3.0, 64.0), (0.2, 1.0), (0.1, 1000.0)])
-def test_floor_and_dof_are_read_back(random, floor, dof):
-    noise = read_noise_level(gamma_estimate(random, floor, dof))
+def test_floor_and_dof_are_read_back(rng, floor, dof):
+    noise = read_noise_level(gamma_estimate(rng, floor, dof))
     assert noise.floor == pytest.approx(floor, rel=0.02 + 0.1 / np.sqrt(dof))
     assert noise.dof == pytest.approx(dof, rel=0.1)
 
 
 @pytest.mark.parametrize("floor", [0.005, 0.05, 0.3, 2.5])
-def test_a_known_signal_gives_the_gain_whatever_the_floor(random, floor):
-    estimate = gamma_estimate(random, floor, 64.0)
+def test_a_known_signal_gives_the_gain_whatever_the_floor(rng, floor):
+    estimate = gamma_estimate(rng, floor, 64.0)
     lags = autocorrelate(albedo())
     gain, fitted = fit_known_signal(estimate, window_smooth(lags))
     assert fitted == pytest.approx(floor, rel=0.02)
     assert gain * lags.max() == pytest.approx(1.0, rel=0.1)
 
 
-def test_quantisation_is_taken_out(random):
-    picture = np.round(20.0 * random.gamma(700.0, 1 / 700.0, (127, 127)))
+def test_quantisation_is_taken_out(rng):
+    picture = np.round(20.0 * rng.gamma(700.0, 1 / 700.0, (127, 127)))
     assert read_noise_level(picture, 1.0).dof == pytest.approx(700.0, rel=0.15)
     assert read_noise_level(picture, 0.0).dof < 650.0
 
@@ -53,7 +53,7 @@ def test_no_noise_reads_no_dof():
     assert read_noise_level(np.zeros((127, 127), np.float32)).floor == 0.0
 
 
-def test_the_peak_is_extrapolated_without_zero_lag(random):
+def test_the_peak_is_extrapolated_without_zero_lag(rng):
     lags = autocorrelate(albedo())
     estimate = (lags / lags.max() + 0.1).astype(np.float32)
     noise = read_noise_level(estimate)
@@ -61,8 +61,8 @@ def test_the_peak_is_extrapolated_without_zero_lag(random):
     assert extrapolated_peak(estimate, noise)[0] == pytest.approx(1.0, rel=0.1)
 
 
-def test_the_peaks_error_is_its_scatter(random):
+def test_the_peaks_error_is_its_scatter(rng):
     peaks, errors = np.transpose([extrapolated_peak(e, read_noise_level(e)) for e in
-                                  (gamma_estimate(random, 0.1, 64.0) for _ in range(60))])
+                                  (gamma_estimate(rng, 0.1, 64.0) for _ in range(60))])
     assert peaks.mean() == pytest.approx(1.0, rel=0.1)
     assert errors.mean() == pytest.approx(peaks.std(), rel=0.35)

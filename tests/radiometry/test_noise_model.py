@@ -13,7 +13,7 @@ from radiometry.noise_model import draw_estimate, expected_spectrum, log_likelih
 from radiometry.safety import maximum_permissible_exposure, spot_safety
 
 
-def generator(seed: int = 0) -> torch.Generator:
+def torch_rng(seed: int = 0) -> torch.Generator:
     return torch.Generator().manual_seed(seed)
 
 
@@ -21,7 +21,7 @@ def generator(seed: int = 0) -> torch.Generator:
 @pytest.mark.parametrize("form", ["gamma", "gaussian"])
 def test_draws_have_mean_s_and_variance_s_squared_over_k(dof, form):
     spectrum = torch.linspace(0.1, 3.0, 9 * 9).reshape(9, 9)
-    draws = draw_estimate(spectrum.expand(40000, 9, 9), dof, generator(), form)
+    draws = draw_estimate(spectrum.expand(40000, 9, 9), dof, torch_rng(), form)
     mean, variance = draws.mean(0), draws.var(0)
     off_zero = torch.ones(9, 9, dtype=torch.bool)
     off_zero[4, 4] = False
@@ -33,25 +33,25 @@ def test_draws_have_mean_s_and_variance_s_squared_over_k(dof, form):
 def test_the_two_forms_differ_where_they_must():
     flat = torch.ones(127, 127)
     for dof, p_gaussian in ((1.0, 0.0), (3.0, 1e-4)):
-        free = draw_estimate(flat, dof, generator(3)).flatten()[: 127**2 // 2].numpy()
+        free = draw_estimate(flat, dof, torch_rng(3)).flatten()[: 127**2 // 2].numpy()
         assert stats.kstest(free, stats.gamma(dof, scale=1 / dof).cdf).pvalue > 0.01
         assert stats.kstest(free, stats.norm(1, dof**-0.5).cdf).pvalue <= p_gaussian + 1e-12
 
 
 def test_dof_per_sample_and_refusals():
-    draws = draw_estimate(torch.ones(2, 127, 127), torch.tensor([4.0, 400.0]), generator())
+    draws = draw_estimate(torch.ones(2, 127, 127), torch.tensor([4.0, 400.0]), torch_rng())
     assert float(draws[0].var()) == pytest.approx(0.25, rel=0.1)
     assert float(draws[1].var()) == pytest.approx(0.0025, rel=0.1)
     with pytest.raises(InputError, match="dof"):
-        draw_estimate(torch.ones(3, 3), 0.0, generator())
+        draw_estimate(torch.ones(3, 3), 0.0, torch_rng())
 
 
 @pytest.mark.parametrize("form", ["gamma", "gaussian"])
 def test_likelihood_peaks_at_the_truth_and_matches_scipy(form):
-    signal = torch.rand(127, 127, generator=generator(1))
+    signal = torch.rand(127, 127, generator=torch_rng(1))
     signal = 0.5 * (signal + signal.flip(-1, -2))
     truth = expected_spectrum(signal, 0.3)
-    estimate = draw_estimate(truth, 16.0, generator(2), form)
+    estimate = draw_estimate(truth, 16.0, torch_rng(2), form)
     values = [float(log_likelihood(estimate, truth * factor, 16.0, form)) for factor in (0.9, 1.0, 1.1)]
     assert values[1] > max(values[0], values[2])
     half = 127**2 // 2
@@ -94,7 +94,7 @@ def test_error_of_an_estimate_is_the_scatter_of_draws():
     signal = torch.zeros(127, 127)
     signal[50:77, 60:67] = torch.linspace(0.1, 1.0, 27 * 7).reshape(27, 7)
     signal = 0.5 * (signal + signal.flip(-1, -2))
-    draws = draw_estimate(expected_spectrum(signal, 0.05).expand(50, 127, 127), 64.0, generator(5)) - 0.05
+    draws = draw_estimate(expected_spectrum(signal, 0.05).expand(50, 127, 127), 64.0, torch_rng(5)) - 0.05
     measured = ((draws - signal).square().sum((-1, -2)) / signal.square().sum()).mean().sqrt()
     predicted = estimate_error(float(signal.sum()), float((signal**2).sum()), signal.numel(), 0.05, 64.0)
     assert float(measured) == pytest.approx(predicted, rel=0.03)

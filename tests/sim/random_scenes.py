@@ -34,20 +34,20 @@ class RandomScene:
 
 
 def random_scene(seed: int) -> RandomScene:
-    random = np.random.default_rng(seed)
-    scale = float(np.exp(random.uniform(np.log(0.2), np.log(20.0))))  # object to wall, in metres
-    shapes, told = zip(*(_object(random, index) for index in range(random.integers(1, 4))), strict=True)
-    if random.random() < 0.5:
-        x, y = random.uniform(-0.15, 0.15, 2)
-        placed = f'<translate x="{x}" y="{y}" z="{random.uniform(0.28, 0.36)}"/>'
+    rng = np.random.default_rng(seed)
+    scale = float(np.exp(rng.uniform(np.log(0.2), np.log(20.0))))  # object to wall, in metres
+    shapes, told = zip(*(_object(rng, index) for index in range(rng.integers(1, 4))), strict=True)
+    if rng.random() < 0.5:
+        x, y = rng.uniform(-0.15, 0.15, 2)
+        placed = f'<translate x="{x}" y="{y}" z="{rng.uniform(0.28, 0.36)}"/>'
         shapes += (_rectangle("plate", 0.1, 0.06, placed, _diffuse(0)),)
         told += ("an occluder",)
-    angle = random.uniform(-60.0, 60.0)
-    about_up = bool(random.random() < 0.5)
+    angle = rng.uniform(-60.0, 60.0)
+    about_up = bool(rng.random() < 0.5)
     angle = -abs(angle) if about_up else angle  # away from the virtual source
-    wall, camera, shares = _wall(random, angle, about_up, scale)
-    azimuth, distance = np.deg2rad(random.uniform(15.0, 45.0)), random.uniform(0.5, 0.9)
-    place = distance * np.array([np.sin(azimuth), 0.2 * random.normal(), np.cos(azimuth)])
+    wall, camera, shares = _wall(rng, angle, about_up, scale)
+    azimuth, distance = np.deg2rad(rng.uniform(15.0, 45.0)), rng.uniform(0.5, 0.9)
+    place = distance * np.array([np.sin(azimuth), 0.2 * rng.normal(), np.cos(azimuth)])
     spot = 0.05
     at = f'<lookat origin="{place[0]},{place[1]},{place[2]}" target="0,0,0" up="0,1,0"/>'
     screen = ('<bsdf type="phase_screen"><float name="height_rms" value="{0}"/><float name="correlation_length" value="{0}"/>'
@@ -106,12 +106,12 @@ def _scene(integrator: str, parts: tuple[str, ...], scale: float) -> str:
     return f'<scene version="3.0.0"><integrator type="{integrator}"/>{text}</scene>'
 
 
-def _object(random: np.random.Generator, index: int) -> tuple[str, str]:
-    kind = random.choice(["rectangle", "sphere", "cube", "disk", "cylinder"])
-    x, y = random.uniform(-0.12, 0.12, 2)
-    z = random.uniform(-0.3, 0.2) if index else 0.0
-    size, tilt, turn = random.uniform(0.04, 0.09), random.uniform(-70.0, 70.0), random.uniform(0.0, 360.0)
-    bsdf, surface = _bsdf(random)
+def _object(rng: np.random.Generator, index: int) -> tuple[str, str]:
+    kind = rng.choice(["rectangle", "sphere", "cube", "disk", "cylinder"])
+    x, y = rng.uniform(-0.12, 0.12, 2)
+    z = rng.uniform(-0.3, 0.2) if index else 0.0
+    size, tilt, turn = rng.uniform(0.04, 0.09), rng.uniform(-70.0, 70.0), rng.uniform(0.0, 360.0)
+    bsdf, surface = _bsdf(rng)
     shape = (f'<shape type="{kind}" id="hidden_object_{index}"><transform name="to_world"><scale x="{size}" y="{1.3 * size}" '
              f'z="{size}"/><rotate z="1" angle="{turn}"/><rotate x="0.6" y="0.8" angle="{tilt}"/>'
              f'<translate x="{x}" y="{y}" z="{z}"/></transform>{bsdf}</shape>')
@@ -120,41 +120,41 @@ def _object(random: np.random.Generator, index: int) -> tuple[str, str]:
     return shape, f"{surface} {kind} {z:.2f} deep, tilted by {tilt:.0f}"
 
 
-def _bsdf(random: np.random.Generator) -> tuple[str, str]:
-    rough, albedo = random.uniform(0.25, 0.6), random.uniform(0.3, 1.0)
+def _bsdf(rng: np.random.Generator) -> tuple[str, str]:
+    rough, albedo = rng.uniform(0.25, 0.6), rng.uniform(0.3, 1.0)
     checks = (f'<bsdf type="diffuse"><texture type="checkerboard" name="reflectance"><spectrum name="color0" value="{albedo}"/>'
               '<spectrum name="color1" value="0.05"/><transform name="to_uv"><scale x="3" y="2"/></transform></texture></bsdf>')
     kinds = {
         "diffuse": _diffuse(albedo),
         "two-sided": f'<bsdf type="twosided">{_diffuse(albedo)}</bsdf>',
         "checkered": checks,
-        "masked": f'<bsdf type="mask"><float name="opacity" value="{random.uniform(0.2, 0.8)}"/>'
+        "masked": f'<bsdf type="mask"><float name="opacity" value="{rng.uniform(0.2, 0.8)}"/>'
                   f'<bsdf type="twosided">{_diffuse(albedo)}</bsdf></bsdf>',
         "metal": f'<bsdf type="roughconductor"><float name="alpha" value="{rough}"/></bsdf>',
         "plastic": f'<bsdf type="roughplastic"><float name="alpha" value="{rough}"/>'
                    f'<spectrum name="diffuse_reflectance" value="{albedo}"/></bsdf>',
         "principled": f'<bsdf type="principled"><float name="roughness" value="{rough}"/>'
-                      f'<float name="metallic" value="{random.uniform(0, 1)}"/>'
+                      f'<float name="metallic" value="{rng.uniform(0, 1)}"/>'
                       f'<spectrum name="base_color" value="{albedo}"/></bsdf>',
     }
-    name = str(random.choice(list(kinds)))
+    name = str(rng.choice(list(kinds)))
     return kinds[name], name
 
 
-def _wall(random: np.random.Generator, angle: float, about_up: bool, scale: float) -> tuple[str, str, np.ndarray]:
+def _wall(rng: np.random.Generator, angle: float, about_up: bool, scale: float) -> tuple[str, str, np.ndarray]:
     """The wall, exactly as large as the frame's footprint; its camera; what it makes of each cell's irradiance."""
-    pitch, pupil, away = 0.0018, 0.15, random.uniform(0.35, 0.6)
+    pitch, pupil, away = 0.0018, 0.15, rng.uniform(0.35, 0.6)
     height, width = PIXELS[0] * pitch, PIXELS[1] * pitch
     inclination = np.cos(np.deg2rad(angle))
     tall, wide = (height, width / inclination) if about_up else (height / inclination, width)
-    centre = np.array([random.uniform(-0.3, 0.0), random.uniform(-0.1, 0.1), 1.0])
+    centre = np.array([rng.uniform(-0.3, 0.0), rng.uniform(-0.1, 0.1), 1.0])
     sine = np.sin(np.deg2rad(angle))
     back = np.array([sine, 0.0, -inclination]) if about_up else np.array([0.0, sine, -inclination])
     eye = centre + away * back
     wall = _rectangle("virtual_detector", 0.5 * wide * 1.000001, 0.5 * tall * 1.000001,
                       f'<rotate y="1" angle="180"/><translate x="{centre[0]}" y="{centre[1]}" z="{centre[2]}"/>',
                       _diffuse(0.8), "<!-- sensor -->")
-    efficiency = random.uniform(0.4, 1.0)
+    efficiency = rng.uniform(0.4, 1.0)
     camera = (f'<sensor type="speckle_camera"><float name="pixel_pitch" value="{pitch * scale}"/>'
               f'<float name="magnification" value="1"/><float name="pupil_diameter" value="{pupil * scale}"/>'
               f'<float name="exposure" value="1"/><float name="quantum_efficiency" value="{efficiency}"/>'

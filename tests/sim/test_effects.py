@@ -86,9 +86,9 @@ def test_source_grain_can_be_left_out(scene):
     assert contrast(even) == pytest.approx(1.0, abs=0.03)
 
 
-def test_electronics_one_by_one(random):
+def test_electronics_one_by_one(rng):
     flat = np.full((400, 300), 50.0)
-    columns = expose(flat, Electronics(1.0, column_noise=7.0), random, shot_noise=False)
+    columns = expose(flat, Electronics(1.0, column_noise=7.0), rng, shot_noise=False)
     assert (columns == columns[:1]).all()
     assert columns[0].std() == pytest.approx(7.0, rel=0.15)
     patterned = Electronics(1.0, fixed_pattern=4.0)
@@ -96,9 +96,9 @@ def test_electronics_one_by_one(random):
     np.testing.assert_array_equal(first, second)
     assert first.std() == pytest.approx(4.0, rel=0.02)
     ramp = np.linspace(0.0, 400.0, 300)[None].repeat(2, 0)
-    gained = expose(ramp, Electronics(1.0, bits=6, gain=5.0), random, shot_noise=False)
+    gained = expose(ramp, Electronics(1.0, bits=6, gain=5.0), rng, shot_noise=False)
     assert set(np.unique(gained)) == {5.0 * number for number in range(64)}
-    shot = expose(flat, Electronics(1.0), random)
+    shot = expose(flat, Electronics(1.0), rng)
     assert shot.var() == pytest.approx(50.0, rel=0.02)
     with pytest.raises(InputError, match="bits"):
         Electronics(1.0, bits=8)
@@ -168,9 +168,9 @@ def smooth_source(height_rms_m: float) -> tuple[str, str]:
 
 
 @pytest.mark.parametrize("height_rms_m", [0.0, 1e-8, 3e-8, 6e-8, 2e-6])
-def test_the_specular_share_of_a_smooth_wall(scene, random, height_rms_m):
+def test_the_specular_share_of_a_smooth_wall(scene, rng, height_rms_m):
     geometry = scene(smooth_source(height_rms_m))
-    phase = 4.0 * np.pi * height_rms_m * random.standard_normal(400_000) / 532e-9
+    phase = 4.0 * np.pi * height_rms_m * rng.standard_normal(400_000) / 532e-9
     assert specular_share(geometry) == pytest.approx(abs(np.exp(1j * phase).mean()) ** 2, abs=5e-3)
 
 

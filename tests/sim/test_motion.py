@@ -11,7 +11,7 @@ from radiometry.noise_level import INDEPENDENT, fit_known_signal, read_noise_lev
 from radiometry.prediction import predict
 from scenes import scene_path
 from sim.frame import Simulation
-from sim.motion import correlation, lost_variance, steps
+from sim.motion import correlation, lost_variance, sub_exposures
 from sim.plan import Settings
 
 SPOT = '<float name="spot_diameter" value="5e-3"/>'
@@ -117,10 +117,12 @@ def test_floor_degrees_of_freedom_and_brightness_of_each_lag_are_as_predicted(tm
     if grains:  # the lags of a scene at rest, fitted as well as can be, do not explain the estimate
         def misfit(signal: np.ndarray) -> float:
             a, b = fit_known_signal(estimate, signal)
-            return float(np.mean((estimate / (a * signal + b) - 1.0)[INDEPENDENT] ** 2) * dof)
+            return float(np.mean((estimate / (a * signal + b) - 1.0)[shown] ** 2) * dof)
 
-        assert misfit(prediction.signal) < 1.1
-        assert misfit(predict(still).signal) > 1.2
+        at_rest = predict(still).signal
+        shown = INDEPENDENT & (at_rest > 0.05)
+        assert misfit(prediction.signal) < 1.2
+        assert misfit(at_rest) > 1.25 * misfit(prediction.signal)
 
 
 def test_what_stands_still_is_left_alone_and_what_races_is_refused(scene):
@@ -129,4 +131,4 @@ def test_what_stands_still_is_left_alone_and_what_races_is_refused(scene):
     assert lost_variance(still.geometry, still.plan.samples) == 0.0
     fast = scene(moving(1.0, 0.0))
     with pytest.raises(InputError, match="grains in an exposure"):
-        steps(fast, Simulation(fast, Settings(effects=(("motion", False),))).plan.samples)
+        sub_exposures(fast, Simulation(fast, Settings(effects=(("motion", False),))).plan.samples, 1e-2)

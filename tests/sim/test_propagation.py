@@ -24,9 +24,9 @@ from sim.propagation.sampling import Scatterers, Wall
 WAVELENGTH_M, PIXEL_M = 532e-9, 6.9e-6
 
 
-def scattered(random, count: int, extent_m: tuple[float, float, float]) -> Scatterers:
-    waves = random.standard_normal(count) + 1j * random.standard_normal(count)
-    return Scatterers(random.uniform(-0.5, 0.5, (count, 3)) * extent_m, waves)
+def scattered(rng, count: int, extent_m: tuple[float, float, float]) -> Scatterers:
+    waves = rng.standard_normal(count) + 1j * rng.standard_normal(count)
+    return Scatterers(rng.uniform(-0.5, 0.5, (count, 3)) * extent_m, waves)
 
 
 def wall_at(distance_m: float, angle_deg: float, shape: tuple[int, int], wavelength_m: float = WAVELENGTH_M) -> Wall:
@@ -36,14 +36,14 @@ def wall_at(distance_m: float, angle_deg: float, shape: tuple[int, int], wavelen
     return Wall(centre, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]), shape, PIXEL_M, wavelength_m)
 
 
-def on_grid(random, distance_m: float, grid: tuple[int, int], shape: tuple[int, int], tilt_deg: float = 0.0,
+def on_grid(rng, distance_m: float, grid: tuple[int, int], shape: tuple[int, int], tilt_deg: float = 0.0,
             depth_m: float = 0.0):
     """Scatterers on the grid that FFT kernels need, their places and their wall."""
     pitch = [WAVELENGTH_M * distance_m / (PIXEL_M * n) for n in shape]
-    row, column = np.nonzero(random.random(grid) < 0.3)
+    row, column = np.nonzero(rng.random(grid) < 0.3)
     y, x = ((index - 0.5 * (n - 1)) * step for index, n, step in zip((row, column), grid, pitch, strict=True))
-    z = np.tan(np.deg2rad(tilt_deg)) * x + random.uniform(-0.5, 0.5, len(x)) * depth_m
-    waves = random.standard_normal(len(x)) + 1j * random.standard_normal(len(x))
+    z = np.tan(np.deg2rad(tilt_deg)) * x + rng.uniform(-0.5, 0.5, len(x)) * depth_m
+    waves = rng.standard_normal(len(x)) + 1j * rng.standard_normal(len(x))
     return Scatterers(np.stack([x, y, z], 1), waves), (row, column), wall_at(distance_m, 0.0, shape)
 
 
@@ -83,16 +83,16 @@ def fifty_digits(scatterers: Scatterers, wall: Wall, row: int, column: int) -> c
 @pytest.mark.parametrize("angle_deg", [0.0, 45.0])
 @pytest.mark.parametrize(("distance_m", "wavelength_m"), [(0.01, 355e-9), (0.05, 532e-9), (1.0, 532e-9), (1000.0, 532e-9),
                                                             (1.0, 1e-3)])
-def test_direct_float64_is_the_fifty_digit_sum(random, angle_deg, distance_m, wavelength_m):
+def test_direct_float64_is_the_fifty_digit_sum(rng, angle_deg, distance_m, wavelength_m):
     wall = wall_at(distance_m, angle_deg, (70, 131), wavelength_m)
-    scatterers = scattered(random, 12, np.array([1.0, 0.7, 0.4]) * min(0.01, 0.1 * distance_m))
+    scatterers = scattered(rng, 12, np.array([1.0, 0.7, 0.4]) * min(0.01, 0.1 * distance_m))
     field = direct(scatterers, wall, precision="float64")
     places = [(0, 0), (69, 130), (35, 65), (3, 100), (64, 64)]
     exact = np.array([fifty_digits(scatterers, wall, *place) for place in places])
     assert distance(np.array([field[place] for place in places]), exact) < 1e-9
 
 
-def test_one_scatterer_and_none(random):
+def test_one_scatterer_and_none(rng):
     wall = wall_at(1.0, 0.0, (65, 64))
     one = Scatterers(np.array([[1e-3, -2e-3, 5e-4]]), np.array([2.0 - 1.0j]))
     assert abs(direct(one, wall, precision="float64")[10, 20] - fifty_digits(one, wall, 10, 20)) < 1e-9
@@ -102,25 +102,25 @@ def test_one_scatterer_and_none(random):
 
 @pytest.mark.parametrize(("distance_m", "angle_deg", "allowed"),
                          [(0.05, 0.0, 1e-3), (0.05, 45.0, 1e-3), (0.5, 0.0, 1e-4), (1.0, 45.0, 1e-4), (100.0, 45.0, 1e-4)])
-def test_single_precision(random, distance_m, angle_deg, allowed):
+def test_single_precision(rng, distance_m, angle_deg, allowed):
     wall = wall_at(distance_m, angle_deg, (130, 140))
-    scatterers = scattered(random, 400, (0.01, 0.007, 0.01) if distance_m >= 0.5 else (1e-3, 1e-3, 1e-3))
+    scatterers = scattered(rng, 400, (0.01, 0.007, 0.01) if distance_m >= 0.5 else (1e-3, 1e-3, 1e-3))
     reference = direct(scatterers, wall, precision="float64")
     assert distance(direct(scatterers, wall), reference) < allowed
     assert distance(nufft(scatterers, wall, tolerance=2e-5, precision="float32"), reference) < allowed
 
 
 @pytest.mark.parametrize(("distance_m", "depth_m"), [(0.5, 1e-2), (1.0, 1e-2), (1.0, 0.0), (10.0, 2e-2)])
-def test_nufft_meets_its_tolerance(random, distance_m, depth_m):
+def test_nufft_meets_its_tolerance(rng, distance_m, depth_m):
     wall = wall_at(distance_m, 5.0, (300, 517))
-    scatterers = scattered(random, 1000, (0.01, 0.008, depth_m))
+    scatterers = scattered(rng, 1000, (0.01, 0.008, depth_m))
     reference = direct(scatterers, wall, precision="float64")
     assert distance(nufft(scatterers, wall, tolerance=1e-6), reference) < 1e-6
     assert distance(nufft(scatterers, wall, tolerance=1e-3), reference) < 1e-3
 
 
-def test_nufft_refuses_what_it_cannot_hold(random):
-    scatterers = scattered(random, 30, (0.01, 0.01, 0.0))
+def test_nufft_refuses_what_it_cannot_hold(rng):
+    scatterers = scattered(rng, 30, (0.01, 0.01, 0.0))
     with pytest.raises(InputError, match="float64"):
         nufft(scatterers, wall_at(1.0, 0.0, (130, 130)), tolerance=1e-9, precision="float32")
     with pytest.raises(InputError, match="direct"):
@@ -130,8 +130,8 @@ def test_nufft_refuses_what_it_cannot_hold(random):
 @pytest.mark.parametrize(("distance_m", "grid", "tilt_deg", "depth_m"), [
     (1.0, (80, 61), 0.0, 0.0), (1.0, (31, 20), 0.0, 0.0), (100.0, (40, 31), 0.0, 0.0), (1.0, (80, 61), 0.0, 1e-3),
     (1.0, (80, 61), 30.0, 0.0), (0.1, (60, 61), 0.0, 0.0)])
-def test_fresnel_errs_as_predicted(random, distance_m, grid, tilt_deg, depth_m):
-    scatterers, place, wall = on_grid(random, distance_m, grid, (258, 401), tilt_deg, depth_m)
+def test_fresnel_errs_as_predicted(rng, distance_m, grid, tilt_deg, depth_m):
+    scatterers, place, wall = on_grid(rng, distance_m, grid, (258, 401), tilt_deg, depth_m)
     measured = after_one_phase(fresnel(scatterers, place, grid, wall).numpy(), direct(scatterers, wall, precision="float64"))
     predicted = validity.fresnel_error(wall, places(scatterers), scatterers)
     assert predicted / 3.0 < measured < 3.0 * predicted
@@ -140,8 +140,8 @@ def test_fresnel_errs_as_predicted(random, distance_m, grid, tilt_deg, depth_m):
         assert measured < 1e-3  # inside the rule
 
 
-def test_fraunhofer_has_the_statistics_but_not_the_field(random):
-    scatterers, place, wall = on_grid(random, 1.0, (80, 61), (258, 401))
+def test_fraunhofer_has_the_statistics_but_not_the_field(rng):
+    scatterers, place, wall = on_grid(rng, 1.0, (80, 61), (258, 401))
     waves = np.zeros((80, 61), np.complex64)
     waves[place] = scatterers.amplitude
     field = fraunhofer(torch.from_numpy(waves), wall.shape).numpy()
@@ -151,17 +151,17 @@ def test_fraunhofer_has_the_statistics_but_not_the_field(random):
     assert validity.statistical_error(wall, places(scatterers), scatterers, 3e-4) < 3e-4
 
 
-def test_the_statistical_error_is_that_of_rendered_speckle(random):
+def test_the_statistical_error_is_that_of_rendered_speckle(rng):
     """Two bright plates at different depths: mean |FT I|^2 of a patch, over many phases, has its peak where g says."""
     distance_m, shape = 0.1, (128, 128)
     wall = wall_at(distance_m, 0.0, shape)
     count = 60
-    near = np.concatenate([random.uniform(-2e-4, 2e-4, (count, 2)), np.full((count, 1), 0.0)], 1)
+    near = np.concatenate([rng.uniform(-2e-4, 2e-4, (count, 2)), np.full((count, 1), 0.0)], 1)
     far = near + np.array([2.2e-3, 0.0, 0.02])  # towards the wall: seen wider apart than from the object's own plane
     position = np.concatenate([near, far])
     power = np.zeros(shape)
     for _ in range(40):
-        waves = np.exp(2j * np.pi * random.random(2 * count))
+        waves = np.exp(2j * np.pi * rng.random(2 * count))
         field = direct(Scatterers(position, waves), wall, precision="float64")
         power += np.abs(np.fft.fft2(np.abs(field) ** 2)) ** 2
     power = np.fft.fftshift(power)
@@ -177,9 +177,9 @@ def test_the_statistical_error_is_that_of_rendered_speckle(random):
 
 @pytest.mark.parametrize("accuracy", ["statistical", "field"])
 @pytest.mark.parametrize("tolerance", [1e-1, 1e-2, 1e-4, 1e-6, 1e-9])
-def test_auto_stays_within_its_tolerance(random, accuracy, tolerance):
+def test_auto_stays_within_its_tolerance(rng, accuracy, tolerance):
     grid = (60, 45)
-    scatterers, place, wall = on_grid(random, 1.0, grid, (258, 401), depth_m=5e-4)
+    scatterers, place, wall = on_grid(rng, 1.0, grid, (258, 401), depth_m=5e-4)
     found = choose(options(wall, places(scatterers), scatterers, 3e-4, accuracy, tolerance, None), "auto", tolerance)
     assert found.predicted_error <= tolerance
     if accuracy == "field":
@@ -194,8 +194,8 @@ def test_auto_stays_within_its_tolerance(random, accuracy, tolerance):
         assert after_one_phase(field, reference) <= tolerance
 
 
-def test_unreachable_tolerances_are_refused(random):
-    scatterers, _, wall = on_grid(random, 1.0, (20, 20), (130, 130))
+def test_unreachable_tolerances_are_refused(rng):
+    scatterers, _, wall = on_grid(rng, 1.0, (20, 20), (130, 130))
     listed = options(wall, places(scatterers), scatterers, 3e-4, "field", 1e-13, None)
     with pytest.raises(InputError, match="1e-11 or more"):
         choose(listed, "auto", 1e-13)
@@ -203,9 +203,9 @@ def test_unreachable_tolerances_are_refused(random):
         choose(options(wall, places(scatterers), scatterers, 3e-4, "field", 1e-3, "float64"), "fresnel", 1e-3)
 
 
-def test_direct_sees_only_what_is_visible(random):
+def test_direct_sees_only_what_is_visible(rng):
     wall = wall_at(1.0, 0.0, (128, 128))
-    scatterers = scattered(random, 50, (5e-3, 5e-3, 0.0))
+    scatterers = scattered(rng, 50, (5e-3, 5e-3, 0.0))
     left = scatterers.position_m[:, 0] < 0.0
     field = direct(scatterers, wall, visible=lambda tiles, samples: np.tile(samples[:, 0] < 0.0, (len(tiles), 1)))
     alone = direct(Scatterers(scatterers.position_m[left], scatterers.amplitude[left]), wall)
@@ -262,9 +262,9 @@ def test_memory_is_bounded_whatever_object_and_frame(kernel, count, side, gigaby
 
 
 @pytest.mark.parametrize("tilt_deg", [60.0, 85.0, 89.0])
-def test_grazing_tilt(random, tilt_deg):
+def test_grazing_tilt(rng, tilt_deg):
     """A plate almost along the line of sight: nufft against the direct sum, and a prediction that Fresnel fails."""
-    scatterers, _, wall = on_grid(random, 1.0, (60, 5), (130, 257), tilt_deg=0.0)
+    scatterers, _, wall = on_grid(rng, 1.0, (60, 5), (130, 257), tilt_deg=0.0)
     along = np.tan(np.deg2rad(tilt_deg)) * scatterers.position_m[:, 0]
     tilted = Scatterers(scatterers.position_m + along[:, None] * [0.0, 0.0, 1.0], scatterers.amplitude)
     reference = direct(tilted, wall, precision="float64")

@@ -13,8 +13,8 @@ from sim.plugins.speckle_camera import Electronics
 from sim.propagation.fraunhofer import fraunhofer
 
 
-def test_fraunhofer_matches_the_sum(random):
-    field = random.standard_normal((5, 7)) + 1j * random.standard_normal((5, 7))
+def test_fraunhofer_matches_the_sum(rng):
+    field = rng.standard_normal((5, 7)) + 1j * rng.standard_normal((5, 7))
     wall = fraunhofer(torch.from_numpy(field), (12, 16)).numpy()
     row, column = 3, 11
     wave = np.exp(-2j * np.pi * (row * np.arange(5)[:, None] / 12 + column * np.arange(7)[None, :] / 16))
@@ -103,15 +103,15 @@ def test_a_black_object_gives_empty_frames(letter_simulation, tmp_path):
     assert not Simulation(read_geometry(scene)).frame(0, 0).numpy().any()
 
 
-def test_electronics(random):
+def test_electronics(rng):
     mean = np.full((400, 300), 20.0, np.float32)
-    quiet = expose(mean, Electronics(0.5), random)
+    quiet = expose(mean, Electronics(0.5), rng)
     assert quiet.var() == pytest.approx(20.0, rel=0.03)
-    noisy = expose(mean, Electronics(0.5, read_noise=3.0, dark_current=10.0), random)
+    noisy = expose(mean, Electronics(0.5, read_noise=3.0, dark_current=10.0), rng)
     assert noisy.mean() == pytest.approx(25.0, rel=0.01)
     assert noisy.var() == pytest.approx(25.0 + 9.0, rel=0.03)
-    rows = expose(mean, Electronics(0.5, row_noise=4.0), random).mean(1)
+    rows = expose(mean, Electronics(0.5, row_noise=4.0), rng).mean(1)
     assert rows.var() == pytest.approx(16.0 + 20.0 / 300, rel=0.25)
-    clipped = expose(mean, Electronics(0.5, full_well=24.0, bits=4), random)
+    clipped = expose(mean, Electronics(0.5, full_well=24.0, bits=4), rng)
     assert clipped.max() == pytest.approx(24.0)
     np.testing.assert_allclose(clipped / 1.6, np.round(clipped / 1.6), atol=1e-5)

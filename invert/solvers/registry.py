@@ -7,17 +7,17 @@ from typing import Any
 
 import torch
 
-from invert.admm_tv import AdmmTvOptions, admm_tv
-from invert.altmin import AltMinOptions, altmin
-from invert.error_reduction import ErrorReductionOptions, error_reduction
-from invert.hio import HioOptions, hio
-from invert.mtwf import MTWF_OPTIONS, mtwf
-from invert.projections import Candidates, Progress
-from invert.raar import RaarOptions, raar
 from invert.registration import OBJECT
+from invert.solvers.admm_tv import AdmmTvOptions, admm_tv
+from invert.solvers.altmin import AltMinOptions, altmin
+from invert.solvers.base import Candidates, Progress
+from invert.solvers.error_reduction import ErrorReductionOptions, error_reduction
+from invert.solvers.hio import HioOptions, hio
+from invert.solvers.mtwf import MTWF_OPTIONS, mtwf
+from invert.solvers.raar import RaarOptions, raar
+from invert.solvers.taf import TafOptions, taf
+from invert.solvers.twf import TwfOptions, twf
 from invert.spectrum import Measurement, fourier_modulus
-from invert.taf import TafOptions, taf
-from invert.twf import TwfOptions, twf
 
 METHODS: dict[str, tuple[Any, Any]] = {
     "classical": (hio, HioOptions()),
@@ -48,6 +48,6 @@ def solve(measurement: Measurement, method: str, quality: str, seed: int, device
           progress: Progress = lambda: None) -> Candidates:
     """Reconstructions (starts, 128, 128) of a measurement."""
     box = measurement.box if method == "classical" else OBJECT
-    generator = torch.Generator(device=device).manual_seed(seed)
+    rng = torch.Generator(device=device).manual_seed(seed)
     modulus = fourier_modulus(measurement).to(device)
-    return METHODS[method][0](modulus, box, generator, method_options(method, quality), progress)
+    return METHODS[method][0](modulus, box, rng, method_options(method, quality), progress)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import torch
 
-from invert.projections import Candidates, Progress, box_support, modulus_residual, random_starts, to_modulus
+from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, random_starts, to_modulus
 
 
 @dataclass(frozen=True)
@@ -18,12 +18,12 @@ class ErrorReductionOptions:
     starts: int = 16
 
 
-def error_reduction(modulus: torch.Tensor, box: int, generator: torch.Generator,
+def error_reduction(modulus: torch.Tensor, box: int, rng: torch.Generator,
                     options: ErrorReductionOptions | None = None, progress: Progress = lambda: None) -> Candidates:
     """Retrieve non-negative images; arguments as in `hio`. The residual never rises."""
     options = options or ErrorReductionOptions()
     target, support = modulus.unsqueeze(-3), box_support(modulus, box)
-    image = random_starts(modulus, support, options.starts, generator)
+    image = random_starts(modulus, support, options.starts, rng)
     for _ in range(options.iterations):
         image = to_modulus(image, target).clamp_min_(0.0).mul_(support)
         progress()

@@ -6,8 +6,8 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from invert.blocks import GROUPS, ResidualBlock, Unet
-from invert.features import (
+from invert.network.blocks import GROUPS, ResidualBlock, Unet
+from invert.network.features import (
     FUSION_CHANNELS,
     LAG_CHANNELS,
     PICTURES,
@@ -25,7 +25,7 @@ from invert.registration import laid_over
 class Denoiser(nn.Module):
     """The signal H (r*r) of an estimate, without floor and noise, zero lag among it.
 
-    An autocorrelation, unlike the object, has no shift and no half turn, so there is one right answer to learn. Phase
+    An autocorrelation, unlike the object, has neither shift nor twin image, so there is one right answer to learn. Phase
     retrieval itself is left to projections.
     """
 
@@ -38,14 +38,14 @@ class Denoiser(nn.Module):
         """Signal (n, 127, 127), centro-symmetric, in the estimate's unit."""
         shown, relative, height = lag_features(seen)
         drawn = functional.pixel_shuffle(self.draw(self.unet(shown.to(memory_format=torch.channels_last))[0]), 2).float()
-        # Each lag is measured as far as it can be trusted, and drawn for the rest.
+        # Each lag is measured as far as it can be trusted, and predicted for the rest.
         trust = torch.sigmoid(drawn[:, 0])
         signal = trust * half_plane(relative) + (1.0 - trust) * functional.softplus(drawn[:, 1] - 3.0)
         return whole_plane(signal) * height[:, None, None]
 
 
-class Drawing(nn.Module):
-    """From features (n, width, 32, 32) to pictures (n, outputs, 64, 64)."""
+class Decoder(nn.Module):
+    """From features (n, width, 32, 32) to images (n, outputs, 64, 64)."""
 
     def __init__(self, width: int, outputs: int) -> None:
         super().__init__()
@@ -60,13 +60,13 @@ class Drawing(nn.Module):
 class Sketch(nn.Module):
     """Albedo (n, 64, 64), zero or more, from the estimate at once.
 
-    It does not choose between the object and its half turn but draws both, faintly, over one another: all that can be told
-    of an object before its turn is known.
+    It does not choose between the object and its twin image but shows both, faintly, over one another: all that can be told
+    of an object before the twin-image ambiguity is resolved.
     """
 
     def __init__(self, width: int) -> None:
         super().__init__()
-        self.unet, self.drawing = Unet(SKETCH_CHANNELS, width), Drawing(width, 1)
+        self.unet, self.drawing = Unet(SKETCH_CHANNELS, width), Decoder(width, 1)
 
     def forward(self, seen: Observation) -> torch.Tensor:
         level, _ = self.unet(sketch_features(seen).to(memory_format=torch.channels_last))
@@ -74,17 +74,17 @@ class Sketch(nn.Module):
 
 
 class Fusion(nn.Module):
-    """Albedo (n, 64, 64), zero or more, from the estimate and pictures, and the correlation with the truth that it expects of
-    it (n,), as a logit.
+    """Albedo (n, 64, 64), zero or more, from the estimate and classical reconstructions, and the correlation with the truth
+    that it expects of it (n,), as a logit.
 
-    The pictures are among the features and also added to the drawing, as far as each place trusts them: a good classical
-    reconstruction is kept and cleaned, a bad one overruled.
+    The reconstructions are among the features and also added to the output, as far as each place trusts them: a good one
+    is kept and cleaned, a bad one overruled.
     """
 
     def __init__(self, width: int) -> None:
         super().__init__()
         self.unet = Unet(FUSION_CHANNELS + 4 * (1 + PICTURES), width)
-        self.drawing = Drawing(width, 2 + PICTURES)
+        self.drawing = Decoder(width, 2 + PICTURES)
         nn.init.constant_(self.drawing.draw[-1].bias[1:], 1.0)  # begin by trusting
         self.judge = nn.Sequential(nn.Linear(5 * width, 2 * width), nn.SiLU(), nn.Linear(2 * width, 1))
 

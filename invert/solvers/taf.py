@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import torch
 
-from invert.projections import Candidates, Progress, box_support, modulus_residual
-from invert.twf import full_intensity, start_at_scale
+from invert.solvers.base import Candidates, Progress, box_support, modulus_residual
+from invert.solvers.twf import full_intensity, start_at_scale
 
 
 @dataclass(frozen=True)
@@ -31,12 +31,12 @@ def amplitude_gradient(spectrum: torch.Tensor, amplitude: torch.Tensor, kept: to
     return torch.fft.ifft2(spectrum * (scale * kept)).real
 
 
-def taf(modulus: torch.Tensor, box: int, generator: torch.Generator, options: TafOptions | None = None,
+def taf(modulus: torch.Tensor, box: int, rng: torch.Generator, options: TafOptions | None = None,
         progress: Progress = lambda: None) -> Candidates:
     """Retrieve real images of either sign; arguments as in `hio`."""
     options = options or TafOptions()
     support, amplitude = box_support(modulus, box), full_intensity(modulus).sqrt()
-    image = start_at_scale(modulus, support, options.starts, generator)
+    image = start_at_scale(modulus, support, options.starts, rng)
     for _ in range(options.iterations):
         spectrum = torch.fft.fft2(image)
         kept = spectrum.abs() * (1.0 + options.gamma) >= amplitude

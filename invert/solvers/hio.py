@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import torch
 
-from invert.projections import Candidates, Progress, blurred, box_support, modulus_residual, random_starts, to_modulus
+from invert.solvers.base import Candidates, Progress, blurred, box_support, modulus_residual, random_starts, to_modulus
 
 
 @dataclass(frozen=True)
@@ -36,20 +36,20 @@ class HioOptions:
     shrink_blur: tuple[float, float] = (4.0, 2.0)
 
 
-def hio(modulus: torch.Tensor, box: int, generator: torch.Generator, options: HioOptions | None = None,
+def hio(modulus: torch.Tensor, box: int, rng: torch.Generator, options: HioOptions | None = None,
         progress: Progress = lambda: None) -> Candidates:
     """Retrieve real, non-negative images from Fourier moduli.
 
     Args:
         modulus: (..., n, n // 2 + 1), leading dimensions are images.
         box: side of the square that holds the object, at most n / 2 pixels.
-        generator: source of the starting images; on the same device as `modulus`.
+        rng: source of the starting images; on the same device as `modulus`.
         progress: called once per iteration.
     """
     options = options or HioOptions()
     target = modulus.unsqueeze(-3)
     support = box_support(modulus, box)
-    image = random_starts(modulus, support, options.starts, generator)
+    image = random_starts(modulus, support, options.starts, rng)
     blur, last_blur = options.shrink_blur
     thresholds = torch.tensor(options.shrink_threshold, device=modulus.device).repeat(options.starts)
     threshold = thresholds[: options.starts, None, None]

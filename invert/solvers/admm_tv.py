@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import torch
 
-from invert.projections import Candidates, Progress, box_support, modulus_residual, random_starts, to_modulus
+from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, random_starts, to_modulus
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ def shrunk(field: torch.Tensor, threshold: torch.Tensor) -> torch.Tensor:
     return field * (1.0 - threshold / length.clamp_min(1e-30)).clamp_min(0.0)
 
 
-def admm_tv(modulus: torch.Tensor, box: int, generator: torch.Generator, options: AdmmTvOptions | None = None,
+def admm_tv(modulus: torch.Tensor, box: int, rng: torch.Generator, options: AdmmTvOptions | None = None,
             progress: Progress = lambda: None) -> Candidates:
     """Retrieve non-negative images; arguments as in `hio`."""
     options = options or AdmmTvOptions()
@@ -51,7 +51,7 @@ def admm_tv(modulus: torch.Tensor, box: int, generator: torch.Generator, options
     side = modulus.shape[-2]
     wave = 2.0 - 2.0 * torch.cos(2.0 * torch.pi * torch.fft.fftfreq(side, device=modulus.device))
     laplacian = wave[:, None] + wave[None, : side // 2 + 1]
-    image = random_starts(modulus, support, options.starts, generator)
+    image = random_starts(modulus, support, options.starts, rng)
     threshold = options.weight / options.coupling * (target[..., :1, :1] / support.sum()).unsqueeze(-3)
     dual_modulus, dual_support = torch.zeros_like(image), torch.zeros_like(image)
     dual_gradient = torch.zeros_like(gradients(image))

@@ -12,7 +12,7 @@ import torch
 from invert.capture import read_autocorrelation
 from invert.methods import retrieve
 from invert.spectrum import Measurement, read_measurement
-from invert.training_data import at_noise
+from invert.training.data import at_noise
 from radiometry.errors import InputError
 
 NOISE_LEVELS = ((80.0, 64.0), (80.0, 16.0), (80.0, 256.0), (80.0, 1e4), (5.0, 64.0), (5.0, 1e4), (200.0, 64.0), (200.0, 256.0))
@@ -50,13 +50,13 @@ def edges(images: Path, count: int, seed: int) -> Iterator[Level]:
     """Canny edges of photographs, one crop each, with noise drawn from the noise model."""
     from data_gen.edges import edge_targets, find_photographs, read_luminance
 
-    random = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     photographs = find_photographs(images)
     truths: list[np.ndarray] = []
-    for index in random.permutation(len(photographs.names)):
+    for index in rng.permutation(len(photographs.names)):
         if len(truths) == count:
             break
-        found = edge_targets(read_luminance(photographs.folder / photographs.names[index]), 1, random)
+        found = edge_targets(read_luminance(photographs.folder / photographs.names[index]), 1, rng)
         if found is not None:
             truths.append(found[0].astype(np.float32) / np.float32(255.0))
     if not truths:
@@ -68,15 +68,15 @@ def shapes(count: int, seed: int) -> Iterator[Level]:
     """Letters and digits in random poses and weights, which no training target shows, with noise from the noise model."""
     from data_gen.shapes import glyph
 
-    random = np.random.default_rng(seed)
-    truths = np.stack([glyph(UNSEEN[number % len(UNSEEN)], random) for number in range(count)])
+    rng = np.random.default_rng(seed)
+    truths = np.stack([glyph(UNSEEN[number % len(UNSEEN)], rng) for number in range(count)])
     yield from _modelled("shapes", truths.astype(np.float32) / np.float32(255.0), seed)
 
 
 def _modelled(name: str, truths: np.ndarray, seed: int) -> Iterator[Level]:
     for floor, dof in NOISE_LEVELS:
-        generator = torch.Generator().manual_seed(seed)
-        batch = at_noise(torch.from_numpy(truths), floor / 255.0, dof, generator)
+        rng = torch.Generator().manual_seed(seed)
+        batch = at_noise(torch.from_numpy(truths), floor / 255.0, dof, rng)
         yield Level(name, f"b {floor:.0f}, K {dof:g}",
                     [Case(str(number), read_measurement(estimate.numpy()), truth)
                      for number, (estimate, truth) in enumerate(zip(batch.seen.estimate, truths, strict=True))])

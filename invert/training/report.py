@@ -12,7 +12,7 @@ def save_curve(path: Path, curve: list[dict[str, Any]], measure: str) -> None:
     """A measure of each validation level against training time."""
     from matplotlib.figure import Figure
 
-    from invert.train import VALIDATION
+    from invert.training.train import VALIDATION
 
     figure = Figure(figsize=(6, 4), layout="constrained")
     axes = figure.add_subplot()

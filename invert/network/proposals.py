@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import torch
 
-from invert.projections import Candidates
 from invert.registration import agreeing_mean, centred, consensus, registered
+from invert.solvers.base import Candidates
 
 COMPANIONS = 8
 """Starts, of least residual, with which every start is compared."""

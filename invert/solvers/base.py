@@ -55,9 +55,9 @@ def box_support(modulus: torch.Tensor, box: int) -> torch.Tensor:
     return support
 
 
-def random_starts(modulus: torch.Tensor, support: torch.Tensor, starts: int, generator: torch.Generator) -> torch.Tensor:
+def random_starts(modulus: torch.Tensor, support: torch.Tensor, starts: int, rng: torch.Generator) -> torch.Tensor:
     """Uniform random images inside the support, (..., starts, n, n); every image of a batch gets the same ones,
     so a result does not depend on what else is in the batch."""
     side = modulus.shape[-2]
-    images = torch.rand(starts, side, side, generator=generator, device=modulus.device) * support
+    images = torch.rand(starts, side, side, generator=rng, device=modulus.device) * support
     return images.expand(*modulus.shape[:-2], starts, side, side).clone()

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import torch
 
-from invert.projections import Candidates, Progress, box_support, modulus_residual, random_starts, to_modulus
+from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, random_starts, to_modulus
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,12 @@ class RaarOptions:
     error_reduction: int = 100
 
 
-def raar(modulus: torch.Tensor, box: int, generator: torch.Generator, options: RaarOptions | None = None,
+def raar(modulus: torch.Tensor, box: int, rng: torch.Generator, options: RaarOptions | None = None,
          progress: Progress = lambda: None) -> Candidates:
     """Retrieve non-negative images; arguments as in `hio`."""
     options = options or RaarOptions()
     target, support = modulus.unsqueeze(-3), box_support(modulus, box)
-    image = random_starts(modulus, support, options.starts, generator)
+    image = random_starts(modulus, support, options.starts, rng)
     for iteration in range(options.iterations):
         projected = to_modulus(image, target)
         if iteration < options.iterations - options.error_reduction:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import torch
 
-from invert.projections import Candidates, Progress, box_support, modulus_residual, random_starts
+from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, random_starts
 
 
 @dataclass(frozen=True)
@@ -44,9 +44,9 @@ def full_intensity(modulus: torch.Tensor) -> torch.Tensor:
     return torch.cat((modulus, tail), -1).square().unsqueeze(-3)
 
 
-def start_at_scale(modulus: torch.Tensor, support: torch.Tensor, starts: int, generator: torch.Generator) -> torch.Tensor:
+def start_at_scale(modulus: torch.Tensor, support: torch.Tensor, starts: int, rng: torch.Generator) -> torch.Tensor:
     """Random starts whose energy is the measurements' mean intensity."""
-    image = random_starts(modulus, support, starts, generator)
+    image = random_starts(modulus, support, starts, rng)
     energy = full_intensity(modulus).mean((-2, -1), keepdim=True)
     return image * (energy / image.square().sum((-2, -1), keepdim=True).clamp_min(1e-30)).sqrt()
 
@@ -56,7 +56,7 @@ def within(magnitude: torch.Tensor, norm: torch.Tensor, lower: float, upper: flo
     return (magnitude >= lower * norm) & (magnitude <= upper * norm)
 
 
-def truncated_flow(modulus: torch.Tensor, box: int, generator: torch.Generator, options: TwfOptions,
+def truncated_flow(modulus: torch.Tensor, box: int, rng: torch.Generator, options: TwfOptions,
                    typical: Callable[[torch.Tensor], torch.Tensor], progress: Progress) -> Candidates:
     """Descend the Poisson likelihood over measurements that keep both truncation rules.
 
@@ -64,7 +64,7 @@ def truncated_flow(modulus: torch.Tensor, box: int, generator: torch.Generator, 
         typical: typical intensity error of each image, (..., n, n) to (..., 1, 1): what `options.spread` multiplies.
     """
     support, intensity = box_support(modulus, box), full_intensity(modulus)
-    image = start_at_scale(modulus, support, options.starts, generator)
+    image = start_at_scale(modulus, support, options.starts, rng)
     for _ in range(options.iterations):
         spectrum = torch.fft.fft2(image)
         magnitude = spectrum.abs()
@@ -77,8 +77,8 @@ def truncated_flow(modulus: torch.Tensor, box: int, generator: torch.Generator, 
     return Candidates(image, modulus_residual(image, modulus.unsqueeze(-3)))
 
 
-def twf(modulus: torch.Tensor, box: int, generator: torch.Generator, options: TwfOptions | None = None,
+def twf(modulus: torch.Tensor, box: int, rng: torch.Generator, options: TwfOptions | None = None,
         progress: Progress = lambda: None) -> Candidates:
     """Retrieve real images of either sign; arguments as in `hio`. The typical error is the mean."""
-    return truncated_flow(modulus, box, generator, options or TwfOptions(), lambda error: error.mean((-2, -1), keepdim=True),
+    return truncated_flow(modulus, box, rng, options or TwfOptions(), lambda error: error.mean((-2, -1), keepdim=True),
                           progress)

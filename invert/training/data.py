@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch.nn import functional
 
-from invert.features import Observation
+from invert.network.features import Observation
 from radiometry.autocorrelation import LAGS
 from radiometry.noise_level import OUTERMOST, RING
 from radiometry.noise_model import draw_estimate, window_smoothed
@@ -36,25 +36,25 @@ class Batch:
         return Batch(self.seen.part(which, device), self.truth[which].to(device), self.signal[which].to(device))
 
 
-def at_noise(truth: torch.Tensor, floor: torch.Tensor | float, dof: torch.Tensor | float, generator: torch.Generator) -> Batch:
+def at_noise(truth: torch.Tensor, floor: torch.Tensor | float, dof: torch.Tensor | float, rng: torch.Generator) -> Batch:
     """Estimates of truths at a noise level, b in units of the largest lag but zero: the authors' measure (80 of 255)."""
     n = len(truth)
     floor = torch.as_tensor(floor).expand(n).float()
     dof = torch.as_tensor(dof).expand(n).float()
     signal = _signal(truth)
-    estimate = draw_estimate(signal + floor[:, None, None], dof, generator)
+    estimate = draw_estimate(signal + floor[:, None, None], dof, rng)
     return Batch(Observation.bare(estimate, floor, dof), truth, signal)
 
 
-def varied(targets: torch.Tensor, count: int, generator: torch.Generator) -> Batch:
+def varied(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batch:
     """Random targets (uint8 pool (N, 64, 64)), flipped and transposed, at noise of every level and of several kinds."""
     def chance(share: float) -> torch.Tensor:
-        return (torch.rand(count, generator=generator) < share)[:, None, None]
+        return (torch.rand(count, generator=rng) < share)[:, None, None]
 
     def uniform(low: float, high: float) -> torch.Tensor:
-        return low + (high - low) * torch.rand(count, generator=generator)
+        return low + (high - low) * torch.rand(count, generator=rng)
 
-    truth = targets[torch.randint(len(targets), (count,), generator=generator)].float() / 255.0
+    truth = targets[torch.randint(len(targets), (count,), generator=rng)].float() / 255.0
     truth = torch.where(chance(0.5), truth.mT, truth)
     truth = torch.where(chance(0.5), truth.flip(-1), truth)
     truth = torch.where(chance(0.5), truth.flip(-2), truth)
@@ -67,39 +67,39 @@ def varied(targets: torch.Tensor, count: int, generator: torch.Generator) -> Bat
     signal = _signal(truth) * torch.exp(-_RADIUS_SQUARED * (uniform(0.0, 2.0)[:, None, None] * chance(0.5)))
     slope = uniform(-0.15, 0.15)[:, None, None] * chance(0.15)
     spectrum = signal + floor[:, None, None] * (1.0 + slope * (_RADIUS_SQUARED - 0.7))
-    estimate = draw_estimate(spectrum, dof, generator)
+    estimate = draw_estimate(spectrum, dof, rng)
     # Read noise that lines of pixels share fills the row or column through zero lag; where it stands out it gets mended.
     for row, mended, weak in ((True, 0.3, 0.15), (False, 0.1, 0.1)):
         view = estimate if row else estimate.mT
         line = view[:, LAGS]
         beside = 0.5 * (view[:, LAGS - 1] + view[:, LAGS + 1])
-        excess = (uniform(0.0, 0.2) * floor)[:, None] * torch.rand(count, 2 * LAGS + 1, generator=generator).add(0.5)
+        excess = (uniform(0.0, 0.2) * floor)[:, None] * torch.rand(count, 2 * LAGS + 1, generator=rng).add(0.5)
         excess = excess + excess.flip(-1)
         line = torch.where(chance(weak)[:, 0], line + 0.5 * excess, line)
         view[:, LAGS] = torch.where(chance(mended)[:, 0], beside, line)
-    read_error = torch.randn(2, count, generator=generator)
+    read_error = torch.randn(2, count, generator=rng)
     read_floor, read_dof = floor * (1.0 + read_error[0] * (dof * _OUTER).rsqrt()), dof * (1.0 + 0.04 * read_error[1])
     return Batch(Observation.bare(estimate, read_floor, read_dof), truth, signal)
 
 
-def warm(stored: dict[str, torch.Tensor], count: int, generator: torch.Generator) -> Batch:
-    """Random stored estimates, denoised, with their classical reconstructions (see `invert.warm_starts`), flipped and
+def warm(stored: dict[str, torch.Tensor], count: int, rng: torch.Generator) -> Batch:
+    """Random stored estimates, denoised, with their classical reconstructions (see `invert.training.warm_starts`), flipped and
     transposed."""
-    chosen = torch.randint(len(stored["albedo"]), (count,), generator=generator)
+    chosen = torch.randint(len(stored["albedo"]), (count,), generator=rng)
     pictures = [stored[name][chosen].float() * scale
                 for name, scale in (("estimate", 1.0), ("denoised", 1.0), ("albedo", 1.0 / 255.0), ("classical", 1.0 / 255.0))]
     for turn in (lambda x: x.mT, lambda x: x.flip(-1), lambda x: x.flip(-2)):
-        turned = torch.rand(count, generator=generator) < 0.5
+        turned = torch.rand(count, generator=rng) < 0.5
         pictures = [torch.where(turned.view(-1, *[1] * (picture.ndim - 1)), turn(picture), picture) for picture in pictures]
     estimate, denoised, truth, classical = pictures
     seen = Observation(estimate, *(stored[name][chosen] for name in ("floor", "dof")), denoised, classical)
     return Batch(seen, truth, _signal(truth))
 
 
-def paper_noise(targets: torch.Tensor, count: int, generator: torch.Generator) -> Batch:
+def paper_noise(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batch:
     """The paper's section 5.A: b = 70 of 255 and gamma / N = 0.015 for every sample."""
-    truth = targets[torch.randint(len(targets), (count,), generator=generator)].float() / 255.0
-    return at_noise(truth, 70.0 / 255.0, 1.0 / 0.015, generator)
+    truth = targets[torch.randint(len(targets), (count,), generator=rng)].float() / 255.0
+    return at_noise(truth, 70.0 / 255.0, 1.0 / 0.015, rng)
 
 
 def _signal(truth: torch.Tensor) -> torch.Tensor:

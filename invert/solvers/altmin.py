@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import torch
 
-from invert.projections import Candidates, Progress, box_support, modulus_residual, random_starts, to_modulus
+from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, random_starts, to_modulus
 
 
 @dataclass(frozen=True)
@@ -20,12 +20,12 @@ class AltMinOptions:
     starts: int = 16
 
 
-def altmin(modulus: torch.Tensor, box: int, generator: torch.Generator, options: AltMinOptions | None = None,
+def altmin(modulus: torch.Tensor, box: int, rng: torch.Generator, options: AltMinOptions | None = None,
            progress: Progress = lambda: None) -> Candidates:
     """Retrieve real images of either sign; arguments as in `hio`."""
     options = options or AltMinOptions()
     target, support = modulus.unsqueeze(-3), box_support(modulus, box)
-    image = random_starts(modulus, support, options.starts, generator)
+    image = random_starts(modulus, support, options.starts, rng)
     for _ in range(options.iterations):
         image = to_modulus(image, target).mul_(support)
         progress()

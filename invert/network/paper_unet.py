@@ -6,7 +6,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from invert.features import Observation, modulus_picture, paper_picture
+from invert.network.features import Observation, modulus_picture, paper_picture
 
 
 class PaperUnet(nn.Module):

@@ -12,12 +12,12 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
 
-from invert.paper_unet import PaperModulusUnet, PaperUnet
-from invert.unet import CorrelographyNet
+from invert.network.model import CorrelographyNet
+from invert.network.paper_unet import PaperModulusUnet, PaperUnet
 from radiometry.errors import InputError
 from radiometry.output import atomic
 
-SHIPPED = Path(__file__).with_name("weights") / "unet.safetensors"
+SHIPPED = Path(__file__).parents[1] / "weights" / "unet.safetensors"
 
 NETWORKS: dict[str, type[nn.Module]] = {"unet": CorrelographyNet, "paper": PaperUnet, "paper-modulus": PaperModulusUnet}
 

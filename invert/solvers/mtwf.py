@@ -7,16 +7,16 @@ from __future__ import annotations
 
 import torch
 
-from invert.projections import Candidates, Progress
-from invert.twf import TwfOptions, truncated_flow
+from invert.solvers.base import Candidates, Progress
+from invert.solvers.twf import TwfOptions, truncated_flow
 
 MTWF_OPTIONS = TwfOptions(spread=12.0)
 
 
-def mtwf(modulus: torch.Tensor, box: int, generator: torch.Generator, options: TwfOptions = MTWF_OPTIONS,
+def mtwf(modulus: torch.Tensor, box: int, rng: torch.Generator, options: TwfOptions = MTWF_OPTIONS,
          progress: Progress = lambda: None) -> Candidates:
     """Retrieve real images of either sign; arguments as in `hio`. The typical error is the median."""
     def median(error: torch.Tensor) -> torch.Tensor:
         return error.flatten(-2).median(-1).values[..., None, None]
 
-    return truncated_flow(modulus, box, generator, options, median, progress)
+    return truncated_flow(modulus, box, rng, options, median, progress)

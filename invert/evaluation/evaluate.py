@@ -1,0 +1,144 @@
+"""`python -m invert.evaluate -o DIR`: methods on test sets, as tables, pictures and JSON; goes on where it was stopped."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from radiometry.errors import ArgumentParser, InputError, check_seed
+
+SETS = ("edges", "shapes", "rendered", "measured")
+CHARACTER_SETS = ("rendered", "measured 7", "measured letters")
+"""Test sets whose truths are upright characters, which a reconstruction should be recognised as."""
+
+
+def parser() -> ArgumentParser:
+    p = ArgumentParser(prog="python -m invert.evaluate", description="Compare methods on test sets.")
+    p.add_argument("-o", "--output", required=True, help="folder for table.md, results.json and pictures")
+    p.add_argument("--sets", nargs="+", choices=SETS, default=["shapes", "rendered"])
+    p.add_argument("--methods", nargs="+", default=["unet", "classical", "hio"], metavar="NAME[:QUALITY]",
+                   help="methods as python -m invert knows them, e.g. unet:fast classical:best hio")
+    p.add_argument("--weights", nargs="*", default=[], metavar="NAME=FILE", help="further networks, one look each")
+    p.add_argument("--images", type=Path, help="folder of photographs for the set of edges")
+    p.add_argument("--measured", type=Path, help="folder of published autocorrelations for the measured set")
+    p.add_argument("--levels", type=int, help="only the first levels of each set")
+    p.add_argument("--count", type=int, default=16, help="images a level (rendered: captures a letter)")
+    p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
+    return p
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Each method on each level of each set, then the report."""
+    options = parser().parse_args(argv)
+    methods = _check(options)
+    from tqdm import tqdm
+
+    from invert.evaluation.report import write_report
+    from radiometry.output import output_folder
+
+    output = output_folder(options.output)
+    cells = output_folder(output / "cells")
+    results = []
+    for level in tqdm(_levels(options), unit="level", disable=None):
+        for name, settings in methods.items():
+            results.append(_cell(cells, level, name, settings, options))
+    write_report(output, results, cells)
+    print(output / "table.md")
+
+
+def _levels(options: Any) -> Iterator:
+    from itertools import islice
+
+    from invert.evaluation import sets
+
+    for name in options.sets:
+        levels = {"edges": lambda: sets.edges(options.images, options.count, options.seed),
+                  "shapes": lambda: sets.shapes(options.count, options.seed),
+                  "rendered": lambda: sets.rendered(options.count, options.seed),
+                  "measured": lambda: sets.measured(options.measured)}[name]()
+        yield from islice(levels, options.levels)
+
+
+def _cell(cells: Path, level: Any, name: str, settings: dict[str, Any], options: Any) -> dict[str, Any]:
+    """One method on one level: read from an earlier run of the same arguments, or computed and written."""
+    from invert.evaluation.identification import identify
+    from invert.likelihood import nats_over
+    from invert.methods import retrieve
+    from invert.metrics import agreement, score
+    from radiometry.output import save_array, save_json
+
+    file = cells / "".join(letter if letter.isalnum() else "-" for letter in f"{level.test_set} {level.label} {name}")
+    asked = {"set": level.test_set, "level": level.label, "seed": options.seed, "cases": [case.name for case in level.cases],
+             **{key: str(value) for key, value in settings.items()}, "method": name, "data": _digest(level, settings)}
+    if file.with_suffix(".json").is_file() and file.with_suffix(".npy").is_file():
+        known = json.loads(file.with_suffix(".json").read_text())
+        if known["asked"] == asked:
+            return known
+    rows, albedos = [], []
+    for case in level.cases:
+        begin = time.perf_counter()
+        found = retrieve(case.measurement, seed=options.seed, device=options.device, **settings)
+        row: dict[str, Any] = {"seconds": time.perf_counter() - begin, "found": found.object_found,
+                               "confidence": found.confidence, **score(found.albedo, case.truth).as_dict()}
+        noise = case.measurement.noise
+        row["agreement"] = agreement(found.albedo, case.measurement.estimate, noise.floor, noise.signal_ring)
+        if case.others and found.object_found:
+            row["nats_each"] = nats_over(case.truth, found.albedo, case.others)
+            row["nats"] = float(np.mean(row["nats_each"]))
+        if level.test_set in CHARACTER_SETS:
+            ranking = identify(found.albedo, mirrored=level.test_set.startswith("measured"))
+            row["recognised"] = ranking[0][0] == case.name
+        rows.append(row)
+        albedos.append(found.albedo)
+    save_array(file.with_suffix(".npy"), np.stack(albedos))
+    save_array(file.with_name(file.name + "-truth").with_suffix(".npy"), np.stack([case.truth for case in level.cases]))
+    content = {"asked": asked, "file": file.name, "rows": rows}
+    save_json(file.with_suffix(".json"), content)
+    return content
+
+
+def _digest(level: Any, settings: dict[str, Any]) -> str:
+    """SHA-256 of a level's estimates and truths, and of the network that will see them."""
+    whole = hashlib.sha256()
+    for case in level.cases:
+        whole.update(case.measurement.estimate.tobytes() + case.truth.tobytes())
+        for measurement in case.others:
+            whole.update(measurement.estimate.tobytes())
+    if settings["method"] == "unet":
+        from invert.network.checkpoints import SHIPPED
+
+        whole.update(settings.get("weights", SHIPPED).read_bytes())
+    return whole.hexdigest()
+
+
+def _check(options: Any) -> dict[str, dict[str, Any]]:
+    """Check options; returns the settings of each method by name."""
+    from invert.solvers.registry import METHODS, QUALITIES
+
+    check_seed(options.seed)
+    if options.count < 1 or (options.levels is not None and options.levels < 1):
+        raise InputError("--count, --levels", "whole numbers above zero", f"{options.count}, {options.levels}", "choose others")
+    if "edges" in options.sets and options.images is None:
+        raise InputError("--images", "a folder of photographs for the set of edges", "none", "add --images FOLDER")
+    if "measured" in options.sets and options.measured is None:
+        raise InputError("--measured", "a folder of published autocorrelations", "none", "add --measured FOLDER")
+    methods: dict[str, dict[str, Any]] = {}
+    for text in options.methods:
+        name, _, quality = text.partition(":")
+        if name not in ("unet", *METHODS) or (quality or "balanced") not in QUALITIES:
+            raise InputError("--methods", f"NAME[:QUALITY] of unet, {', '.join(METHODS)} and {', '.join(QUALITIES)}", text,
+                             "correct it")
+        methods[text] = {"method": name, "quality": quality or "balanced"}
+    for text in options.weights:
+        name, equals, file = text.partition("=")
+        if not equals or not Path(file).is_file():
+            raise InputError("--weights", "NAME=FILE, an existing file", text, "correct it")
+        methods[name] = {"method": "unet", "quality": "fast", "weights": Path(file)}
+    return methods

@@ -1,0 +1,139 @@
+"""From a measurement to a reconstruction: denoise, retrieve, fuse every proposal into a candidate, average the likeliest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from invert.likelihood import log_likelihoods
+from invert.network.confidence import ConfidenceFeatures
+from invert.network.features import Observation
+from invert.network.model import CorrelographyNet
+from invert.network.proposals import overview, proposals
+from invert.registration import OBJECT, consensus
+from invert.solvers.base import Candidates, Progress
+from invert.solvers.hio import HioOptions, hio
+from invert.spectrum import Measurement, denoised_modulus, fourier_modulus
+
+Transform = Callable[[torch.Tensor], torch.Tensor]
+
+AUGMENTATIONS: tuple[tuple[Transform, Transform], ...] = (
+    (lambda x: x, lambda x: x),
+    (lambda x: x.flip(-1), lambda x: x.flip(-1)),
+    (lambda x: x.mT, lambda x: x.mT),
+    (lambda x: torch.rot90(x, 1, (-2, -1)), lambda x: torch.rot90(x, -1, (-2, -1))),
+)
+"""Test-time augmentation: mirrors and quarter turns, each with its inverse. A rotation by 180 degrees maps an autocorrelation
+onto itself and is left out."""
+
+RETRIEVAL = {"fast": (4, 600), "balanced": (32, 1000), "best": (128, 1000)}
+"""Starts and iterations of the retrieval that makes proposals to the network."""
+
+SHRINK_THRESHOLDS = (0.03, 0.06, 0.1, 0.18)
+"""Faint structure survives a low threshold, and a high one keeps noise from leading the support astray: the likelihood of what
+comes of either tells which was right."""
+
+AUGMENTED = {"fast": 1, "balanced": len(AUGMENTATIONS), "best": len(AUGMENTATIONS)}
+"""Augmentations of an estimate; with one, only all starts together are fused, with more every start by itself, too."""
+
+KEPT = 8
+"""Candidates, the likeliest, of which the mean is taken."""
+
+UNBOUNDED_DOF = 1e6
+"""K of an estimate without measurable noise."""
+
+
+@dataclass(frozen=True)
+class NetworkAnswer:
+    """A network's reconstruction.
+
+    Attributes:
+        image: (128, 128), periodic.
+        transfer: phase retrieval transfer function of the candidates, empty where there was one.
+    """
+
+    image: torch.Tensor
+    features: ConfidenceFeatures
+    transfer: tuple[float, ...]
+
+
+def predict(network: nn.Module, seen: Observation) -> Any:
+    """Output of a network, or of one part of it, for observations; bfloat16 inside, float32 outside.
+
+    Networks that reconstruct give albedos (n, 64, 64), and logits of the correlation with the truth that they expect of each.
+    """
+    with torch.autocast(seen.estimate.device.type, dtype=torch.bfloat16):
+        return network(seen)
+
+
+def observation(measurements: Sequence[Measurement]) -> Observation:
+    """What a network is shown of measurements."""
+    return Observation.bare(torch.from_numpy(np.stack([one.estimate for one in measurements])),
+                            torch.tensor([one.noise.floor for one in measurements], dtype=torch.float32),
+                            torch.tensor([one.noise.dof or UNBOUNDED_DOF for one in measurements], dtype=torch.float32))
+
+
+@torch.no_grad()
+def denoise(network: CorrelographyNet, seen: Observation, augmented: int) -> torch.Tensor:
+    """Signals (n, 127, 127) of observations without floor and noise: the mean over `augmented` augmentations."""
+    denoised = []
+    for transform, inverse in AUGMENTATIONS[:augmented]:
+        transformed = Observation.bare(transform(seen.estimate), seen.floor, seen.dof)
+        denoised.append(inverse(predict(network.denoiser, transformed)))
+    return torch.stack(denoised).mean(0)
+
+
+def retrieval_options(quality: str) -> HioOptions:
+    """Options of the classical retrieval that the network is shown."""
+    starts, iterations = RETRIEVAL[quality]
+    return HioOptions(starts=starts, iterations=iterations, shrink_threshold=SHRINK_THRESHOLDS)
+
+
+def retrieved(measurement: Measurement, denoised: torch.Tensor, quality: str, seed: int, device: str,
+              progress: Progress = lambda: None) -> Candidates:
+    """Classical retrieval from an estimate and from its denoised signal (127, 127), which has less noise but less fine
+    structure, too: images (2, starts, 128, 128)."""
+    moduli = torch.stack((fourier_modulus(measurement), denoised_modulus(denoised.cpu().numpy(), measurement)))
+    rng = torch.Generator(device=device).manual_seed(seed)
+    return hio(moduli.to(device), measurement.box, rng, retrieval_options(quality), progress)
+
+
+@torch.no_grad()
+def fuse(network: nn.Module, seen: Observation, shown: torch.Tensor, augmented: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Candidates from one observation beside each of n sets of classical reconstructions (n, PICTURES, 64, 64).
+
+    The augmentations take turns, each undone in its candidate. Returns albedos (n, 64, 64) and logits (n,) of the correlations
+    that the network expects.
+    """
+    pairs = [AUGMENTATIONS[index % augmented] for index in range(len(shown))]
+    estimate, denoised = (torch.cat([transform(one) for transform, _ in pairs]) for one in (seen.estimate, seen.denoised))
+    classical = torch.stack([transform(images) for (transform, _), images in zip(pairs, shown, strict=True)])
+    transformed = Observation(estimate, seen.floor.expand(len(shown)), seen.dof.expand(len(shown)), denoised, classical)
+    albedo, expected = predict(network, transformed)
+    return torch.stack([inverse(one) for (_, inverse), one in zip(pairs, albedo, strict=True)]), expected
+
+
+def reconstruct_by_network(network: nn.Module, measurement: Measurement, quality: str, seed: int, device: str,
+                           progress: Progress = lambda: None) -> NetworkAnswer:
+    """Mean of the likeliest candidates: those of all starts together, augmented, and those of each start."""
+    augmented = AUGMENTED[quality]
+    seen = observation([measurement]).part(slice(None), device)
+    shown, agreement = seen.classical.expand(augmented, -1, -1, -1), [0.0, 0.0]
+    if isinstance(network, CorrelographyNet):
+        seen = replace(seen, denoised=denoise(network, seen, augmented))
+        found = retrieved(measurement, seen.denoised[0], quality, seed, device, progress)
+        together, agreement = overview(found)
+        shown = together.expand(augmented, -1, -1, -1)
+        if augmented > 1:
+            shown = torch.cat((shown, proposals(found, len(SHRINK_THRESHOLDS))))
+    albedos, expected = fuse(network, seen, shown, augmented)
+    kept = log_likelihoods(albedos, measurement).argsort(descending=True, stable=True)[:KEPT]
+    candidates = torch.nn.functional.pad(albedos[kept], (0, OBJECT, 0, OBJECT))
+    mean = consensus(candidates / candidates.amax((-2, -1), keepdim=True).clamp_min(1e-30), torch.arange(len(kept)))
+    features = ConfidenceFeatures(float(expected[kept].mean()), mean.agreement, *agreement)
+    return NetworkAnswer(mean.image, features, mean.transfer if len(kept) > 1 else ())

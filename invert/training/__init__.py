@@ -1,0 +1,9 @@
+"""Training: the commands `invert.train`, `invert.warm_starts` and `invert.calibrate`.
+
+    train.py        one run, from a dataset to weights
+    data.py         noisy estimates of targets, drawn anew at every step
+    losses.py       losses of reconstructions, and of the denoiser
+    warm_starts.py  classical reconstructions that the fusion is trained with
+    calibration.py  makes the confidence mean what it says
+    report.py       the curve of a run
+"""
