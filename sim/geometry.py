@@ -56,6 +56,7 @@ class Geometry:
     spot: Spot
     hidden_object: HiddenObject | FlatObject
     detector_centre: np.ndarray
+    pupil_centre: np.ndarray
     right: np.ndarray
     down: np.ndarray
     frame_shape: tuple[int, int]
@@ -72,6 +73,8 @@ class Geometry:
     linewidth_hz: float
     depolarised: bool
     """Whether light has lost its polarisation before it reaches the virtual detector."""
+    detector_height_rms_m: float | None
+    """Roughness of the virtual detector; None where no phase_screen tells it."""
     detector_texture: np.ndarray | None
     """Albedo of the virtual detector under each pixel over its mean, float32 (H, W); None where it is the same everywhere."""
     ambient_irradiance: np.ndarray | None
@@ -245,6 +248,7 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
                   laser.scan_speed_m_s, laser.direction, source_normal),
         hidden_object=hidden_object,
         detector_centre=detector_centre,
+        pupil_centre=camera.pupil_centre,
         right=right,
         down=down,
         frame_shape=(height, width),
@@ -257,6 +261,7 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
         linewidth_hz=laser.linewidth_hz,
         depolarised=any(isinstance(shape.bsdf(), PhaseScreen) and shape.bsdf().depolarising for shape in scene.shapes()
                         if shape.id() == "virtual_source" or is_hidden_object(shape)),
+        detector_height_rms_m=detector.bsdf().height_rms_m if isinstance(detector.bsdf(), PhaseScreen) else None,
         detector_texture=texture,
         ambient_irradiance=ambient_irradiance(scene, detector_centre, right, down, detector_normal,
                                               (height * camera.pixel_pitch_m, width * camera.pixel_pitch_m)),
