@@ -17,12 +17,10 @@ from typing import Any
 import numpy as np
 
 import sim  # noqa: F401 - sets the Mitsuba variant, and with it Dr.Jit's backend
-from sim.propagation.choose import Option, choose, options
-from sim.propagation.direct import direct
-from sim.propagation.fraunhofer import fraunhofer
-from sim.propagation.fresnel import fresnel
-from sim.propagation.nufft import nufft
-from sim.propagation.sampling import Scatterers, Wall
+from sim.propagation.choose import choose, options
+from sim.propagation.kernels import KERNELS
+from sim.propagation.option import Option, Task, Terms
+from sim.propagation.sampling import Lattice, Scatterers, Wall
 
 WAVELENGTH_M, PIXEL_M, SHAPE = 532e-9, 6.9e-6, (257, 308)
 STANDOFFS_M = (0.05, 0.2, 0.5, 1.0, 3.0, 10.0, 100.0)
@@ -41,8 +39,6 @@ class Object:
 
     scatterers: Scatterers
     wall: Wall
-    cells: tuple[np.ndarray, np.ndarray]
-    grid: tuple[int, int]
 
     @property
     def place(self) -> np.ndarray:
@@ -61,22 +57,12 @@ def make_object(standoff_m: float, depth_m: float, tilt_deg: float, seed: int = 
     depth = np.tan(np.deg2rad(tilt_deg)) * x + depth_m * size / 0.01 * (rng.integers(0, 5, len(x)) / 4.0 - 0.5)
     waves = rng.standard_normal(len(x)) + 1j * rng.standard_normal(len(x))
     wall = Wall(standoff_m * np.eye(3)[2], np.eye(3)[0], np.eye(3)[1], shape, PIXEL_M, WAVELENGTH_M)
-    return Object(Scatterers(np.stack([x, y, depth], 1), waves), wall, (row, column), grid)
+    return Object(Scatterers(np.stack([x, y, depth], 1), waves, Lattice((row, column), grid, shape)), wall)
 
 
 def propagate(option: Option, thing: Object) -> np.ndarray:
-    import torch
-
-    name, precision = option.propagator, option.precision
-    if name == "fraunhofer":
-        field = np.zeros(thing.grid, np.complex64)
-        field[thing.cells] = thing.scatterers.amplitude
-        return fraunhofer(torch.from_numpy(field), thing.wall.shape).numpy()
-    if name == "fresnel":
-        return fresnel(thing.scatterers, thing.cells, thing.grid, thing.wall).numpy()
-    if name == "nufft":
-        return nufft(thing.scatterers, thing.wall, precision=precision, patches=option.patches)
-    return direct(thing.scatterers, thing.wall, precision=precision)
+    terms = Terms(option.precision, patches=option.patches)
+    return KERNELS[option.propagator].propagate(thing.scatterers, thing.wall, terms).numpy()
 
 
 def field_distance(field: np.ndarray, reference: np.ndarray) -> float:
@@ -128,7 +114,7 @@ def scenes() -> list[tuple[float, float, float, tuple[int, int]]]:
 def measure(standoff_m: float, depth_m: float, tilt_deg: float, shape: tuple[int, int]) -> dict[str, Any]:
     """Predicted and measured error and time of every kernel, and what `auto` chose at each tolerance."""
     thing = make_object(standoff_m, depth_m, tilt_deg, shape=shape)
-    reference = direct(thing.scatterers, thing.wall, precision="float64")
+    reference = KERNELS["direct"].propagate(thing.scatterers, thing.wall, Terms("float64")).numpy()
     lag_m = WAVELENGTH_M * standoff_m / (min(SHAPE[0], shape[0]) * PIXEL_M)
     exact_lags = expected_lags(thing, lag_m, exact=True)
     statistical = statistical_distance(expected_lags(thing, lag_m, exact=False), exact_lags)
@@ -136,7 +122,7 @@ def measure(standoff_m: float, depth_m: float, tilt_deg: float, shape: tuple[int
     fields: dict[tuple, tuple[np.ndarray, float]] = {}
     for accuracy, tolerances in TOLERANCES.items():
         for tolerance in tolerances:
-            listed = options(thing.wall, thing.place, thing.scatterers, lag_m, accuracy, tolerance, None)
+            listed = options(Task(thing.wall, thing.place, thing.scatterers, lag_m, accuracy, tolerance))
             measured = []
             for option in listed:
                 key = (option.propagator, option.precision, option.predicted_error)
@@ -145,7 +131,7 @@ def measure(standoff_m: float, depth_m: float, tilt_deg: float, shape: tuple[int
                         fields[key] = _timed(option, thing)
                     field, seconds = fields[key]
                     error = field_distance(field, reference)
-                    if accuracy == "statistical" and option.propagator in ("fraunhofer", "fresnel"):
+                    if accuracy == "statistical" and KERNELS[option.propagator].on_lattice:
                         error = statistical
                     measured.append((option, error, seconds))
             kernels += [{"accuracy": accuracy, **option.as_dict(), "error": error, "measured_seconds": seconds}
@@ -201,8 +187,9 @@ def whole_frame() -> str:
     thing = make_object(1.0, 0.0, 0.0)
     wall = replace(thing.wall, shape=simulation.geometry.frame_shape)
     pairs = len(thing.scatterers) * np.prod(wall.shape)
-    rate = {precision: pairs / fastest(lambda kind=precision: direct(thing.scatterers, wall, precision=kind)) / 1e9
-            for precision in ("float32", "float64")}
+    direct = KERNELS["direct"].propagate
+    rate = {precision: pairs / fastest(lambda terms=terms: direct(thing.scatterers, wall, terms)) / 1e9
+            for precision, terms in (("float32", Terms("float32")), ("float64", Terms("float64")))}
     return (f"whole frame, fraunhofer with photon noise: {frame:.3f} s, {frame / (fft + poisson):.2f} times one complex64 FFT "
             f"({fft:.3f} s) and one Poisson draw ({poisson:.3f} s); direct: {rate['float32']:.2f}e9 pairs/s in float32, "
             f"{rate['float64']:.2f}e9 in float64")

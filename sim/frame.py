@@ -19,10 +19,8 @@ from sim.illumination import illuminate
 from sim.motion import Pose, poses, travel_phase
 from sim.other_light import background_of
 from sim.plan import Plan, Settings
-from sim.propagation.direct import Visibility, direct
-from sim.propagation.fraunhofer import fraunhofer
-from sim.propagation.fresnel import fresnel
-from sim.propagation.nufft import nufft
+from sim.propagation.kernels import KERNELS
+from sim.propagation.option import Terms, Visibility
 from sim.propagation.sampling import kernel, middle, phasor
 
 
@@ -80,7 +78,7 @@ class Simulation:
     def _canvas_field(self, seed: int, number: int, polarisation: int, offset_hz: float, oversampling: int, pose: Pose,
                       progress: Callable[[int], object] = lambda parts: None) -> torch.Tensor:
         """The same with a border around it for the camera's blur."""
-        samples, chosen = self._samples, self.propagator
+        samples, option = self._samples, self.propagator
         height, width = samples.wall.shape
         wall = replace(samples.wall, shape=(height * oversampling, width * oversampling),
                        pitch_m=samples.wall.pitch_m / oversampling)
@@ -91,22 +89,16 @@ class Simulation:
         if any(pose.object_m):
             lit = lit.astype(np.complex64)
             lit[samples.place] *= phasor(travel_phase(self.geometry, samples.coordinates_m, pose), 1.0)
-        if chosen.propagator == "fraunhofer":
-            field = fraunhofer(torch.from_numpy(samples.on_grid(lit, offset_hz)).to(self.device), period)
-            return middle(field, wall.shape)
-        scatterers = samples.lit(lit, offset_hz)
-        if chosen.propagator == "fresnel":
-            return fresnel(scatterers, samples.place, samples.grid, wall, period, self.device.type)
-        visible = self.geometry.hidden_object.visible_from(self.geometry.detector_centre, wall.centre_m)
-        scatterers = replace(scatterers, amplitude=scatterers.amplitude * self._kernel_gain(visible))
-        if chosen.propagator == "nufft":
-            field = nufft(scatterers, wall, tolerance=chosen.patches.tolerance, precision=chosen.precision,
-                          patches=chosen.patches if oversampling == 1 else None, device=self.device.type,
-                          progress=progress)
-        else:
-            field = direct(scatterers, wall, precision=chosen.precision, device=self.device.type, visible=visible,
-                           progress=progress)
-        return torch.from_numpy(field).to(self.device)
+        scatterers, chosen = samples.lit(lit, period, offset_hz), KERNELS[option.propagator]
+        terms = Terms(option.precision, device=self.device.type, progress=progress)
+        if not chosen.on_lattice:
+            visible = self.geometry.hidden_object.visible_from(self.geometry.detector_centre, wall.centre_m)
+            visible = visible if chosen.sees_occluders else None
+            scatterers = replace(scatterers, amplitude=scatterers.amplitude * self._kernel_gain(visible))
+            terms = replace(terms, visible=visible)
+        if option.patches is not None:
+            terms = replace(terms, tolerance=option.patches.tolerance, patches=option.patches if oversampling == 1 else None)
+        return chosen.propagate(scatterers, wall, terms)
 
     def _kernel_gain(self, visible: Visibility | None) -> np.ndarray:
         """What turns the kernels' own amplitude of each sample, on average over the frame, into the sample's, (n,).
@@ -120,7 +112,7 @@ class Simulation:
             rows, columns = (side * node - 0.5 for side in samples.wall.shape)
             pixel = samples.wall.pixels(*(part.ravel() for part in np.meshgrid(rows, columns, indexing="ij")))
             power = np.abs(kernel(samples.wall, pixel[:, None], samples.position_m[None])) ** 2
-            if visible is not None and self.propagator.propagator == "direct":
+            if visible is not None:
                 power = power * visible(pixel, samples.position_m) ** 2
             mean = np.outer(weight, weight).ravel() @ power
             self._gain = np.divide(1.0, np.sqrt(mean), out=np.zeros_like(mean), where=mean > 1e-3)

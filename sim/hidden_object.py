@@ -15,7 +15,7 @@ from radiometry.errors import InputError
 from sim.footprint import LagAxes
 from sim.light_transport import Carried, LightTransport
 from sim.plugins.phase_screen import PhaseScreen
-from sim.propagation.direct import Visibility
+from sim.propagation.option import Visibility
 from sim.surfaces import check_energy, has_masks, is_one_of, layers, transmittance
 
 RAYS = 768

@@ -9,7 +9,7 @@ import numpy as np
 
 from radiometry.photons import LIGHT_M_PER_S
 from sim.geometry import Geometry
-from sim.propagation.sampling import Scatterers, Wall, path_difference, phasor
+from sim.propagation.sampling import Lattice, Scatterers, Wall, path_difference, phasor
 
 
 @dataclass(frozen=True)
@@ -42,18 +42,11 @@ class ObjectSamples:
         """Sum of the samples' powers."""
         return float(np.square(self.amplitude, dtype=np.float64).sum())
 
-    def lit(self, field: np.ndarray, offset_hz: float = 0.0) -> Scatterers:
+    def lit(self, field: np.ndarray, period: tuple[int, int], offset_hz: float = 0.0) -> Scatterers:
         """Scatterers under a field on the grid (rows, columns), of light off the laser's frequency by so much."""
-        return Scatterers(self.position_m, field[self.place].astype(np.complex128) * self.amplitude * self._delay(offset_hz))
-
-    def on_grid(self, field: np.ndarray, offset_hz: float = 0.0) -> np.ndarray:
-        """The reflected field on the grid, complex64 (rows, columns)."""
-        reflected = np.zeros(self.grid, np.complex64)
-        reflected[self.place] = field[self.place] * self.amplitude * self._delay(offset_hz)
-        return reflected
-
-    def _delay(self, offset_hz: float) -> np.ndarray | float:
-        return phasor(self.path_m * offset_hz, LIGHT_M_PER_S) if offset_hz else 1.0
+        delay = phasor(self.path_m * offset_hz, LIGHT_M_PER_S) if offset_hz else 1.0
+        return Scatterers(self.position_m, field[self.place].astype(np.complex128) * self.amplitude * delay,
+                          Lattice(self.place, self.grid, period))
 
 
 def sample_object(geometry: Geometry) -> ObjectSamples:

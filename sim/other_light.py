@@ -15,7 +15,7 @@ import torch
 
 from radiometry.transfer import amplitude_transfer
 from sim.geometry import Geometry
-from sim.propagation.fraunhofer import fraunhofer
+from sim.propagation.fraunhofer import far_field
 from sim.propagation.sampling import middle
 
 _PAIRS = 20_000
@@ -44,7 +44,7 @@ class Background:
         waves = rng.standard_normal((2, len(self.amplitude))) * np.sqrt(0.5)
         field = np.zeros(geometry.period_shape, np.complex64)
         field[self.place] = (waves[0] + 1j * waves[1]) * self.amplitude
-        wall = middle(fraunhofer(torch.from_numpy(field).to(device), geometry.period_shape), geometry.canvas_shape)
+        wall = middle(far_field(torch.from_numpy(field).to(device), geometry.period_shape), geometry.canvas_shape)
         return (wall.real.square() + wall.imag.square()) * self.coherent + (1.0 - self.coherent)
 
 

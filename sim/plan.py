@@ -17,7 +17,8 @@ from sim.effects import Effect, decide
 from sim.geometry import Geometry
 from sim.motion import sub_exposures
 from sim.object_samples import ObjectSamples, sample_object
-from sim.propagation.choose import Option, choose, options
+from sim.propagation.choose import choose, options
+from sim.propagation.option import PRECISIONS, Option, Precision, Task
 from sim.propagation.sampling import Scatterers
 
 
@@ -35,7 +36,7 @@ class Settings:
     accuracy: str = "statistical"
     tolerance: float = 1e-2
     propagator: str = "auto"
-    precision: str | None = None
+    precision: Precision | None = None
     effects: tuple[tuple[str, bool], ...] = ()
 
 
@@ -144,8 +145,9 @@ def _kernels(geometry: Geometry, samples: ObjectSamples, settings: Settings) -> 
     bare = Scatterers(samples.position_m, samples.amplitude.astype(np.float64))
     pitches_m, stretch = patches_of(geometry)[1], geometry.hidden_object.axes.stretch
     lag_m = (pitches_m[0] / stretch[0], pitches_m[1] / stretch[1])
-    return options(samples.wall, samples.flat_m, bare, lag_m, settings.accuracy, settings.tolerance, settings.precision,
-                   wanted=settings.propagator)
+    precisions = PRECISIONS if settings.precision is None else (settings.precision,)
+    return options(Task(samples.wall, samples.flat_m, bare, lag_m, settings.accuracy, settings.tolerance, precisions),
+                   settings.propagator)
 
 
 def _modes(geometry: Geometry, samples: ObjectSamples, effects: dict[str, Effect], settings: Settings) -> Modes:

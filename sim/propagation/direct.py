@@ -13,16 +13,15 @@ whose small root single precision finds without subtracting large numbers.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Literal
+import math
 
 import drjit as dr
 import numpy as np
+import torch
 
+from sim.propagation.option import Option, Task, Terms
 from sim.propagation.sampling import Scatterers, Wall, path_difference, phasor
-
-Precision = Literal["float32", "float64"]
-Visibility = Callable[[np.ndarray, np.ndarray], np.ndarray]
+from sim.propagation.validity import direct_error
 
 TILE = 64
 _PAIRS_AT_ONCE, _TILES_AT_ONCE = 2**22, 64
@@ -33,18 +32,21 @@ _PIXELS_A_LANE = 8
 PAIRS_PER_SECOND = {"float32": 2e9, "float64": 1e9}
 """On two cores; only a prediction of time, never a result."""
 
+SECONDS_ONCE = 0.004
 
-def direct(scatterers: Scatterers, wall: Wall, *, precision: Precision = "float32", device: str = "cpu",
-           visible: Visibility | None = None, progress: Callable[[int], object] = lambda tiles: None) -> np.ndarray:
-    """Field on the wall, complex64 or complex128 (H, W).
 
-    Args:
-        visible: visible(tile_centres (t, 3), scatterers (n, 3)) -> bool (t, n), from the object's centre; all where None.
-        progress: called with the number of tiles done.
-    """
+def predict(task: Task) -> list[Option]:
+    tiles = math.prod(math.ceil(pixels / TILE) for pixels in task.wall.shape)
+    return [Option("direct", precision, direct_error(task.wall, task.scatterers, precision, TILE),
+                   SECONDS_ONCE + tiles * TILE**2 * len(task.scatterers) / PAIRS_PER_SECOND[precision],
+                   8 * math.prod(task.wall.shape) + 2**28, "every scatterer to every pixel") for precision in task.precisions]
+
+
+def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
+    """Field on the wall, complex64 or complex128 (H, W); progress is told in tiles."""
     height, width = wall.shape
-    kind = np.float32 if precision == "float32" else np.float64
-    field = np.zeros(wall.shape, np.complex64 if precision == "float32" else np.complex128)
+    dtype = np.float32 if terms.precision == "float32" else np.float64
+    field = np.zeros(wall.shape, np.complex64 if terms.precision == "float32" else np.complex128)
     corners = [(row, column) for row in range(0, height, TILE) for column in range(0, width, TILE)]
     chunk = max(1, min(len(scatterers), _PAIRS_AT_ONCE))
     together = min(_TILES_AT_ONCE, max(1, _PAIRS_AT_ONCE // chunk))
@@ -59,17 +61,18 @@ def direct(scatterers: Scatterers, wall: Wall, *, precision: Precision = "float3
             position = scatterers.position_m[start : start + chunk]
             difference = path_difference(centre[:, None], position[None])
             amplitude = scatterers.amplitude[start : start + chunk] * phasor(difference, wall.wavelength_m)
-            if visible is not None:
-                amplitude = amplitude * visible(centre, position)
-            total += _sum_tiles(centre, offset, position, amplitude, difference, wall, kind, device).reshape(total.shape)
+            if terms.visible is not None:
+                amplitude = amplitude * terms.visible(centre, position)
+            part = _sum_tiles(centre, offset, position, amplitude, difference, wall, dtype, terms.device)
+            total += part.reshape(total.shape)
         for (row, column), tile in zip(tiles, total, strict=True):
             field[row : row + TILE, column : column + TILE] = tile[: height - row, : width - column]
-        progress(len(tiles))
-    return field
+        terms.progress(len(tiles))
+    return torch.from_numpy(field).to(terms.device)
 
 
 def _sum_tiles(centre: np.ndarray, offset: np.ndarray, position: np.ndarray, amplitude: np.ndarray,
-               difference: np.ndarray, wall: Wall, kind: type, device: str) -> np.ndarray:
+               difference: np.ndarray, wall: Wall, dtype: type, device: str) -> np.ndarray:
     """Field of every pixel of some tiles, complex (tiles, TILE * TILE).
 
     Args:
@@ -77,10 +80,10 @@ def _sum_tiles(centre: np.ndarray, offset: np.ndarray, position: np.ndarray, amp
         amplitude, difference: complex, with its phase at each tile's centre, and the path difference there (t, n).
     """
     backend = dr.llvm if device == "cpu" else dr.cuda
-    real = backend.Float if kind is np.float32 else backend.Float64
-    index, exact, four = backend.UInt, backend.Array3f64, backend.Array4f if kind is np.float32 else backend.Array4f64
+    real = backend.Float if dtype is np.float32 else backend.Float64
+    index, exact, four = backend.UInt, backend.Array3f64, backend.Array4f if dtype is np.float32 else backend.Array4f64
     count, pixels = len(position), len(offset)
-    table = np.empty((len(centre), count, 8), kind)
+    table = np.empty((len(centre), count, 8), dtype)
     table[..., :3] = position
     table[..., 3] = 2.0 * difference
     table[..., 4], table[..., 5] = amplitude.real, amplitude.imag

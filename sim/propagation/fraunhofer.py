@@ -9,10 +9,33 @@ accuracy only. Cost: one FFT of the frame, rows without object skipped.
 
 from __future__ import annotations
 
+import math
+
 import torch
 
+from sim.propagation.option import Option, Task, Terms
+from sim.propagation.sampling import Scatterers, Wall, middle
+from sim.propagation.validity import UNRELATED
 
-def fraunhofer(field: torch.Tensor, period: tuple[int, int]) -> torch.Tensor:
+FFT_SECONDS_PER_PIXEL = 2e-8
+
+
+def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
+    """Field on the wall, complex64 (H, W), unitary over the lattice's period."""
+    lattice = scatterers.lattice
+    return middle(far_field(torch.from_numpy(lattice.grid(scatterers.amplitude)).to(terms.device), lattice.period), wall.shape)
+
+
+def predict(task: Task) -> list[Option]:
+    if "float32" not in task.precisions:
+        return []
+    pixels = math.prod(task.wall.shape)
+    error = task.statistical_error if task.accuracy == "statistical" else UNRELATED
+    return [Option("fraunhofer", "float32", error, FFT_SECONDS_PER_PIXEL * pixels, 16 * pixels,
+                   "flat, delta-correlated object in the far field")]
+
+
+def far_field(field: torch.Tensor, period: tuple[int, int]) -> torch.Tensor:
     """Field on the wall from the field on the object.
 
     Args:

@@ -8,32 +8,42 @@ of the frame, rows without object skipped.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import torch
 
+from sim.propagation.fraunhofer import FFT_SECONDS_PER_PIXEL
+from sim.propagation.option import Option, Task, Terms
 from sim.propagation.sampling import Scatterers, Wall, path_difference, phasor
+from sim.propagation.validity import fresnel_error
 
 
-def fresnel(scatterers: Scatterers, grid: tuple[np.ndarray, np.ndarray], grid_shape: tuple[int, int], wall: Wall,
-            period: tuple[int, int] | None = None, device: str = "cpu") -> torch.Tensor:
-    """Field on the wall, complex64 (H, W).
-
-    Args:
-        grid: row and column of each scatterer (n,) on the object grid whose pitch is lambda d / (period x pixel pitch).
-        grid_shape: (rows, columns) of that grid, centred on the object.
-        period: pixels after which the field repeats, the wall's own where None.
-    """
-    field = np.zeros(grid_shape, np.complex128)
-    field[grid] = scatterers.amplitude * phasor(path_difference(wall.centre_m, scatterers.position_m), wall.wavelength_m)
-    period = period or wall.shape
+def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
+    """Field on the wall, complex64 (H, W)."""
+    lattice = scatterers.lattice
+    field = np.zeros(lattice.shape, np.complex128)
+    field[lattice.place] = scatterers.amplitude * phasor(path_difference(wall.centre_m, scatterers.position_m),
+                                                         wall.wavelength_m)
     # Both grids are centred between samples: exp(-2 pi i (m - c_m)(j - c_j) / M) per axis, as FFT and tilts.
-    for axis, (samples, pixels, repeat) in enumerate(zip(grid_shape, wall.shape, period, strict=True)):
+    for axis, (samples, pixels, repeat) in enumerate(zip(lattice.shape, wall.shape, lattice.period, strict=True)):
         tilt = phasor(0.5 * (pixels - 1) * np.arange(samples) / repeat, 1.0)
         field = field * (tilt[:, None] if axis == 0 else tilt)
-    spectrum = torch.from_numpy(field.astype(np.complex64)).to(device)
-    spectrum = torch.fft.fft(torch.fft.fft(spectrum, n=period[1], dim=1)[:, : wall.shape[1]], n=period[0], dim=0)
+    spectrum = torch.from_numpy(field.astype(np.complex64)).to(terms.device)
+    rows, columns = lattice.period
+    spectrum = torch.fft.fft(torch.fft.fft(spectrum, n=columns, dim=1)[:, : wall.shape[1]], n=rows, dim=0)
     spectrum = spectrum[: wall.shape[0]]
-    for axis, (samples, pixels, repeat) in enumerate(zip(grid_shape, wall.shape, period, strict=True)):
+    for axis, (samples, pixels, repeat) in enumerate(zip(lattice.shape, wall.shape, lattice.period, strict=True)):
         tilt = torch.from_numpy(phasor(0.5 * (samples - 1) * (np.arange(pixels) - 0.5 * (pixels - 1)) / repeat, 1.0))
         spectrum *= (tilt[:, None] if axis == 0 else tilt).to(spectrum)
     return spectrum
+
+
+def predict(task: Task) -> list[Option]:
+    if "float32" not in task.precisions:
+        return []
+    pixels = math.prod(task.wall.shape)
+    error = (task.statistical_error if task.accuracy == "statistical"
+             else fresnel_error(task.wall, task.place, task.scatterers))
+    return [Option("fresnel", "float32", error, 1.5 * FFT_SECONDS_PER_PIXEL * pixels, 16 * pixels,
+                   "exact phases at the frame's centre")]

@@ -15,8 +15,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
 from radiometry.errors import InputError
+from sim.propagation.option import Option, Precision, Task, Terms
 from sim.propagation.sampling import Scatterers, Wall, kernel, path_difference, phasor
 
 LARGEST_PATCH, SMALLEST_PATCH = 513, 33
@@ -24,6 +26,9 @@ MOST_TERMS = 20
 _NODES_PATCH, _NODES_OBJECT = 10, 9
 TOLERANCE = {"float32": (1e-5, 1e-2), "float64": (1e-11, 1e-2)}
 """Smallest and largest tolerance in each precision."""
+
+SECONDS = (0.003, 0.017, 3e-7, 2.5e-8)
+"""Once; of a patch; per term and scatterer of a patch; per term and pixel. On two cores, to rank kernels by."""
 
 FINUFFT_SHARE_OF_TOLERANCE = 0.3
 
@@ -71,45 +76,63 @@ class Patches:
         return max(FINUFFT_SHARE_OF_TOLERANCE * self.tolerance, 1e-14)
 
 
-def nufft(scatterers: Scatterers, wall: Wall, *, tolerance: float = 1e-6, precision: str = "float64",
-          patches: Patches | None = None, device: str = "cpu",
-          progress: Callable[[int], object] = lambda patches: None) -> np.ndarray:
-    """Field on the wall, complex64 or complex128 (H, W), relative L2 error at most `tolerance`.
+def predict(task: Task) -> list[Option]:
+    holding = [precision for precision in task.precisions if 0.5 * task.tolerance >= TOLERANCE[precision][0]]
+    return [_predict(task, precision) for precision in holding or task.precisions[-1:]]
 
-    Args:
-        patches: from `plan_patches` for scatterers in the same places, wall and precision; found afresh when None.
+
+def _predict(task: Task, precision: Precision) -> Option:
+    low, high = TOLERANCE[precision]
+    wall, scatterers = task.wall, task.scatterers
+    try:
+        patches = plan_patches(scatterers.position_m, wall, min(max(0.5 * task.tolerance, low), high), precision)
+    except InputError:
+        return Option("nufft", precision, math.inf, math.inf, 0, "the sum of products does not converge this close")
+    size, terms = patches.size, patches.terms
+    count = math.ceil(wall.shape[0] / size) * math.ceil(wall.shape[1] / size)
+    once, each, scatterer, pixel = SECONDS
+    seconds = once + count * (each + terms * (scatterer * len(scatterers) + pixel * size**2))
+    memory = 16 * terms * (size**2 * 5 + 2 * len(scatterers)) + 16 * math.prod(wall.shape)
+    return Option("nufft", precision, patches.error, seconds, memory,
+                  f"{terms} terms in each of {count} patches of {size} pixels", patches)
+
+
+def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
+    """Field on the wall, complex64 or complex128 (H, W), relative L2 error at most the tolerance.
+
+    `terms.patches` come from `plan_patches` for scatterers in the same places, wall and precision. Progress is told in patches.
 
     Raises InputError for a tolerance that the precision cannot hold, where even the smallest patch needs too long a sum, and
     for a GPU without cufinufft.
     """
-    patches = patches or plan_patches(scatterers.position_m, wall, tolerance, precision)
+    patches = terms.patches or plan_patches(scatterers.position_m, wall, terms.tolerance, terms.precision)
     object_basis = _object_basis(scatterers.position_m)
-    size, terms = patches.size, patches.terms
+    size, summands = patches.size, patches.terms
     height, width = wall.shape
-    kind = np.complex64 if precision == "float32" else np.complex128
-    transform = _transform(patches, kind, device)
-    field = np.empty(wall.shape, kind)
+    dtype = np.complex64 if terms.precision == "float32" else np.complex128
+    transform = _transform(patches, dtype, terms.device)
+    field = np.empty(wall.shape, dtype)
     for row in range(0, height, size):
         for column in range(0, width, size):
             centre = wall.pixels(np.array(row + 0.5 * (size - 1)), np.array(column + 0.5 * (size - 1)))
-            expansion = _expand(centre, size, wall, scatterers.position_m, object_basis, terms)
+            expansion = _expand(centre, size, wall, scatterers.position_m, object_basis, summands)
             if expansion.error > 5.0 * patches.tolerance:
                 raise InputError("--tolerance", f"{expansion.error:.2g} or more in this scene", patches.tolerance,
                                  "use --propagator direct")
             gradient = 2.0 * np.pi / wall.wavelength_m * wall.pitch_m * _gradient(centre, scatterers.position_m)
-            places = [np.ascontiguousarray(gradient @ axis, kind(0).real.dtype) for axis in (wall.down, wall.right)]
+            places = [np.ascontiguousarray(gradient @ axis, dtype(0).real.dtype) for axis in (wall.down, wall.right)]
             first = scatterers.amplitude * phasor(path_difference(centre, scatterers.position_m), wall.wavelength_m)
-            waves = transform(places, np.ascontiguousarray(expansion.beta * first, kind)).reshape(terms, size, size)
+            waves = transform(places, np.ascontiguousarray(expansion.beta * first, dtype)).reshape(summands, size, size)
             patch = (expansion.alpha * waves).sum(0)
             field[row : row + size, column : column + size] = patch[: height - row, : width - column]
-            progress(1)
-    return field
+            terms.progress(1)
+    return torch.from_numpy(field).to(terms.device)
 
 
-def _transform(patches: Patches, kind: type, device: str) -> Callable[[list[np.ndarray], np.ndarray], np.ndarray]:
+def _transform(patches: Patches, dtype: type, device: str) -> Callable[[list[np.ndarray], np.ndarray], np.ndarray]:
     """Non-uniform FFT of weights (terms, n) at places [(n,), (n,)] to (terms, P, P), planned once."""
     shape = (patches.size, patches.size)
-    options = {"n_trans": patches.terms, "eps": patches.eps, "isign": 1, "dtype": kind}
+    options = {"n_trans": patches.terms, "eps": patches.eps, "isign": 1, "dtype": dtype}
     if device == "cpu":
         import finufft
 
@@ -125,10 +148,9 @@ def _transform(patches: Patches, kind: type, device: str) -> Callable[[list[np.n
     except ImportError:
         raise InputError("--propagator nufft on a GPU", "the package cufinufft", "none",
                          "pip install correlograph[cuda], or --propagator direct") from None
-    import torch
-
     plan = cufinufft.Plan(1, shape, **options)
-    out = torch.empty(patches.terms, *shape, dtype=torch.complex64 if kind is np.complex64 else torch.complex128, device=device)
+    of_out = torch.complex64 if dtype is np.complex64 else torch.complex128
+    out = torch.empty(patches.terms, *shape, dtype=of_out, device=device)
 
     def on_gpu(places: list[np.ndarray], weights: np.ndarray) -> np.ndarray:
         plan.setpts(*(torch.from_numpy(place).to(device) for place in places))

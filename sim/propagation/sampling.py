@@ -55,11 +55,36 @@ def middle(field: Any, shape: tuple[int, int]) -> Any:
 
 
 @dataclass(frozen=True)
+class Lattice:
+    """Where scatterers stand on the object's grid, whose pitch is lambda d / (period x pixel pitch).
+
+    Attributes:
+        place: row and column of each scatterer, (n,) each.
+        shape: rows and columns of the grid, centred on the object.
+        period: pixels (rows, columns) after which the field on the wall repeats.
+    """
+
+    place: tuple[np.ndarray, np.ndarray]
+    shape: tuple[int, int]
+    period: tuple[int, int]
+
+    def grid(self, amplitude: np.ndarray) -> np.ndarray:
+        """Amplitudes (n,) on the grid, complex64 (rows, columns)."""
+        field = np.zeros(self.shape, np.complex64)
+        field[self.place] = amplitude
+        return field
+
+
+@dataclass(frozen=True)
 class Scatterers:
-    """Points of the object: positions from its centre, float64 (n, 3), and complex amplitudes (n,)."""
+    """Points of the object: positions from its centre, float64 (n, 3), and complex amplitudes (n,).
+
+    `lattice` is wanted by kernels that are one FFT.
+    """
 
     position_m: np.ndarray
     amplitude: np.ndarray
+    lattice: Lattice | None = None
 
     def __len__(self) -> int:
         return len(self.amplitude)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from sim.propagation.direct import direct
-from sim.propagation.nufft import nufft
+from sim.propagation.kernels import KERNELS
+from sim.propagation.option import Terms
 from sim.propagation.sampling import Scatterers, Wall
 
 pytestmark = [pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA GPU")]
@@ -26,16 +26,20 @@ def distance(found: np.ndarray, expected: np.ndarray) -> float:
     return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
 
 
+def field_of(name: str, scattered: tuple[Scatterers, Wall], **terms) -> np.ndarray:
+    return KERNELS[name].propagate(*scattered, Terms(**terms)).cpu().numpy()
+
+
 @pytest.mark.parametrize(("precision", "limit"), [("float32", 1e-4), ("float64", 1e-9)])
 def test_direct(scattered, precision, limit):
-    expected = direct(*scattered, precision="float64")
-    assert distance(direct(*scattered, precision=precision, device="cuda"), expected) < limit
+    expected = field_of("direct", scattered)
+    assert distance(field_of("direct", scattered, precision=precision, device="cuda"), expected) < limit
 
 
 def test_nufft(scattered):
     pytest.importorskip("cufinufft")
-    expected = direct(*scattered, precision="float64")
-    assert distance(nufft(*scattered, tolerance=1e-6, device="cuda"), expected) < 1e-6
+    expected = field_of("direct", scattered)
+    assert distance(field_of("nufft", scattered, device="cuda"), expected) < 1e-6
 
 
 @pytest.mark.parametrize("propagator", ["fraunhofer", "fresnel"])

@@ -6,7 +6,7 @@ import pytest
 
 mi = pytest.importorskip("mitsuba")
 
-import sim  # noqa: E402, F401
+import sim  # noqa: E402
 from radiometry.autocorrelation import LAGS, PatchGrid, autocorrelate, estimate_autocorrelation, window_smooth  # noqa: E402
 from radiometry.errors import InputError  # noqa: E402
 from radiometry.noise_level import INDEPENDENT, RING  # noqa: E402

@@ -1,6 +1,7 @@
 """Effects against closed forms and brute-force sums of modes."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +20,8 @@ from sim.illumination import overlap, specular_field, specular_share
 from sim.plan import Settings
 from sim.plan_report import make_plan
 from sim.plugins.speckle_camera import Electronics
-from sim.propagation import choose, nufft
+from sim.propagation import nufft
+from sim.propagation.kernels import KERNELS
 
 HEIGHT = '<float name="height_rms" value="2e-6"/>'
 DEPOLARISING = (HEIGHT, f'<boolean name="depolarising" value="true"/>{HEIGHT}')
@@ -222,7 +224,8 @@ def test_depolarised_and_ambient_light_are_in_the_prediction(scene):
 def test_plans_are_strict_json_where_a_kernel_cannot_be_had(scene, monkeypatch):
     deep = ('<rotate z="1" angle="180"/>', '<rotate z="1" angle="180"/><rotate y="1" angle="75"/>')
     monkeypatch.setattr(nufft, "MOST_TERMS", 5)
-    monkeypatch.setattr(choose, "NUFFT_PLANNING_SECONDS", 0.0)  # consider it, however quick the direct sum is
+    # Consider it, however quick the direct sum is.
+    monkeypatch.setitem(KERNELS, "nufft", replace(KERNELS["nufft"], planning_seconds=0.0))
     plan = make_plan(scene(deep), 1, Settings("field", 1e-9))
     assert json.dumps(plan, allow_nan=False)
     assert plan["propagator"] == "direct"

@@ -10,12 +10,12 @@ from sim.camera import expose
 from sim.illumination import grain_m, illuminate
 from sim.object_samples import sample_object
 from sim.plugins.speckle_camera import Electronics
-from sim.propagation.fraunhofer import fraunhofer
+from sim.propagation.fraunhofer import far_field
 
 
 def test_fraunhofer_matches_the_sum(rng):
     field = rng.standard_normal((5, 7)) + 1j * rng.standard_normal((5, 7))
-    wall = fraunhofer(torch.from_numpy(field), (12, 16)).numpy()
+    wall = far_field(torch.from_numpy(field), (12, 16)).numpy()
     row, column = 3, 11
     wave = np.exp(-2j * np.pi * (row * np.arange(5)[:, None] / 12 + column * np.arange(7)[None, :] / 16))
     assert wall[row, column] == pytest.approx((field * wave).sum())
@@ -25,8 +25,10 @@ def test_fraunhofer_matches_the_sum(rng):
 def wall_intensity(simulation, number: int) -> np.ndarray:
     """Intensity before pupil and pixel, mean 1 over realisations."""
     samples = sample_object(simulation.geometry)
-    field = samples.on_grid(illuminate(simulation.geometry, samples.grid, np.random.default_rng, number))
-    wall = fraunhofer(torch.from_numpy(field), simulation.geometry.frame_shape)
+    shape = simulation.geometry.frame_shape
+    lit = samples.lit(illuminate(simulation.geometry, samples.grid, np.random.default_rng, number), shape)
+    field = lit.lattice.grid(lit.amplitude)
+    wall = far_field(torch.from_numpy(field), shape)
     return (wall.abs() ** 2).numpy() / samples.brightness
 
 
