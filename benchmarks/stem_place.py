@@ -15,20 +15,20 @@ from pathlib import Path
 import torch
 from tqdm import tqdm
 
-from invert.capture import read_autocorrelation
 from invert.likelihood import log_likelihoods
 from invert.methods import retrieve
 from invert.registration import on_grid, registered
 from invert.spectrum import Measurement, read_measurement
 from radiometry.noise_level import NoiseLevel
 from radiometry.noise_model import draw_estimate, window_smoothed
+from radiometry.pictures import read_autocorrelation
 
 DOF = 64.0
 FLOORS = (0.25, 0.5, 1.0, 2.0, 4.0)
 """The lab's are .23, .46, .84 and 2.0 at 1/4, 1/8, 1/16 and 1/32 s."""
 
 COLUMNS = (32, 24, 16, 8, 0)
-"""Places of the stem along the bar, the right one first. A stem above the bar is the half turn of one below it."""
+"""Places of the stem along the bar, the right one first. A stem above the bar is the twin image of one below it."""
 
 
 def bar_and_stem(column: int | None) -> torch.Tensor:
@@ -42,26 +42,26 @@ def bar_and_stem(column: int | None) -> torch.Tensor:
     return image
 
 
-DRAWINGS = torch.stack([bar_and_stem(column) for column in (*COLUMNS, None)])
+CANDIDATES = torch.stack([bar_and_stem(column) for column in (*COLUMNS, None)])
 """The object, the stem in its other places, the bar alone; (6, 64, 64)."""
 
 
 def signal() -> torch.Tensor:
     """H (r*r) of the object, 1 at its largest lag but zero."""
-    lags = window_smoothed(DRAWINGS[0].double())
+    lags = window_smoothed(CANDIDATES[0].double())
     return lags / lags[63, 64]
 
 
 def divergences(floor: float) -> tuple[float, float]:
     """Mean log-likelihood ratios of the object to the bar alone and to the stem in the nearest other place."""
     expected = Measurement((floor + signal()).float().numpy(), NoiseLevel(floor, DOF, 40), 1.0, 0.0, 100.0, ())
-    nats = log_likelihoods(DRAWINGS, expected)
+    nats = log_likelihoods(CANDIDATES, expected)
     return float(nats[0] - nats[-1]), float(nats[0] - nats[1:-1].max())
 
 
 def observe(file: Path) -> str:
     """Nats of each place of the stem over the bar alone in a published autocorrelation, as a table row."""
-    *places, none = log_likelihoods(DRAWINGS, read_measurement(*read_autocorrelation(file))).tolist()
+    *places, none = log_likelihoods(CANDIDATES, read_measurement(*read_autocorrelation(file))).tolist()
     return f"| {file.stem} | {' | '.join(f'{place - none:.1f}' for place in places)} |"
 
 
@@ -76,7 +76,7 @@ def main() -> None:
         print("\n".join(observe(file) for file in options.measured))
         return
     count = options.count
-    candidates = torch.stack([on_grid(drawing.numpy()) for drawing in DRAWINGS[:-1]])
+    candidates = torch.stack([on_grid(one.numpy()) for one in CANDIDATES[:-1]])
     print(f"| floor | stem, nats | its place, nats | of {count}: found by the observer | drawn | in its place | likeness |")
     print("|---|---|---|---|---|---|---|")
     for floor in FLOORS:
@@ -84,7 +84,7 @@ def main() -> None:
         for number in tqdm(range(count), desc=f"floor {floor:g}", disable=None):
             estimate = draw_estimate(floor + signal(), DOF, torch.Generator().manual_seed(number))
             measurement = read_measurement(estimate.float().numpy())
-            observed.append(int(log_likelihoods(DRAWINGS[:-1], measurement).argmax()))
+            observed.append(int(log_likelihoods(CANDIDATES[:-1], measurement).argmax()))
             result = retrieve(measurement, "unet", "balanced", number, "cpu")
             if result.object_found:
                 likeness.append(registered(candidates, on_grid(result.albedo))[1])

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from invert.capture import read_autocorrelation
 from radiometry.autocorrelation import LAGS, AutocorrelationEstimator, automatic_patch_size, patch_grid
 from radiometry.capture import Capture
+from radiometry.pictures import read_autocorrelation
 from radiometry.transfer import lag_transfer
 
 

@@ -118,6 +118,6 @@ def _as_capture(source: Source, camera: CameraFacts) -> Capture | Estimate:
 
 def _is_published(path: Path) -> bool:
     """Whether a file has the shape of a published autocorrelation."""
-    from invert.capture import read_picture
+    from radiometry.pictures import read_picture
 
     return read_picture(path)[0].shape in ((SIDE, SIDE), (SIDE, 2 * SIDE))

@@ -60,7 +60,7 @@ def laid_over(pictures: torch.Tensor, references: torch.Tensor) -> torch.Tensor:
     side, grid = 2 * OBJECT, (2 * OBJECT, 2 * OBJECT)
     ours, theirs = torch.fft.rfft2(pictures[:, 0], s=grid), torch.fft.rfft2(references, s=grid)
     window = torch.fft.rfft2(torch.ones_like(references), s=grid)
-    # A half turn conjugates the spectrum.
+    # The twin image has the conjugate spectrum.
     both = torch.stack((ours.conj(), ours), 1)
     fit = torch.fft.irfft2(theirs[:, None] * both, s=grid)
     mass = pictures[:, 0].sum((-2, -1)).clamp_min(1e-12)[:, None, None, None]

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from invert.capture import read_picture
 from invert.estimate import Estimate
 from invert.methods import Reconstruction
 from invert.metrics import aligned_pearson
@@ -19,6 +18,7 @@ from radiometry.autocorrelation import autocorrelate, peak_of_cell_means, window
 from radiometry.errors import InputError
 from radiometry.noise_level import fit_known_signal
 from radiometry.output import save_array, save_json
+from radiometry.pictures import read_picture
 
 
 def read_truth(path: Path) -> np.ndarray:
@@ -61,7 +61,7 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
     if truth is not None:
         pearson, shown = aligned_pearson(result.albedo, truth)
         comparison = {"pearson": pearson}
-        floor_over_peak, floor_error = floor_over_known_peak(estimate, truth, bool(measurement.mended)), None
+        floor_over_peak, floor_error = floor_over_known_peak(estimate, truth, bool(measurement.interpolated)), None
     summary = {
         "input": estimate.name,
         **settings,
@@ -72,7 +72,7 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
             "floor_over_peak_error": floor_error,
             "dof": measurement.noise.dof,
             "detection_sigma": measurement.detection if np.isfinite(measurement.detection) else None,
-            "lines_mended": list(measurement.mended),
+            "lines_interpolated": list(measurement.interpolated),
         },
         "pitch_m": estimate.pitches_m and estimate.pitches_m[0],
         "pitches_m": estimate.pitches_m,

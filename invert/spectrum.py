@@ -30,12 +30,12 @@ class Measurement:
     """An estimate with what was read from it.
 
     Attributes:
-        estimate: (127, 127) float32, zero lag at [63, 63], lines through zero lag mended.
+        estimate: (127, 127) float32, zero lag at [63, 63], lines through zero lag interpolated.
         noise: floor, degrees of freedom, ring where the signal ends.
         peak: (r*r)(0) above the floor, patch window deconvolved; 0 where no object is found.
         peak_error: its standard error.
         detection: how many standard deviations the signal stands above the floor (all lags together).
-        mended: names of lines through zero lag that were replaced ("row", "column").
+        interpolated: names of lines through zero lag that were replaced ("row", "column").
     """
 
     estimate: np.ndarray
@@ -43,7 +43,7 @@ class Measurement:
     peak: float
     peak_error: float
     detection: float
-    mended: tuple[str, ...]
+    interpolated: tuple[str, ...]
 
     @property
     def detectable(self) -> bool:
@@ -76,28 +76,28 @@ def read_measurement(estimate: np.ndarray, quantisation: float = 0.0, transfer: 
         transfer: H of the camera per lag (127, 127) where it is known; the signal is divided by it.
     """
     noise = read_noise_level(estimate, quantisation)
-    mended_estimate, mended = mend_lines(estimate, noise)
-    found = detection(mended_estimate, noise)
+    interpolated_estimate, interpolated = interpolate_lines(estimate, noise)
+    found = detection(interpolated_estimate, noise)
     if transfer is not None:
         # Beyond the signal there is nothing to restore, only noise to raise.
         usable = np.where(noise.signal_ring >= RING, np.maximum(transfer, 0.05), 1.0)
-        mended_estimate = noise.floor + (mended_estimate - np.float32(noise.floor)) / usable.astype(np.float32)
-    peak, peak_error = extrapolated_peak(mended_estimate, noise)
-    return Measurement(centre_filled(mended_estimate, noise.floor + peak), noise, peak, peak_error, found, mended)
+        interpolated_estimate = noise.floor + (interpolated_estimate - np.float32(noise.floor)) / usable.astype(np.float32)
+    peak, peak_error = extrapolated_peak(interpolated_estimate, noise)
+    return Measurement(centre_filled(interpolated_estimate, noise.floor + peak), noise, peak, peak_error, found, interpolated)
 
 
-def mend_lines(estimate: np.ndarray, noise: NoiseLevel) -> tuple[np.ndarray, tuple[str, ...]]:
+def interpolate_lines(estimate: np.ndarray, noise: NoiseLevel) -> tuple[np.ndarray, tuple[str, ...]]:
     """Replace the row or column through zero lag by its neighbours' mean where its outer part stands out.
 
     Read noise that whole sensor rows (or columns) share is white along them, so it fills exactly
     that line of the power spectrum. Signal that leaks along an axis has a cusp there too, but fills
     the lines beside it, so a line is judged against what these extrapolate to.
     """
-    mended = np.array(estimate, np.float32)
+    interpolated = np.array(estimate, np.float32)
     names = []
     outside = np.abs(np.arange(-LAGS, LAGS + 1)) > noise.signal_ring
     outside[:LAGS] = False
-    for name, view in (("row", mended), ("column", mended.T)):
+    for name, view in (("row", interpolated), ("column", interpolated.T)):
         beside = 0.5 * (view[LAGS - 1] + view[LAGS + 1])
         next_beside = 0.5 * (view[LAGS - 2] + view[LAGS + 2])
         level = float((2.0 * beside - next_beside)[outside].mean())
@@ -105,7 +105,7 @@ def mend_lines(estimate: np.ndarray, noise: NoiseLevel) -> tuple[np.ndarray, tup
         if view[LAGS, outside].mean() - level > max(5.0 * spread, 0.15 * level):
             view[LAGS] = beside
             names.append(name)
-    return mended, tuple(names)
+    return interpolated, tuple(names)
 
 
 def detection(estimate: np.ndarray, noise: NoiseLevel) -> float:

@@ -11,32 +11,31 @@
     prediction.py       all of these for a scene
     exposure_planner.py how to divide a photon budget (command: plan.py)
     validate.py         rendered and lab noise against prediction (lab_series.py, validation_figures.py)
+    motion.py           what motion leaves of the speckle
+    pictures.py         monochrome pictures and arrays
     scene_budget.py     light budget and prediction of a scene in one call
     capture.py          frames with the facts of their camera (capture_folder.py: the folder of them, replaced as a whole)
     frames.py           EXR frames with their header (exr_version.py: one attribute of it)
     errors.py           InputError: name, expected, found, remedy
     output.py           folders and files, never half-written
-    cli.py              the `correlograph` command
+    cli.py              the `correlograph` command (doctor.py: what a machine lacks)
 
-Everything else builds on this package; it imports none of the others.
+Everything else builds on this package; but for its commands (__main__.py, plan.py, validate.py) it imports none of the others.
 """
 
 import os
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import lazy_loader
+
+from radiometry.version import version
 
 if TYPE_CHECKING:
     from radiometry.scene_budget import Forecast, light_budget, predict
 
 __all__ = ["Forecast", "light_budget", "predict"]
+__version__ = version()
+__getattr__, __dir__, _ = lazy_loader.attach(__name__, submod_attrs={"scene_budget": __all__})
 
 # torch's threads busy-wait for one another; on shared cores that slows two jobs tenfold. Set before torch loads.
 os.environ.setdefault("GOMP_SPINCOUNT", "1000")
-
-
-def __getattr__(name: str) -> Any:
-    """The public names, imported when first asked for."""
-    if name in __all__:
-        from radiometry import scene_budget
-
-        return getattr(scene_budget, name)
-    raise AttributeError(f"module 'radiometry' has no attribute {name!r}")

@@ -21,6 +21,7 @@ COMMANDS = {
     "warm-starts": "invert.warm_starts",
     "calibrate": "invert.calibrate",
     "evaluate": "invert.evaluate",
+    "doctor": "radiometry.doctor",
 }
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from radiometry.errors import InputError
 from radiometry.noise_level import RING, centre_filled, extrapolated_peak, fit_known_signal, read_noise_level
+from radiometry.pictures import read_autocorrelation
 
 CORNER = 20
 """Side of the signal-free corner whose mean and variance the paper plots."""
@@ -33,8 +34,6 @@ def slope(x: Sequence[float], y: Sequence[float]) -> float:
 
 def _lab_pictures(folder: Path, pattern: str) -> list[tuple[float, np.ndarray]]:
     """(number in the name, lags) of every picture that fits `pattern`, in order."""
-    from invert.capture import read_autocorrelation  # reading pictures is the inverter's; library code never needs it
-
     found = []
     for path in sorted(folder.glob("*.png")):
         match = re.fullmatch(pattern, path.name)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+import numpy as np
 import torch
 
 from radiometry.autocorrelation import LAGS, window_kernel
@@ -63,12 +64,18 @@ def draw_estimate(spectrum: torch.Tensor, dof: torch.Tensor | float, rng: torch.
     else:
         middle = spectrum.shape[-1] // 2
         shape[..., middle, middle] *= 0.5
-        factor = torch._standard_gamma(shape, generator=rng) / shape
+        factor = _standard_gamma(shape, rng) / shape
     flat = factor.flatten(-2)
     count = flat.shape[-1]
     # The second half of the lags is the first half read backwards.
     flat[..., count // 2 + 1 :] = flat[..., : count // 2].flip(-1)
     return (spectrum * factor).to(spectrum.dtype)
+
+
+def _standard_gamma(shape: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
+    """Gamma variates of a shape and scale 1, by numpy's generator, seeded by torch's."""
+    seed = int(torch.randint(2**62, (), generator=rng, device=rng.device))
+    return torch.from_numpy(np.random.default_rng(seed).standard_gamma(shape.cpu().numpy())).to(shape.device)
 
 
 def log_likelihood(estimate: torch.Tensor, spectrum: torch.Tensor, dof: float, form: Form = "gamma") -> torch.Tensor:

@@ -2,7 +2,8 @@
 
     scene.py         load, render, wall_field: the public face
     libllvm.py variant.py  what Dr.Jit compiles with; the Mitsuba variant
-    plugins/         laser, phase_screen, speckle_camera, speckle, throughput: the scene vocabulary (table.py lists it)
+    plugins/         laser, phase_screen, speckle_camera: the scene vocabulary (table.py lists its numbers)
+    integrators/     speckle, throughput: frames and light budget by mi.render
     scene_file.py    loads and checks a scene file, hashes what it is made of
     surfaces.py      which surfaces can be modelled; light that passes between two places
     geometry.py      scene -> Geometry: distances, cosines, the light path
@@ -15,6 +16,7 @@
     propagation/     object -> virtual detector, one kernel a file
     object_samples.py  the object as samples that propagate
     motion.py        sub-exposures of what moves
+    memory_effect.py the same scene as speckle correlation through the memory effect shows it
     coherence.py     linewidth as an incoherent sum of lines
     detector_roughness.py  the wall's own speckle through the pupil
     detector_texture.py  the wall's own albedo under each pixel
@@ -30,9 +32,12 @@ Importing it sets a Mitsuba variant (unless one is set) and registers the plugin
 """
 
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import lazy_loader
 
 from radiometry.errors import InputError
+from radiometry.version import version
 from sim.variant import activate_variant
 
 try:
@@ -47,21 +52,13 @@ if TYPE_CHECKING:
     from sim.plan import Settings
     from sim.scene import Scene, load, render, wall_field
 
-from sim.plugins import register_plugins  # (plugins need the variant)
+from sim.integrators import register_integrators  # (these two need the variant)
+from sim.plugins import register_plugins
 
 register_plugins()
+register_integrators()
 
 __all__ = ["Scene", "Settings", "load", "render", "wall_field"]
-
-
-def __getattr__(name: str) -> Any:
-    """The public names, imported when first asked for."""
-    if name == "Settings":
-        from sim.plan import Settings
-
-        return Settings
-    if name in __all__:
-        from sim import scene
-
-        return getattr(scene, name)
-    raise AttributeError(f"module 'sim' has no attribute {name!r}")
+__version__ = version()
+__getattr__, __dir__, _ = lazy_loader.attach(__name__, submod_attrs={"plan": ["Settings"],
+                                                                     "scene": ["Scene", "load", "render", "wall_field"]})

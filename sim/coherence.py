@@ -28,7 +28,7 @@ def lost_contrast(path_m: np.ndarray, amplitude: np.ndarray, linewidth_hz: float
     """1 - contrast^2 of the speckle: the share of its variance that the linewidth takes.
 
     Args:
-        path_m: way of the light by each scatterer, (n,). amplitude: of each, (n,).
+        path_m: optical path length by each scatterer, (n,). amplitude: of each, (n,).
     """
     if linewidth_hz == 0.0 or len(path_m) == 0 or np.ptp(path_m) == 0.0:
         return 0.0

@@ -39,7 +39,8 @@ def illuminate(geometry: Geometry, grid: tuple[int, int], streams: Streams, numb
     The wall's heights turn the disc of light into a field of random phases 4 pi h / lambda (normal
     incidence); each source sample is larger than the heights' correlation length, so phases are
     independent. Fraunhofer from source to object: the quadratic phases that it drops are lost in
-    the random phases of both rough surfaces. What a smooth wall does not scatter goes its mirror's way.
+    the random phases of both rough surfaces. What a smooth wall does not scatter is its
+    specular component.
 
     Args:
         grid: samples (rows, columns) on the object.

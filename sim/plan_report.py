@@ -144,7 +144,7 @@ def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[s
     warnings = []
     share = specular_share(geometry)
     if share > 1e-3:
-        warnings.append(f"virtual_source: {100 * share:.3g} % of the light goes its mirror's way, past or onto the object; "
+        warnings.append(f"virtual_source: {100 * share:.3g} % of the light is specular, past or onto the object; "
                         "the light budget counts all of it as scattered")
     common = overlap(geometry)
     if common > 0.0:

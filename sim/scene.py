@@ -15,12 +15,13 @@ from radiometry.capture import CameraFacts, Capture
 from radiometry.errors import InputError, check_device, check_seed
 from radiometry.frames import FrameHeader
 from radiometry.prediction import patches_of
+from radiometry.version import version
 from sim.frame import Simulation
 from sim.geometry import Geometry, fingerprint, read_geometry
 from sim.path_tracing import estimate_throughput
 from sim.plan import Plan, Settings
 from sim.plan_report import as_json
-from sim.scene_file import load_scene, version
+from sim.scene_file import load_scene
 
 MONTE_CARLO_SAMPLES = 2**16
 
@@ -31,12 +32,13 @@ class Scene:
     Attributes:
         mitsuba: the `mi.Scene`.
         name, digest, parameters: for the record; the digest is empty for a scene that came from no file.
+        sensor: that it is seen by; None for the only one.
     """
 
     def __init__(self, scene: mi.Scene, name: str = "", digest: str = "", parameters: Mapping[str, Any] | None = None,
                  sensor: int | None = None) -> None:
         self.mitsuba, self.name, self.digest, self.parameters = scene, name, digest, dict(parameters or {})
-        self._sensor = None if sensor is None else scene.sensors()[sensor]
+        self.sensor = None if sensor is None else scene.sensors()[sensor]
         self._prepared: tuple[int, Geometry, dict[Settings, Plan]] | None = None
 
     @property
@@ -58,7 +60,7 @@ class Scene:
     def _prepare(self) -> tuple[int, Geometry, dict[Settings, Plan]]:
         state = fingerprint(self.mitsuba)
         if self._prepared is None or self._prepared[0] != state:
-            self._prepared = (state, read_geometry(self.mitsuba, self._sensor), {})
+            self._prepared = (state, read_geometry(self.mitsuba, self.sensor), {})
         return self._prepared
 
 
@@ -102,7 +104,7 @@ def render(scene: Scene | str | Path | dict[str, Any] | mi.Scene, frames: int = 
     _check(frames, seed, device)
     begin = time.perf_counter()
     plan = scene.plan(settings)
-    content = as_json(plan, frames, estimate_throughput(scene.mitsuba, MONTE_CARLO_SAMPLES, camera=scene._sensor))
+    content = as_json(plan, frames, estimate_throughput(scene.mitsuba, MONTE_CARLO_SAMPLES, camera=scene.sensor))
     prepared = time.perf_counter()
     drawn = list(draw(plan, frames, seed, mean=mean, device=device))
     seconds = {"prepare": prepared - begin, "render": time.perf_counter() - prepared, "write": 0.0}
@@ -167,7 +169,7 @@ def lag_grid_albedo(geometry: Geometry, patch: int | None = None) -> tuple[np.nd
     (64, 64) float32, and the pitches down and right.
     """
     _, pitches_m = patches_of(geometry, patch)
-    return geometry.hidden_object.cell_means(pitches_m, 64), pitches_m
+    return geometry.hidden_object.sample(pitches_m, (64, 64)).albedo, pitches_m
 
 
 def saturation(plan: Plan, frames: list[np.ndarray]) -> float:

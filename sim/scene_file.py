@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import mitsuba as mi
 
 from radiometry.errors import InputError
+from sim.plugins import refusals
 from sim.variant import check_loadable
 
 
@@ -54,10 +55,11 @@ def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -
             given[key] = str(Path(given[key]).resolve())
     effective = {**defaults, **given}
     assets = _assets(root, path.parent, effective, (path.resolve(),))
+    refusals.clear()
     try:
         scene = mi.load_file(str(path), optimize=False, **given)
     except Exception as error:  # Mitsuba raises bare exceptions, and wraps those of plugins in its own
-        raise _as_input_error(error, path) from None
+        raise refusals[0] if refusals else _as_input_error(error, path) from None
     return scene, _digest(content, assets, {key: value for key, value in effective.items() if key not in names})
 
 
@@ -109,23 +111,8 @@ def _digest(content: bytes, assets: list[Path], definitions: Mapping[str, str]) 
 
 
 def _as_input_error(error: Exception, path: Path) -> InputError:
-    """A plugin's own InputError where there is one inside, else the telling line of Mitsuba's message."""
+    """The telling line of Mitsuba's message."""
     lines = [line.strip(" -") for line in str(error).splitlines() if line.strip()]
-    for line in lines:
-        match = re.search(r"(?:InputError: |^)(\S[^:]*): expected (.+), found (.+?); (.+)$", line)
-        if match:
-            return InputError(*match.groups())
     telling = [line for line in lines if "rror" in line or "expected" in line]
     reason = (telling or lines or [type(error).__name__])[-1]
     return InputError("scene", "a scene that Mitsuba can load", f"{path} ({reason})", "correct the file or the -D values")
-
-
-def version() -> str:
-    """Of the installed package."""
-    from importlib.metadata import PackageNotFoundError
-    from importlib.metadata import version as installed
-
-    try:
-        return installed("correlograph")
-    except PackageNotFoundError:
-        return "uninstalled"

@@ -24,7 +24,7 @@ def parser() -> ArgumentParser:
     p.add_argument("--sets", nargs="+", choices=SETS, default=["shapes", "rendered"])
     p.add_argument("--methods", nargs="+", default=["unet", "classical", "hio"], metavar="NAME[:QUALITY]",
                    help="methods as python -m invert knows them, e.g. unet:fast classical:best hio")
-    p.add_argument("--weights", nargs="*", default=[], metavar="NAME=FILE", help="further networks, one look each")
+    p.add_argument("--weights", nargs="*", default=[], metavar="NAME=FILE", help="further networks, at quality fast")
     p.add_argument("--images", type=Path, help="folder of photographs for the set of edges")
     p.add_argument("--measured", type=Path, help="folder of published autocorrelations for the measured set")
     p.add_argument("--levels", type=int, help="only the first levels of each set")

@@ -68,15 +68,15 @@ def varied(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batch:
     slope = uniform(-0.15, 0.15)[:, None, None] * chance(0.15)
     spectrum = signal + floor[:, None, None] * (1.0 + slope * (_RADIUS_SQUARED - 0.7))
     estimate = draw_estimate(spectrum, dof, rng)
-    # Read noise that lines of pixels share fills the row or column through zero lag; where it stands out it gets mended.
-    for row, mended, weak in ((True, 0.3, 0.15), (False, 0.1, 0.1)):
+    # Read noise that lines of pixels share fills the row or column through zero lag; where it stands out it is interpolated.
+    for row, interpolated, weak in ((True, 0.3, 0.15), (False, 0.1, 0.1)):
         view = estimate if row else estimate.mT
         line = view[:, LAGS]
         beside = 0.5 * (view[:, LAGS - 1] + view[:, LAGS + 1])
         excess = (uniform(0.0, 0.2) * floor)[:, None] * torch.rand(count, 2 * LAGS + 1, generator=rng).add(0.5)
         excess = excess + excess.flip(-1)
         line = torch.where(chance(weak)[:, 0], line + 0.5 * excess, line)
-        view[:, LAGS] = torch.where(chance(mended)[:, 0], beside, line)
+        view[:, LAGS] = torch.where(chance(interpolated)[:, 0], beside, line)
     read_error = torch.randn(2, count, generator=rng)
     read_floor, read_dof = floor * (1.0 + read_error[0] * (dof * _OUTER).rsqrt()), dof * (1.0 + 0.04 * read_error[1])
     return Batch(Observation.bare(estimate, read_floor, read_dof), truth, signal)

@@ -1,4 +1,4 @@
-"""Losses that neither a shift nor a half turn of the object changes, and that of the denoiser.
+"""Losses that neither a shift nor the twin-image ambiguity changes, and that of the denoiser.
 
 The four of the paper's section 5.B, negative Pearson correlation of autocorrelations, and the registered one, which
 compares objects: an autocorrelation alone is deceived by a bright point beside a faint copy of the object.
@@ -27,9 +27,9 @@ def _lags(transform: torch.Tensor) -> torch.Tensor:
 
 
 def registered_pearson(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-    """Pearson correlation with the truth after the best shift and half turn, (n,), of (n, 64, 64) each."""
+    """Pearson correlation with the truth after the best shift and rotation by 180 degrees, (n,), of (n, 64, 64) each."""
     ours, theirs = spectrum(albedo), spectrum(truth)
-    # A half turn conjugates the spectrum.
+    # The twin image has the conjugate spectrum.
     maps = torch.fft.irfft2(torch.stack((ours * theirs.conj(), ours * theirs), 1), s=(_GRID, _GRID))
     count = albedo[0].numel()
     product = maps.flatten(1).amax(1) / count - albedo.mean((-2, -1)) * truth.mean((-2, -1))

@@ -8,16 +8,13 @@ from typing import Any
 from radiometry.output import atomic
 
 
-def save_curve(path: Path, curve: list[dict[str, Any]], measure: str) -> None:
-    """A measure of each validation level against training time."""
+def save_curve(path: Path, curve: list[dict[str, Any]], measure: str, labels: list[str]) -> None:
+    """A measure of each validation level, by its label, against training time."""
     from matplotlib.figure import Figure
-
-    from invert.training.train import VALIDATION
 
     figure = Figure(figsize=(6, 4), layout="constrained")
     axes = figure.add_subplot()
-    levels = [f"b {255 * floor:.0f}/255, K {dof:g}" for floor, dof in VALIDATION]
-    for index, label in enumerate(levels if len(curve[0]["validation"]) > 1 else ["warm starts, every level"]):
+    for index, label in enumerate(labels):
         axes.plot([point["seconds"] / 60.0 for point in curve], [point["validation"][index] for point in curve], label=label)
     axes.set_xlabel("minutes")
     axes.set_ylabel(f"{measure}, validation")

@@ -23,6 +23,7 @@ from invert.network.inference import predict
 from invert.network.model import CorrelographyNet, Denoiser, Fusion, Sketch
 from invert.training.data import Batch, at_noise, paper_noise, varied, warm
 from invert.training.losses import LOSSES, noise_left, registered_pearson
+from invert.training.report import save_curve
 from invert.training.warm_starts import load_warm_starts, split_warm_starts
 from radiometry.errors import ArgumentParser, InputError, check_device, check_seed
 
@@ -242,8 +243,6 @@ class Training:
 
     def finish(self, dataset: dict[str, Any]) -> None:
         """Write the averaged weights in half precision, with their card, and the curve."""
-        from invert.training.report import save_curve
-
         averaged = self.average.module.state_dict()
         half = {name: value.half() if value.is_floating_point() else value for name, value in averaged.items()}
         card = {"network": self.options.network, "width": self.options.width, "run": self._run(),
@@ -252,7 +251,9 @@ class Training:
                 "measure": self.measure, "validation": self.curve[-1]["validation"],
                 "torch": torch.__version__, "threads": torch.get_num_threads()}
         save_weights(self.options.output, half, card)
-        save_curve(self.options.output.with_suffix(".png"), self.curve, self.measure)
+        labels = [f"b {255 * floor:.0f}/255, K {dof:g}" for floor, dof in VALIDATION]
+        save_curve(self.options.output.with_suffix(".png"), self.curve, self.measure,
+                   ["warm starts, every level"] if self.options.warm else labels)
         self.options.output.with_suffix(".json").write_text(json.dumps({**card, "curve": self.curve}, indent=2) + "\n")
 
 

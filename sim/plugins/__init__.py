@@ -1,18 +1,35 @@
 """Mitsuba plugins of the scene vocabulary, registered for the active variant."""
 
+from collections.abc import Callable
+from typing import Any
+
 import mitsuba as mi
+
+from radiometry.errors import InputError
+
+refusals: list[InputError] = []
+"""What plugins refused since the list was last cleared: Mitsuba passes on the text of an exception, not the exception."""
+
+
+def recorded(plugin: Callable[[mi.Properties], Any]) -> Callable[[mi.Properties], Any]:
+    """A plugin whose refusals are kept for whoever loads the scene."""
+
+    def make(props: mi.Properties) -> Any:
+        try:
+            return plugin(props)
+        except InputError as error:
+            refusals.append(error)
+            raise
+
+    return make
 
 
 def register_plugins() -> None:
-    """Make `laser`, `phase_screen`, `speckle_camera`, `speckle` and `throughput` known to Mitsuba."""
+    """Make `laser`, `phase_screen` and `speckle_camera` known to Mitsuba."""
     from sim.plugins.laser import Laser
     from sim.plugins.phase_screen import PhaseScreen
-    from sim.plugins.speckle import Speckle
     from sim.plugins.speckle_camera import SpeckleCamera
-    from sim.plugins.throughput import Throughput
 
-    mi.register_emitter("laser", Laser)
-    mi.register_bsdf("phase_screen", PhaseScreen)
-    mi.register_sensor("speckle_camera", SpeckleCamera)
-    mi.register_integrator("speckle", Speckle)
-    mi.register_integrator("throughput", Throughput)
+    mi.register_emitter("laser", recorded(Laser))
+    mi.register_bsdf("phase_screen", recorded(PhaseScreen))
+    mi.register_sensor("speckle_camera", recorded(SpeckleCamera))

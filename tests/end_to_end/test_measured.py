@@ -8,12 +8,12 @@ import torch
 from scipy.optimize import minimize
 
 from invert.__main__ import main as invert
-from invert.capture import read_autocorrelation
 from invert.evaluation.identification import identify
 from invert.methods import retrieve
 from invert.spectrum import read_measurement
 from radiometry.noise_level import RING, read_noise_level
 from radiometry.noise_model import log_likelihood, window_smoothed
+from radiometry.pictures import read_autocorrelation
 
 
 @pytest.mark.slow

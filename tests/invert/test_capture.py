@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from invert.capture import CameraFacts, find_frames, read_autocorrelation, read_capture
+from invert.capture import find_frames, read_capture
+from radiometry.capture import CameraFacts
 from radiometry.errors import InputError
 from radiometry.frames import FrameHeader, write_frame
+from radiometry.pictures import read_autocorrelation
 
 UNKNOWN = CameraFacts()
 

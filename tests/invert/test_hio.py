@@ -107,7 +107,7 @@ def test_noise_alone_is_no_object(rng, kind):
     result = retrieve(measurement, "classical", "fast", 0, "cpu")
     assert not result.object_found
     assert not result.albedo.any()
-    assert (measurement.mended != ()) == ("line" in kind)
+    assert (measurement.interpolated != ()) == ("line" in kind)
 
 
 def test_white_noise_rarely_alarms(rng):

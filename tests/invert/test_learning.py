@@ -203,8 +203,8 @@ def test_the_modulus_picture_is_the_object_s_spectrum(objects):
 
 
 def test_poses_are_undone(objects):
-    for pose, back in AUGMENTATIONS:
-        torch.testing.assert_close(back(pose(objects)), objects)
+    for transform, inverse in AUGMENTATIONS:
+        torch.testing.assert_close(inverse(transform(objects)), objects)
 
 
 def test_weights_keep_their_card_and_refuse_what_is_not_theirs(tmp_path):

@@ -63,7 +63,7 @@ def test_looks_are_turned_back():
 def test_the_likeliest_candidates_are_kept(monkeypatch):
     """Of many wrong turns and a few right ones the mean is the right one."""
     wrong, right = [MIRRORED_STEM.roll(index, 0) for index in range(20)], [RIGHT.roll(index, 1) for index in range(8)]
-    monkeypatch.setattr("invert.network.inference.look", lambda *_: (torch.stack(wrong + right), torch.zeros(28)))
+    monkeypatch.setattr("invert.network.inference.fuse", lambda *_: (torch.stack(wrong + right), torch.zeros(28)))
     answer = reconstruct_by_network(Copyist(), noisy(), "balanced", 0, "cpu")
     assert float(registered(answer.image[None], padded(RIGHT)[0])[1]) > 0.99
     assert answer.features.agreement > 0.99

@@ -1,4 +1,4 @@
-"""Registration undoes shifts and half turns, and nothing else."""
+"""Registration undoes shifts and rotations by 180 degrees, and nothing else."""
 
 import numpy as np
 import pytest

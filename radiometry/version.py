@@ -1,0 +1,14 @@
+"""Version of the installed package."""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as installed
+
+
+def version() -> str:
+    """As `pip` knows it; `uninstalled` for a bare checkout."""
+    try:
+        return installed("correlograph")
+    except PackageNotFoundError:
+        return "uninstalled"

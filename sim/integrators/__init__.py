@@ -1,0 +1,14 @@
+"""`mi.render` with this project's integrators: `speckle`, a frame; `throughput`, the light budget."""
+
+import mitsuba as mi
+
+from sim.plugins import recorded
+
+
+def register_integrators() -> None:
+    """Make `speckle` and `throughput` known to Mitsuba."""
+    from sim.integrators.speckle import Speckle
+    from sim.integrators.throughput import Throughput
+
+    mi.register_integrator("speckle", recorded(Speckle))
+    mi.register_integrator("throughput", recorded(Throughput))
