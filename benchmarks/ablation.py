@@ -1,4 +1,4 @@
-"""`python -m benchmarks.ablation DATASET [-o docs]`: losses and mappings of the paper's sections 5.B and 5.C, at reduced size.
+"""`python -m benchmarks.ablation DATASET [-o docs/figures]`: losses and mappings of the paper's sections 5.B and 5.C, small.
 
 The paper's U-net at a quarter of its width, the paper's noise, the same steps and seed for each; table and curves.
 """
@@ -22,7 +22,7 @@ POINT = 1
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("dataset")
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("docs/figures"))
     options = parser.parse_args()
     runs = [(loss, "paper") for loss in LOSSES] + [("autocorrelation-l1", "paper-modulus"), ("registered", "paper-modulus")]
     curves = {}

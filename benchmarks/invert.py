@@ -21,7 +21,7 @@ from invert.network.inference import denoise, fuse, observation, predict
 from invert.network.paper_unet import PaperUnet
 from invert.solvers.hio import HioOptions, hio
 from invert.spectrum import fourier_modulus, read_measurement
-from radiometry.capture import CameraFacts, Capture
+from radiometry.files.capture import CameraFacts, Capture
 from scenes import scene_path
 from sim.frame import Simulation
 from sim.geometry import read_geometry

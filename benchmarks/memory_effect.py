@@ -1,4 +1,4 @@
-"""`python -m benchmarks.memory_effect [-o docs]`: correlography beside speckle correlation through the memory effect.
+"""`python -m benchmarks.memory_effect [-o docs/figures]`: correlography beside speckle correlation through the memory effect.
 
 One scene, one camera, one exposure time: light, contrast, resolution, field of view, and what comes back. Both methods get
 the same retrieval. Writes memory_effect.png and prints the table.
@@ -53,7 +53,7 @@ def by_correlography(scene: sim.Scene, seconds: float) -> np.ndarray:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("docs/figures"))
     output = parser.parse_args().output
     scene = sim.load("corner_letter")
     geometry, memory = scene.geometry, MemoryEffect.of(scene.geometry)

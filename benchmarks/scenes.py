@@ -10,8 +10,8 @@ import numpy as np
 
 from invert.__main__ import main as invert
 from invert.metrics import aligned_pearson
-from radiometry.frames import read_frame
-from radiometry.noise_level import centre_dimmed
+from radiometry.files.frames import read_frame
+from radiometry.noise.level import centre_dimmed
 from scenes import scene_path
 from sim.__main__ import main as sim
 

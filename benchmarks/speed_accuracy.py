@@ -1,4 +1,4 @@
-"""`python -m benchmarks.speed_accuracy [-o docs]`: every kernel against the direct sum in float64.
+"""`python -m benchmarks.speed_accuracy [-o docs/figures]`: every kernel against the direct sum in float64.
 
 Sweeps standoff 0.05 to 100 m, depth 0 to 20 mm and tilt 0 to 60 degrees, and at 1 m frames half and twice as large; the
 object is 1 cm across, or a third of the field of view where that is smaller, and depth shrinks with it. Writes
@@ -197,7 +197,7 @@ def whole_frame() -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs"))
+    parser.add_argument("-o", "--output", type=Path, default=Path("docs/figures"))
     output = parser.parse_args().output
     from tqdm import tqdm
 

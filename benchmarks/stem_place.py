@@ -19,9 +19,9 @@ from invert.likelihood import log_likelihoods
 from invert.methods import retrieve
 from invert.registration import on_grid, registered
 from invert.spectrum import Measurement, read_measurement
-from radiometry.noise_level import NoiseLevel
-from radiometry.noise_model import draw_estimate, window_smoothed
-from radiometry.pictures import read_autocorrelation
+from radiometry.files.pictures import read_autocorrelation
+from radiometry.noise.level import NoiseLevel
+from radiometry.noise.model import draw_estimate, window_smoothed
 
 DOF = 64.0
 FLOORS = (0.25, 0.5, 1.0, 2.0, 4.0)

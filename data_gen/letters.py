@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import distance_transform_edt
 
 from radiometry.errors import ArgumentParser, InputError, positive, run_command
-from radiometry.output import atomic, output_folder
+from radiometry.files.output import atomic, output_folder
 
 SIDE = 256
 FILL = 0.2

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 
 from radiometry.errors import ArgumentParser, InputError, run_command
-from radiometry.noise_level import centre_dimmed
-from radiometry.output import atomic
+from radiometry.files.output import atomic
+from radiometry.noise.level import centre_dimmed
 
 COLUMNS = 8
 
@@ -24,7 +24,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     if not 1 <= options.rows <= 50:
         raise InputError("--rows", "1 to 50", options.rows, "choose another")
     from data_gen.dataset import open_dataset
-    from radiometry.noise_model import window_smoothed
+    from radiometry.noise.model import window_smoothed
 
     group = open_dataset(options.dataset)
     count = group["albedo"].shape[0]

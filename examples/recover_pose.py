@@ -12,7 +12,7 @@ import torch
 
 import sim
 from radiometry.autocorrelation import estimate_autocorrelation
-from radiometry.noise_level import INDEPENDENT
+from radiometry.noise.level import INDEPENDENT
 from radiometry.prediction import patches_of
 from sim.gradients import Setup, expected_autocorrelation, setup_of
 

@@ -37,8 +37,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     from invert.capture import read_capture
     from invert.estimate import estimate_from_frames, published_estimate
     from invert.result import check_truth_pitch, read_truth
-    from radiometry.capture import CameraFacts
-    from radiometry.output import output_folder
+    from radiometry.files.capture import CameraFacts
+    from radiometry.files.output import output_folder
 
     begin = time.perf_counter()
     truth = read_truth(options.truth) if options.truth else None

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from radiometry.autocorrelation import SIDE
-from radiometry.capture import CameraFacts, Capture
 from radiometry.errors import InputError, positive
-from radiometry.frames import FrameHeader
-from radiometry.pictures import FRAME_KINDS, read_picture
+from radiometry.files.capture import CameraFacts, Capture
+from radiometry.files.frames import FrameHeader
+from radiometry.files.pictures import FRAME_KINDS, read_picture
 
 OWN_RESULTS = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "truth.npy"}
 """Files that this program writes beside frames, never frames themselves."""

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from radiometry.autocorrelation import LAGS, AutocorrelationEstimator, automatic_patch_size, patch_grid
-from radiometry.capture import Capture
-from radiometry.pictures import read_autocorrelation
+from radiometry.files.capture import Capture
+from radiometry.files.pictures import read_autocorrelation
 from radiometry.transfer import lag_transfer
 
 

@@ -17,8 +17,8 @@ from invert.result import write_result
 from invert.solvers.base import Progress
 from invert.spectrum import Measurement, read_measurement
 from radiometry.autocorrelation import SIDE
-from radiometry.capture import CameraFacts, Capture
 from radiometry.errors import InputError, check_device
+from radiometry.files.capture import CameraFacts, Capture
 
 Source = Capture | str | Path | np.ndarray | Sequence[np.ndarray]
 
@@ -54,7 +54,7 @@ class Result:
 
     def save(self, folder: str | Path, truth: np.ndarray | None = None) -> dict[str, Any]:
         """Write what `python -m invert` writes; returns the content of result.json."""
-        from radiometry.output import output_folder
+        from radiometry.files.output import output_folder
 
         return write_result(output_folder(folder), self.estimate, self.measurement, self.reconstruction, truth, self.settings,
                             self.seconds)
@@ -118,6 +118,6 @@ def _as_capture(source: Source, camera: CameraFacts) -> Capture | Estimate:
 
 def _is_published(path: Path) -> bool:
     """Whether a file has the shape of a published autocorrelation."""
-    from radiometry.pictures import read_picture
+    from radiometry.files.pictures import read_picture
 
     return read_picture(path)[0].shape in ((SIDE, SIDE), (SIDE, 2 * SIDE))

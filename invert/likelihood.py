@@ -9,8 +9,8 @@ import torch
 
 from invert.spectrum import Measurement
 from radiometry.autocorrelation import LAGS
-from radiometry.noise_level import INDEPENDENT, RING
-from radiometry.noise_model import window_smoothed
+from radiometry.noise.level import INDEPENDENT, RING
+from radiometry.noise.model import window_smoothed
 
 PEDESTAL_LAGS = 32.0
 """Standard deviation of the pedestal that an estimate may have, half the 64-lag window of the object. The lab's estimates have

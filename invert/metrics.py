@@ -11,7 +11,7 @@ from skimage.registration import phase_cross_correlation
 
 from invert.registration import on_grid, registered
 from radiometry.autocorrelation import LAGS, autocorrelate, window_smooth
-from radiometry.noise_level import INDEPENDENT, RING
+from radiometry.noise.level import INDEPENDENT, RING
 
 SUCCESS = 0.8
 """Registered Pearson correlation from which a reconstruction counts as a success."""

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from radiometry.noise_level import centre_dimmed
-from radiometry.output import atomic
+from radiometry.files.output import atomic
+from radiometry.noise.level import centre_dimmed
 
 
 def save_picture(path: Path, image: np.ndarray, scale: int = 8) -> None:

@@ -16,9 +16,9 @@ from invert.report import save_picture, save_report
 from invert.spectrum import Measurement
 from radiometry.autocorrelation import autocorrelate, peak_of_cell_means, window_smooth
 from radiometry.errors import InputError
-from radiometry.noise_level import fit_known_signal
-from radiometry.output import save_array, save_json
-from radiometry.pictures import read_picture
+from radiometry.files.output import save_array, save_json
+from radiometry.files.pictures import read_picture
+from radiometry.noise.level import fit_known_signal
 
 
 def read_truth(path: Path) -> np.ndarray:

@@ -9,7 +9,7 @@ import torch
 
 from invert.registration import OBJECT
 from radiometry.autocorrelation import LAGS, SIDE
-from radiometry.noise_level import INDEPENDENT, RING, NoiseLevel, centre_filled, extrapolated_peak, read_noise_level
+from radiometry.noise.level import INDEPENDENT, RING, NoiseLevel, centre_filled, extrapolated_peak, read_noise_level
 
 GRID = 128
 """Retrieval grid: the 127 x 127 lags of a 64 x 64 object fit without wrapping."""

@@ -2,22 +2,17 @@
 
     photons.py          photon rates, coherence area, ideal noise floor
     throughput.py       light budget, one row a factor; its closed form for flat, Lambertian scenes
-    safety.py           laser safety of the spot
-    transfer.py         H: pupil and pixel
+    scene_budget.py     light budget and prediction of a scene in one call
     autocorrelation.py  frames -> patches -> estimate (Eqs. 8 and 9), and what a patch window does to r*r
-    noise_level.py      floor, degrees of freedom and signal read from an estimate
-    noise_model.py      S = H (r*r) + b, Gamma and Gaussian: draws and likelihood
-    noise_budget.py     what the floor is made of; degrees of freedom; error of an estimate
+    transfer.py         H: pupil and pixel
+    motion.py           what motion leaves of the speckle
+    noise/              noise of the estimate: model, level, budget
     prediction.py       all of these for a scene
     exposure_planner.py how to divide a photon budget (command: plan.py)
-    validate.py         rendered and lab noise against prediction (lab_series.py, validation_figures.py)
-    motion.py           what motion leaves of the speckle
-    pictures.py         monochrome pictures and arrays
-    scene_budget.py     light budget and prediction of a scene in one call
-    capture.py          frames with the facts of their camera (capture_folder.py: the folder of them, replaced as a whole)
-    frames.py           EXR frames with their header (exr_version.py: one attribute of it)
+    safety.py           laser safety of the spot
+    files/              frames, captures, pictures, results
+    validate.py         rendered and lab noise against prediction (validation/)
     errors.py           InputError: name, expected, found, remedy
-    output.py           folders and files, never half-written
     cli.py              the `correlograph` command (doctor.py: what a machine lacks)
 
 Everything else builds on this package; but for its commands (__main__.py, plan.py, validate.py) it imports none of the others.

@@ -11,7 +11,6 @@ import numpy as np
 import torch
 
 from radiometry.errors import InputError
-from radiometry.noise_budget import degrees_of_freedom
 
 LAGS = 63
 """Largest lag kept on either side of zero: estimates are 127 x 127, zero lag at [63, 63]."""
@@ -161,6 +160,11 @@ class AutocorrelationEstimator:
         full[:, :LAGS] = half[::-1, :0:-1]
         full[:LAGS, LAGS] = half[:LAGS:-1, 0]
         return full
+
+
+def degrees_of_freedom(frames: int, patches: int) -> int:
+    """K: a mean per patch position costs one degree a position; with one frame, a pooled mean costs one in all."""
+    return patches * (frames - 1) if frames > 1 else patches - 1
 
 
 def estimate_autocorrelation(frames: Iterable[np.ndarray], grid: PatchGrid) -> tuple[np.ndarray, int]:

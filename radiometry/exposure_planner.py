@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from radiometry.errors import InputError, positive
-from radiometry.noise_budget import estimate_error
-from radiometry.noise_level import INDEPENDENT, fit_known_signal
+from radiometry.noise.budget import estimate_error
+from radiometry.noise.level import INDEPENDENT, fit_known_signal
 from radiometry.prediction import Prediction, predict
 
 FRAME_COUNTS = (2, 3, 4, 5, 7, *(round(10 * 2 ** (half / 2)) for half in range(34)))

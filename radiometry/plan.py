@@ -30,7 +30,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     if options.check < 0:
         raise InputError("--check", "a number of frames, zero or more", options.check, "choose another")
     from radiometry.exposure_planner import best, divide
-    from radiometry.output import output_folder, save_json
+    from radiometry.files.output import output_folder, save_json
     from sim.geometry import read_geometry
     from sim.plan import check
     from sim.scene_file import load_scene, parse_definitions
@@ -82,7 +82,7 @@ def draw(path: Path, divisions: list[Any], chosen: Any, checked: dict[int, float
     """Error against the number of frames, as far as it stays within ten times the least."""
     from matplotlib.figure import Figure
 
-    from radiometry.output import atomic
+    from radiometry.files.output import atomic
 
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
     axes = figure.add_subplot()

@@ -16,11 +16,12 @@ from radiometry.autocorrelation import (
     PatchGrid,
     autocorrelate,
     automatic_patch_size,
+    degrees_of_freedom,
     patch_grid,
     peak_of_cell_means,
     window_smooth,
 )
-from radiometry.noise_budget import NoiseTerms, degrees_of_freedom
+from radiometry.noise.budget import NoiseTerms
 from radiometry.photons import grain_area
 from radiometry.throughput import light_budget
 from radiometry.transfer import lag_transfer

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from radiometry.errors import ArgumentParser, InputError, check_seed, run_command
-from radiometry.lab_series import corner, lab_floor, lab_over_exposure, lab_over_patches, slope
+from radiometry.validation.lab_series import corner, lab_floor, lab_over_exposure, lab_over_patches, slope
 
 EXPOSURES_S = (1 / 512, 1 / 128, 1 / 32, 1 / 8, 1 / 4, 1 / 2, 1.0)
 PATCHES = (1, 2, 3, 5, 10, 25, 64)
@@ -30,7 +30,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     check_seed(options.seed)
     if options.measured is not None and not options.measured.is_dir():
         raise InputError("--measured", "a folder of autocorrelation pictures", options.measured, "check the path")
-    from radiometry.output import output_folder, save_json
+    from radiometry.files.output import output_folder, save_json
     from scenes import scene_path
 
     folder = output_folder(options.output)
@@ -54,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         result["lab_floor"] = lab_floor(options.measured)
         result["ideal_shot_floor_s"] = renderer.shot_floor_s()
     save_json(folder / "validation.json", result)
-    from radiometry.validation_figures import draw_budget, draw_floor, draw_statistics
+    from radiometry.validation.figures import draw_budget, draw_floor, draw_statistics
 
     draw_statistics(folder / "noise_statistics.png", result)
     draw_budget(folder / "photon_budget.png", renderer.budgets())

@@ -1,30 +1,19 @@
 """Coherent simulator: one Mitsuba scene file in, speckle frames out.
 
     scene.py         load, render, wall_field: the public face
+    scene_file.py    loads and checks a scene file, hashes what it is made of
     libllvm.py variant.py  what Dr.Jit compiles with; the Mitsuba variant
     plugins/         laser, phase_screen, speckle_camera: the scene vocabulary (table.py lists its numbers)
     integrators/     speckle, throughput: frames and light budget by mi.render
-    scene_file.py    loads and checks a scene file, hashes what it is made of
-    surfaces.py      which surfaces can be modelled; light that passes between two places
     geometry.py      scene -> Geometry: distances, cosines, the light path
-    footprint.py     what a camera at any angle sees of the wall, and which lags it resolves
-    light_transport.py  light from laser to pixel by way of a point of a surface
-    hidden_object.py the object seen from the virtual detector, on any grid
-    path_tracing.py  Monte Carlo light budget, and the light that comes by other ways
-    plan.py effects.py  what is modelled, what is left out and why, at which predicted error (plan_report.py: to read)
-    illumination.py  phase screen on the virtual source -> field on the hidden object
+    transport/       light as rays: surfaces, light budget, the object seen from the wall, Monte Carlo
+    optics/          light as waves: illumination, motion, coherence, camera
     propagation/     object -> virtual detector, one kernel a file
-    object_samples.py  the object as samples that propagate
-    motion.py        sub-exposures of what moves
-    memory_effect.py the same scene as speckle correlation through the memory effect shows it
-    coherence.py     linewidth as an incoherent sum of lines
-    detector_roughness.py  the wall's own speckle through the pupil
-    detector_texture.py  the wall's own albedo under each pixel
-    other_light.py   clutter and interreflections as a background
-    ambient.py       light of other emitters
-    camera.py        field -> photoelectrons: pupil, pixel, noise
-    frame.py         the flow above for one frame
+    plan.py effects.py  what is modelled, what is left out and why, at which predicted error (plan_report.py: to read)
+    frame.py         the flow for one frame
     gradients.py     derivatives of the expectation, in torch
+    memory_effect.py the same scene as speckle correlation through the memory effect shows it
+    mesh.py          letters as meshes (command)
     __main__.py      the command
 
 Importing it sets a Mitsuba variant (unless one is set) and registers the plugins, so that

@@ -43,11 +43,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     _check(options)
     from sim.effects import parse_effects
     from sim.geometry import read_geometry
-    from sim.path_tracing import estimate_throughput
     from sim.plan import Plan, Settings
     from sim.plan_report import as_json, summary
     from sim.scene import MONTE_CARLO_SAMPLES
     from sim.scene_file import load_scene, parse_definitions
+    from sim.transport.path_tracing import estimate_throughput
 
     definitions = parse_definitions(options.definitions)
     scene, digest = load_scene(options.scene, definitions)
@@ -80,9 +80,9 @@ def _render(plan, content, digest: str, definitions: dict[str, str], options) ->
     """Draw every frame into a hidden folder, then move all at once: a stopped run leaves an older capture whole."""
     from tqdm import tqdm
 
-    from radiometry.capture_folder import frame_path, replace_capture, staging_folder
-    from radiometry.frames import write_frame
-    from radiometry.output import output_folder, save_array, save_json
+    from radiometry.files.capture_folder import frame_path, replace_capture, staging_folder
+    from radiometry.files.frames import write_frame
+    from radiometry.files.output import output_folder, save_array, save_json
     from sim.scene import draw, header, lag_grid_albedo, record, saturation
 
     folder = output_folder(options.output)

@@ -7,12 +7,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from radiometry.errors import InputError
-from radiometry.noise_budget import NoiseTerms
-from sim.coherence import lost_contrast
+from radiometry.noise.budget import NoiseTerms
 from sim.geometry import Geometry
-from sim.illumination import grain_m
-from sim.motion import lost_variance
-from sim.object_samples import ObjectSamples
+from sim.optics.coherence import lost_contrast
+from sim.optics.illumination import grain_m
+from sim.optics.motion import lost_variance
+from sim.optics.object_samples import ObjectSamples
 from sim.plugins.speckle_camera import Electronics
 
 ELECTRONIC = {"read_noise": "read_noise", "row_noise": "row_noise", "column_noise": "column_noise",

@@ -11,13 +11,13 @@ import torch
 
 from radiometry.errors import InputError
 from radiometry.throughput import light_budget
-from sim.camera import expose, mean_image, transfer_function
-from sim.detector_roughness import exact_image, gamma_image
 from sim.effects import remaining_electronics
 from sim.geometry import Geometry
-from sim.illumination import illuminate
-from sim.motion import Pose, poses, travel_phase
-from sim.other_light import background_of
+from sim.optics.camera import expose, mean_image, transfer_function
+from sim.optics.detector_roughness import exact_image, gamma_image
+from sim.optics.illumination import illuminate
+from sim.optics.motion import Pose, poses, travel_phase
+from sim.optics.other_light import background_of
 from sim.plan import Plan, Settings
 from sim.propagation.kernels import KERNELS
 from sim.propagation.option import Terms, Visibility

@@ -13,17 +13,17 @@ from radiometry.errors import InputError
 from radiometry.motion import Motion
 from radiometry.photons import photon_rate
 from radiometry.throughput import LightPath, closed_form, detector_to_pixel
-from sim.ambient import ambient_irradiance
-from sim.detector_texture import detector_albedo, texture_of
-from sim.footprint import GRAZING, lag_axes, pixel_steps
-from sim.hidden_object import FlatObject, HiddenObject, bounds, is_hidden_object
-from sim.light_transport import LightTransport
-from sim.path_tracing import OtherLight, estimate_other_light
 from sim.plugins.laser import Laser
 from sim.plugins.phase_screen import PhaseScreen
 from sim.plugins.speckle_camera import Electronics, SpeckleCamera
 from sim.propagation.sampling import canvas, period
-from sim.surfaces import check_energy, check_surfaces
+from sim.transport.ambient import ambient_irradiance
+from sim.transport.detector_texture import detector_albedo, texture_of
+from sim.transport.footprint import GRAZING, lag_axes, pixel_steps
+from sim.transport.hidden_object import FlatObject, HiddenObject, bounds, is_hidden_object
+from sim.transport.light_transport import LightTransport
+from sim.transport.path_tracing import OtherLight, estimate_other_light
+from sim.transport.surfaces import check_energy, check_surfaces
 from sim.variant import check_compilable
 
 

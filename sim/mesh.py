@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from radiometry.errors import ArgumentParser, InputError, positive, run_command
-from radiometry.output import atomic
+from radiometry.files.output import atomic
 
 
 def main(argv: Sequence[str] | None = None) -> None:

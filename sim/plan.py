@@ -11,12 +11,12 @@ import numpy as np
 from radiometry.errors import InputError
 from radiometry.prediction import Prediction, patches_of, predict
 from radiometry.throughput import light_budget
-from sim.coherence import spectral_lines
-from sim.detector_roughness import oversampling
 from sim.effects import Effect, decide
 from sim.geometry import Geometry
-from sim.motion import sub_exposures
-from sim.object_samples import ObjectSamples, sample_object
+from sim.optics.coherence import spectral_lines
+from sim.optics.detector_roughness import oversampling
+from sim.optics.motion import sub_exposures
+from sim.optics.object_samples import ObjectSamples, sample_object
 from sim.propagation.choose import choose, options
 from sim.propagation.option import PRECISIONS, Option, Precision, Task
 from sim.propagation.sampling import Scatterers

@@ -11,17 +11,17 @@ import mitsuba as mi
 import numpy as np
 import torch
 
-from radiometry.capture import CameraFacts, Capture
 from radiometry.errors import InputError, check_device, check_seed
-from radiometry.frames import FrameHeader
+from radiometry.files.capture import CameraFacts, Capture
+from radiometry.files.frames import FrameHeader
 from radiometry.prediction import patches_of
 from radiometry.version import version
 from sim.frame import Simulation
 from sim.geometry import Geometry, fingerprint, read_geometry
-from sim.path_tracing import estimate_throughput
 from sim.plan import Plan, Settings
 from sim.plan_report import as_json
 from sim.scene_file import load_scene
+from sim.transport.path_tracing import estimate_throughput
 
 MONTE_CARLO_SAMPLES = 2**16
 

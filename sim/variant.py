@@ -7,7 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from radiometry.errors import InputError
-from radiometry.output import silenced
+from radiometry.files.output import silenced
 from sim.libllvm import ENOUGH, prefer_newest, version_of
 
 prefer_newest()

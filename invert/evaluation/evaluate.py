@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     from tqdm import tqdm
 
     from invert.evaluation.report import write_report
-    from radiometry.output import output_folder
+    from radiometry.files.output import output_folder
 
     output = output_folder(options.output)
     cells = output_folder(output / "cells")
@@ -72,7 +72,7 @@ def _cell(cells: Path, level: Any, name: str, settings: dict[str, Any], options:
     from invert.likelihood import nats_over
     from invert.methods import retrieve
     from invert.metrics import agreement, score
-    from radiometry.output import save_array, save_json
+    from radiometry.files.output import save_array, save_json
 
     file = cells / "".join(letter if letter.isalnum() else "-" for letter in f"{level.test_set} {level.label} {name}")
     asked = {"set": level.test_set, "level": level.label, "seed": options.seed, "cases": [case.name for case in level.cases],

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from invert.metrics import bootstrap_error
-from radiometry.output import atomic, save_json
+from radiometry.files.output import atomic, save_json
 
 SCORES = ("pearson", "ssim", "iou", "edge_f1", "psnr_db", "success", "agreement", "nats", "recognised")
 

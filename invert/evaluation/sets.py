@@ -13,7 +13,7 @@ from invert.methods import retrieve
 from invert.spectrum import Measurement, read_measurement
 from invert.training.data import at_noise
 from radiometry.errors import InputError
-from radiometry.pictures import read_autocorrelation
+from radiometry.files.pictures import read_autocorrelation
 
 NOISE_LEVELS = ((80.0, 64.0), (80.0, 16.0), (80.0, 256.0), (80.0, 1e4), (5.0, 64.0), (5.0, 1e4), (200.0, 64.0), (200.0, 256.0))
 """Floor (of 255 at the largest lag but zero) and K; the authors' training point first."""

@@ -15,7 +15,7 @@ from torch import nn
 from invert.network.model import CorrelographyNet
 from invert.network.paper_unet import PaperModulusUnet, PaperUnet
 from radiometry.errors import InputError
-from radiometry.output import atomic
+from radiometry.files.output import atomic
 
 SHIPPED = Path(__file__).parents[1] / "weights" / "unet.safetensors"
 

@@ -10,8 +10,8 @@ from torch.nn import functional
 
 from invert.network.features import Observation
 from radiometry.autocorrelation import LAGS
-from radiometry.noise_level import OUTERMOST, RING
-from radiometry.noise_model import draw_estimate, window_smoothed
+from radiometry.noise.level import OUTERMOST, RING
+from radiometry.noise.model import draw_estimate, window_smoothed
 
 EMPTY_SHARE = 0.04
 """Share of samples that show nothing but noise, from which the network learns to doubt itself."""

@@ -238,7 +238,7 @@ def test_rendered_and_modelled_measurements_agree():
     pytest.importorskip("mitsuba")
     from data_gen.measurement import SceneMeasurement
     from data_gen.targets import draw_block, target_source
-    from radiometry.noise_level import INDEPENDENT
+    from radiometry.noise.level import INDEPENDENT
     from scenes import scene_path
 
     place = SceneMeasurement(str(scene_path("corner_letter")))

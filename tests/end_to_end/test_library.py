@@ -12,7 +12,7 @@ import invert
 import radiometry
 import sim
 from radiometry.errors import InputError
-from radiometry.frames import read_frame
+from radiometry.files.frames import read_frame
 from scenes import scene_path
 
 

@@ -11,9 +11,9 @@ from invert.__main__ import main as invert
 from invert.evaluation.identification import identify
 from invert.methods import retrieve
 from invert.spectrum import read_measurement
-from radiometry.noise_level import RING, read_noise_level
-from radiometry.noise_model import log_likelihood, window_smoothed
-from radiometry.pictures import read_autocorrelation
+from radiometry.files.pictures import read_autocorrelation
+from radiometry.noise.level import RING, read_noise_level
+from radiometry.noise.model import log_likelihood, window_smoothed
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ from scipy import stats
 pytest.importorskip("mitsuba")
 
 from radiometry.autocorrelation import PatchGrid, autocorrelate, estimate_autocorrelation
-from radiometry.noise_level import INDEPENDENT, RING, fit_known_signal, read_noise_level
+from radiometry.noise.level import INDEPENDENT, RING, fit_known_signal, read_noise_level
 from radiometry.photons import grain_area
 from radiometry.prediction import predict
 

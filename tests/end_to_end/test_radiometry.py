@@ -8,9 +8,9 @@ import pytest
 pytest.importorskip("mitsuba")
 
 from radiometry.__main__ import main as account
-from radiometry.lab_series import lab_floor
 from radiometry.plan import main as plan
 from radiometry.validate import main as validate
+from radiometry.validation.lab_series import lab_floor
 from scenes import scene_path
 
 SCENE = scene_path("corner_letter")

@@ -8,10 +8,10 @@ import pytest
 from PIL import Image
 
 from invert.capture import find_frames, read_capture
-from radiometry.capture import CameraFacts
 from radiometry.errors import InputError
-from radiometry.frames import FrameHeader, write_frame
-from radiometry.pictures import read_autocorrelation
+from radiometry.files.capture import CameraFacts
+from radiometry.files.frames import FrameHeader, write_frame
+from radiometry.files.pictures import read_autocorrelation
 
 UNKNOWN = CameraFacts()
 

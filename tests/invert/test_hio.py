@@ -10,7 +10,7 @@ from invert.solvers.base import modulus_residual, to_modulus
 from invert.solvers.hio import HioOptions, hio
 from invert.spectrum import GRID, fourier_modulus, read_measurement
 from radiometry.autocorrelation import LAGS, autocorrelate, window_smooth
-from radiometry.noise_level import INDEPENDENT
+from radiometry.noise.level import INDEPENDENT
 
 
 def stroke_object(rng: np.random.Generator) -> np.ndarray:

@@ -34,7 +34,7 @@ from invert.training.data import at_noise, paper_noise, varied
 from invert.training.losses import LOSSES, noise_left, registered_pearson
 from radiometry.autocorrelation import autocorrelate
 from radiometry.errors import InputError
-from radiometry.noise_level import INDEPENDENT, OUTERMOST, RING
+from radiometry.noise.level import INDEPENDENT, OUTERMOST, RING
 
 
 def torch_rng(seed: int = 3) -> torch.Generator:

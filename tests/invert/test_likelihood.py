@@ -9,8 +9,8 @@ from scipy.optimize import minimize, nnls
 
 from invert.likelihood import _brightnesses, log_likelihoods, nats_over
 from invert.spectrum import read_measurement
-from radiometry.noise_level import RING, NoiseLevel
-from radiometry.noise_model import draw_estimate, log_likelihood, window_smoothed
+from radiometry.noise.level import RING, NoiseLevel
+from radiometry.noise.model import draw_estimate, log_likelihood, window_smoothed
 from tests.invert.steps import MIRRORED_STEM, RIGHT, noisy
 
 

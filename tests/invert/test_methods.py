@@ -18,7 +18,7 @@ from invert.solvers.taf import amplitude_gradient
 from invert.solvers.twf import full_intensity, poisson_gradient
 from invert.spectrum import read_measurement
 from radiometry.autocorrelation import autocorrelate, window_smooth
-from radiometry.noise_level import INDEPENDENT
+from radiometry.noise.level import INDEPENDENT
 
 SOLVERS = {name: pair for name, pair in METHODS.items() if name != "classical"}
 

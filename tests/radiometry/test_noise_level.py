@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from radiometry.autocorrelation import LAGS, autocorrelate, window_smooth
-from radiometry.noise_level import INDEPENDENT, extrapolated_peak, fit_known_signal, read_noise_level
+from radiometry.noise.level import INDEPENDENT, extrapolated_peak, fit_known_signal, read_noise_level
 
 
 def albedo() -> np.ndarray:

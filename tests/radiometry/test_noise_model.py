@@ -7,9 +7,10 @@ import pytest
 import torch
 from scipy import stats
 
+from radiometry.autocorrelation import degrees_of_freedom
 from radiometry.errors import InputError
-from radiometry.noise_budget import NoiseTerms, degrees_of_freedom, estimate_error
-from radiometry.noise_model import draw_estimate, expected_spectrum, log_likelihood
+from radiometry.noise.budget import NoiseTerms, estimate_error
+from radiometry.noise.model import draw_estimate, expected_spectrum, log_likelihood
 from radiometry.safety import maximum_permissible_exposure, spot_safety
 
 

@@ -16,7 +16,7 @@ pytest.importorskip("mitsuba")
 
 import sim
 from radiometry.autocorrelation import autocorrelate, estimate_autocorrelation, window_smooth
-from radiometry.noise_level import INDEPENDENT
+from radiometry.noise.level import INDEPENDENT
 from radiometry.prediction import patches_of
 from scenes import scene_path
 from sim.frame import Simulation

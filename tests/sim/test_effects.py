@@ -12,11 +12,11 @@ pytest.importorskip("mitsuba")
 from radiometry.errors import InputError
 from radiometry.photons import LIGHT_M_PER_S
 from scenes import scene_path
-from sim.camera import expose
-from sim.coherence import coherence, lost_contrast, spectral_lines
 from sim.effects import parse_effects
 from sim.frame import Simulation
-from sim.illumination import overlap, specular_field, specular_share
+from sim.optics.camera import expose
+from sim.optics.coherence import coherence, lost_contrast, spectral_lines
+from sim.optics.illumination import overlap, specular_field, specular_share
 from sim.plan import Settings
 from sim.plan_report import make_plan
 from sim.plugins.speckle_camera import Electronics

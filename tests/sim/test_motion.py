@@ -7,11 +7,11 @@ pytest.importorskip("mitsuba")
 
 from radiometry.autocorrelation import estimate_autocorrelation
 from radiometry.errors import InputError
-from radiometry.noise_level import INDEPENDENT, fit_known_signal, read_noise_level
+from radiometry.noise.level import INDEPENDENT, fit_known_signal, read_noise_level
 from radiometry.prediction import predict
 from scenes import scene_path
 from sim.frame import Simulation
-from sim.motion import correlation, lost_variance, sub_exposures
+from sim.optics.motion import correlation, lost_variance, sub_exposures
 from sim.plan import Settings
 
 SPOT = '<float name="spot_diameter" value="5e-3"/>'

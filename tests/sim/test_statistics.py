@@ -6,9 +6,9 @@ import torch
 
 pytest.importorskip("mitsuba")
 
-from sim.camera import expose
-from sim.illumination import grain_m, illuminate
-from sim.object_samples import sample_object
+from sim.optics.camera import expose
+from sim.optics.illumination import grain_m, illuminate
+from sim.optics.object_samples import sample_object
 from sim.plugins.speckle_camera import Electronics
 from sim.propagation.fraunhofer import far_field
 

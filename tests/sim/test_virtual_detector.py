@@ -11,8 +11,8 @@ pytest.importorskip("mitsuba")
 
 from radiometry.errors import InputError
 from scenes import scene_path
-from sim.detector_roughness import degrees_of_freedom, exact_image, gamma_image, oversampling
 from sim.frame import Simulation
+from sim.optics.detector_roughness import degrees_of_freedom, exact_image, gamma_image, oversampling
 from sim.plan import Settings
 from sim.plan_report import make_plan
 

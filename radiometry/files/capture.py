@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from radiometry.capture_folder import frame_path, replace_capture, staging_folder
 from radiometry.errors import InputError
-from radiometry.frames import FrameHeader, write_frame
-from radiometry.output import output_folder, save_array, save_json
+from radiometry.files.capture_folder import frame_path, replace_capture, staging_folder
+from radiometry.files.frames import FrameHeader, write_frame
+from radiometry.files.output import output_folder, save_array, save_json
 
 
 @dataclass(frozen=True)

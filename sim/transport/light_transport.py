@@ -21,7 +21,7 @@ import numpy as np
 
 from sim.plugins.laser import Laser
 from sim.plugins.speckle_camera import SpeckleCamera
-from sim.surfaces import has_masks, reflected, transmittance
+from sim.transport.surfaces import has_masks, reflected, transmittance
 
 _GOLDEN_6 = 1.1127756842787055
 """Root of x^7 = x + 1: the sequence of six dimensions steps by its negative powers."""

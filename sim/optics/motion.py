@@ -14,7 +14,7 @@ import numpy as np
 
 from radiometry.errors import InputError
 from sim.geometry import Geometry
-from sim.object_samples import ObjectSamples
+from sim.optics.object_samples import ObjectSamples
 
 STEPS_PER_GRAIN = 6
 """Sub-exposures at least, for each grain that passes by."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from radiometry.autocorrelation import SIDE
 from radiometry.errors import InputError
-from radiometry.frames import FrameHeader, read_frame
+from radiometry.files.frames import FrameHeader, read_frame
 
 LARGEST_PIXEL = 1e9
 """Beyond any camera's numbers, and safe to square and sum in single precision."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from radiometry.motion import airy, disc_overlap
 from sim.geometry import Geometry
-from sim.motion import Pose
+from sim.optics.motion import Pose
 
 Streams = Callable[[int], np.random.Generator]
 

@@ -19,10 +19,10 @@ import numpy as np
 
 from radiometry.errors import InputError
 from radiometry.photons import decibel
-from sim.hidden_object import is_hidden_object
 from sim.plugins.laser import Laser
 from sim.plugins.speckle_camera import SpeckleCamera
-from sim.surfaces import MOST_LAYERS, has_masks, is_one_of, reflected, transmittance
+from sim.transport.hidden_object import is_hidden_object
+from sim.transport.surfaces import MOST_LAYERS, has_masks, is_one_of, reflected, transmittance
 
 DEFAULT_SAMPLES = 2**20
 BATCH = 2**20

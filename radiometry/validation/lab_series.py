@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from radiometry.errors import InputError
-from radiometry.noise_level import RING, centre_filled, extrapolated_peak, fit_known_signal, read_noise_level
-from radiometry.pictures import read_autocorrelation
+from radiometry.files.pictures import read_autocorrelation
+from radiometry.noise.level import RING, centre_filled, extrapolated_peak, fit_known_signal, read_noise_level
 
 CORNER = 20
 """Side of the signal-free corner whose mean and variance the paper plots."""

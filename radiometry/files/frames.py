@@ -10,8 +10,8 @@ import numpy as np
 import OpenEXR
 
 from radiometry.errors import InputError, positive
-from radiometry.exr_version import add_version, read_version
-from radiometry.output import atomic, silenced
+from radiometry.files.exr_version import add_version, read_version
+from radiometry.files.output import atomic, silenced
 
 CHANNEL = "photoelectrons"
 

@@ -61,11 +61,6 @@ class NoiseTerms:
         return math.fsum(shares) if shares else None
 
 
-def degrees_of_freedom(frames: int, patches: int) -> int:
-    """K: a mean per patch position costs one degree a position; with one frame, a pooled mean costs one in all."""
-    return patches * (frames - 1) if frames > 1 else patches - 1
-
-
 def estimate_error(signal_sum: float, signal_square_sum: float, lags: int, floor: float, dof: float) -> float:
     """Relative L2 error of an estimate, floor subtracted: sqrt(sum S^2 / K / sum A^2), S = A + b.
 

@@ -12,11 +12,11 @@ import mitsuba as mi
 import numpy as np
 
 from radiometry.errors import InputError
-from sim.footprint import LagAxes
-from sim.light_transport import Carried, LightTransport
 from sim.plugins.phase_screen import PhaseScreen
 from sim.propagation.option import Visibility
-from sim.surfaces import check_energy, has_masks, is_one_of, layers, transmittance
+from sim.transport.footprint import LagAxes
+from sim.transport.light_transport import Carried, LightTransport
+from sim.transport.surfaces import check_energy, has_masks, is_one_of, layers, transmittance
 
 RAYS = 768
 """Rays along the longer side of the object at least, however coarse the grid."""

@@ -1,0 +1,10 @@
+"""Light as rays and powers: what reaches the frame, and what the virtual detector sees.
+
+    surfaces.py          which surfaces can be modelled; light that passes between two places
+    light_transport.py   light from laser to pixel by way of a point of a surface
+    hidden_object.py     the object seen from the virtual detector, on any grid
+    footprint.py         what a camera at any angle sees of the wall, and which lags it resolves
+    path_tracing.py      Monte Carlo light budget, and the light that comes by other ways
+    detector_texture.py  the wall's own albedo under each pixel
+    ambient.py           light of other emitters
+"""
