@@ -185,7 +185,7 @@ def test_light_that_a_smooth_wall_does_not_scatter_misses_the_object(scene):
         smooth = Simulation(geometry)
         scattered = float(np.mean([float(smooth.expected(2, n).mean()) for n in range(4)]))
         assert scattered / mean == pytest.approx(1.0 - specular_share(geometry), abs=0.03)
-        assert any("mirror" in warning for warning in make_plan(geometry, 2)["warnings"])
+        assert any("specular" in warning for warning in make_plan(geometry, 2)["warnings"])
 
 
 def test_the_mirror_image_of_the_spot_is_its_fraunhofer_integral(scene):
