@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # CPU builds of torch live here; where it cannot be reached, pip goes on with what else it has.
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 
-.PHONY: demo test test-quick lint clean
+.PHONY: demo test test-quick lint docs clean
 
 demo: $(VENV)/installed
 	$(BIN)/python -m sim scenes/corner_letter/scene.xml -o out/demo/frames --frames 2 --seed 1
@@ -19,8 +19,15 @@ test-quick: $(VENV)/installed
 	$(BIN)/python -m pytest -m "not slow"
 
 lint: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet "ruff>=0.9,<1"
+	$(BIN)/python -m pip install --quiet --editable ".[lint]"
 	$(BIN)/ruff check .
+	$(BIN)/lint-imports
+	$(BIN)/pyright --pythonpath $(BIN)/python
+
+docs: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --editable ".[docs]"
+	$(BIN)/sphinx-build -q -W --keep-going docs out/docs
+	@echo "Look at out/docs/index.html"
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)

@@ -73,14 +73,3 @@ def test_the_field_on_the_wall_is_to_be_had():
 def test_importing_a_package_costs_nothing_that_is_not_asked_for(package, absent):
     code = f"import sys, {package}; sys.exit(any(name in sys.modules for name in {absent}))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", range(2))
-def test_code_blocks_of_the_readme_run(number):
-    from pathlib import Path
-
-    text = (Path(__file__).parents[2] / "README.md").read_text()
-    blocks = [part.split("```")[0] for part in text.split("```python\n")[1:]]
-    assert len(blocks) == 2
-    exec(compile(blocks[number], f"README.md, block {number}", "exec"), {})

@@ -1,0 +1,24 @@
+"""
+Compare methods
+===============
+
+The network beside the classical methods, on one capture of 1/64 s. ``python -m invert.evaluate`` does this on whole test sets.
+"""
+
+import matplotlib.pyplot as plt
+
+import invert
+import sim
+from invert.metrics import aligned_pearson
+
+capture = sim.render(sim.load("corner_letter", exposure=1 / 64, albedo="R.png"), frames=2, seed=4)
+methods = ("unet", "classical", "hio", "raar", "altmin")
+figure, axes = plt.subplots(1, len(methods) + 1, figsize=(12, 2.6), layout="constrained")
+for panel, method in zip(axes, methods, strict=False):
+    result = invert.reconstruct(capture, method=method, quality="fast")
+    correlation, moved = aligned_pearson(result.albedo, capture.truth)
+    panel.imshow(moved, cmap="gray", vmin=0.0)
+    panel.set(title=f"{method}, {result.seconds['retrieval']:.1f} s", xlabel=f"correlation {correlation:.2f}")
+    panel.set(xticks=[], yticks=[])
+axes[-1].imshow(capture.truth, cmap="gray")
+axes[-1].set(title="truth", xticks=[], yticks=[])

@@ -1,0 +1,96 @@
+"""Every Python block and every command of README and docs runs, smaller where it would take long; so does every example."""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+pytest.importorskip("mitsuba")
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PYTHON = [(page.name, number, block.split("```")[0]) for page in PAGES
+          for number, block in enumerate(page.read_text().split("```python\n")[1:])]
+COMMANDS = [line.split("  #")[0].strip() for page in PAGES for line in page.read_text().splitlines()
+            if re.match(r"    (?:correlograph|python -m) ", line)]
+
+SMALLER = {"200000": "64", "--count 1000": "--count 2", "--sets shapes rendered": "--sets shapes --count 1 --levels 1",
+           "[--json]": "--json", "-o WEIGHTS.safetensors": "-o WEIGHTS.safetensors --width 8 --steps 2 --batch 2"}
+
+
+def environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("page", "number", "block"), PYTHON, ids=[f"{page}-{number}" for page, number, _ in PYTHON])
+def test_python_blocks_run(page, number, block, tmp_path, monkeypatch):
+    if "dask_jobqueue" in block:
+        pytest.importorskip("dask_jobqueue", reason="a SLURM cluster and the package dask-jobqueue")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(block, f"{page}, block {number}", "exec"), {})
+
+
+@pytest.mark.slow
+def test_commands_run_as_they_stand(tmp_path):
+    """In their order, in one folder; what they name and do not make is there, but for lab data, which may be missing."""
+    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
+    photographs, shots = tmp_path / "PHOTOGRAPHS", tmp_path / "shots"
+    photographs.mkdir()
+    shots.mkdir()
+    rng = np.random.default_rng(2)
+    for number in range(3):
+        row, column = np.mgrid[:300, :400]
+        grey = 90.0 + 60.0 * np.sign(np.sin(row / (9 + number)) + np.sin(column / 13)) + rng.normal(0, 4, row.shape)
+        Image.fromarray(grey.clip(0, 255).astype(np.uint8)).save(photographs / f"{number}.png")
+    lab = ROOT.parent / "shared" / "data" / "measured_autocorrelations"
+    ran = 0
+    for command in COMMANDS:
+        for text, smaller in SMALLER.items():
+            command = command.replace(text, smaller)
+        if "FOLDER" in command and not lab.is_dir():
+            continue
+        if "OUT.zarr" in command and "data_gen " in command:
+            shutil.rmtree(tmp_path / "OUT.zarr", ignore_errors=True)
+        arguments = [sys.executable, *shlex.split(command.replace("FOLDER", str(lab)))[1:]]
+        done = subprocess.run(arguments, cwd=tmp_path, env=environment(), capture_output=True, text=True, check=False)
+        assert done.returncode == 0, f"{command}: {done.stderr[-800:]}"
+        ran += 1
+        if command.startswith("python -m sim ") and not any(shots.iterdir()):
+            _as_camera_files(tmp_path / "capture", shots)
+            Image.open(sorted(lab.glob("F_*n50*.png"))[0] if lab.is_dir() else _autocorrelation(tmp_path)).save(
+                tmp_path / "estimate.png")
+        if "noise-model" in command:
+            (tmp_path / "DATASET").symlink_to(tmp_path / "OUT.zarr") if not (tmp_path / "DATASET").exists() else None
+    assert ran >= 14
+
+
+def _as_camera_files(capture: Path, shots: Path) -> None:
+    from radiometry.files.frames import read_frame
+
+    for number, file in enumerate(sorted(capture.glob("*.exr"))):
+        counts = np.clip(read_frame(file)[0] * 40.0 + 100.0, 0.0, 65535.0).astype(np.uint16)
+        Image.fromarray(counts).save(shots / f"shot_{number}.png")
+
+
+def _autocorrelation(folder: Path) -> Path:
+    from radiometry.autocorrelation import autocorrelate
+
+    lags = autocorrelate(np.load(folder / "capture" / "truth.npy"))
+    Image.fromarray((20 + 235 * lags / lags.max()).astype(np.uint8)).save(folder / "lags.png")
+    return folder / "lags.png"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", sorted(path.name for path in (ROOT / "examples").glob("*.py")))
+def test_examples_run(example, tmp_path):
+    done = subprocess.run([sys.executable, str(ROOT / "examples" / example)], cwd=tmp_path, env=environment(),
+                          capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-800:]

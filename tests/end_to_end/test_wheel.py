@@ -1,0 +1,39 @@
+"""What pip installs works outside the checkout: a wheel in an environment of its own renders and inverts."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+INDEX = os.environ.get("TORCH_INDEX", "https://download.pytorch.org/whl/cpu")
+
+
+def run(*arguments: object, cwd: Path) -> subprocess.CompletedProcess:
+    clean = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    return subprocess.run(list(map(str, arguments)), cwd=cwd, env=clean, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.slow
+def test_a_wheel_renders_and_inverts(tmp_path):
+    built = run(sys.executable, "-m", "pip", "wheel", "--no-deps", "--quiet", "-w", tmp_path, ROOT, cwd=tmp_path)
+    assert built.returncode == 0, built.stderr[-800:]
+    wheel = next(tmp_path.glob("*.whl"))
+    assert run(sys.executable, "-m", "venv", tmp_path / "new", cwd=tmp_path).returncode == 0
+    python = tmp_path / "new" / "bin" / "python"
+    pip = (python, "-m", "pip", "install", "--quiet", "--retries", 1, "--extra-index-url", INDEX)
+    installed = run(*pip, wheel, "torch<2.14", cwd=tmp_path)
+    if installed.returncode and "No matching distribution" in installed.stderr:
+        pytest.skip(f"no package index within reach: {installed.stderr.strip().splitlines()[-1][:200]}")
+    assert installed.returncode == 0, installed.stderr[-800:]
+    command = tmp_path / "new" / "bin" / "correlograph"
+    scene = run(python, "-c", "from scenes import scene_path; print(scene_path('corner_letter'))", cwd=tmp_path).stdout.strip()
+    assert str(tmp_path) in scene
+    for arguments in (("doctor",), ("sim", scene, "-o", "frames", "--seed", 1), ("invert", "frames", "-o", "result",
+                      "--quality", "fast", "--truth", "frames/truth.npy"), ("radiometry", scene, "--json", "--samples", 20000)):
+        done = run(command, *arguments, cwd=tmp_path)
+        assert done.returncode == 0, f"{arguments[0]}: {done.stderr[-800:]}"
+    assert json.loads((tmp_path / "result" / "result.json").read_text())["pearson"] > 0.85
