@@ -24,8 +24,8 @@ from invert.spectrum import fourier_modulus, read_measurement
 from radiometry.files.capture import CameraFacts, Capture
 from scenes import scene_path
 from sim.frame import Simulation
-from sim.geometry import read_geometry
 from sim.scene_file import load_scene
+from sim.scene_reader import read_geometry
 
 REPEATS = 9
 

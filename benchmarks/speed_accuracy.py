@@ -167,8 +167,8 @@ def whole_frame() -> str:
 
     from scenes import scene_path
     from sim.frame import Simulation
-    from sim.geometry import read_geometry
     from sim.scene_file import load_scene
+    from sim.scene_reader import read_geometry
 
     simulation = Simulation(read_geometry(load_scene(scene_path("corner_letter"))[0]))
     noise, wave = np.random.default_rng(0), torch.randn(*simulation.geometry.frame_shape, dtype=torch.complex64)

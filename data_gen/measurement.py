@@ -44,8 +44,8 @@ class SceneMeasurement:
 
     def __init__(self, scene_path: str, frames: int = 2) -> None:
         from sim.frame import Simulation
-        from sim.geometry import read_geometry
         from sim.scene_file import load_scene
+        from sim.scene_reader import read_geometry
 
         scene, _ = load_scene(scene_path)
         self._simulation = Simulation(read_geometry(scene))

@@ -27,9 +27,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     if not 1 <= options.frames <= 10**6:
         raise InputError("--frames", "1 to 1000000", options.frames, "choose another number")
     check_seed(options.seed)
-    from sim.geometry import read_geometry
     from sim.plan import check
     from sim.scene_file import load_scene, parse_definitions
+    from sim.scene_reader import read_geometry
 
     scene, _ = load_scene(options.scene, parse_definitions(options.definitions))
     geometry = read_geometry(scene)

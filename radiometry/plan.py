@@ -31,9 +31,9 @@ def main(argv: Sequence[str] | None = None) -> None:
         raise InputError("--check", "a number of frames, zero or more", options.check, "choose another")
     from radiometry.exposure_planner import best, divide
     from radiometry.files.output import output_folder, save_json
-    from sim.geometry import read_geometry
     from sim.plan import check
     from sim.scene_file import load_scene, parse_definitions
+    from sim.scene_reader import read_geometry
 
     scene, _ = load_scene(options.scene, parse_definitions(options.definitions))
     geometry = read_geometry(scene)

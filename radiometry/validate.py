@@ -69,9 +69,9 @@ class Renderer:
     def __init__(self, scene: str | Path, seed: int) -> None:
         from radiometry.prediction import predict
         from radiometry.throughput import light_budget
-        from sim.geometry import read_geometry
         from sim.plan import check
         from sim.scene_file import load_scene
+        from sim.scene_reader import read_geometry
 
         self.geometry, self.seed = read_geometry(load_scene(scene)[0]), seed
         check(self.geometry)

@@ -42,11 +42,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     options = parser().parse_args(argv)
     _check(options)
     from sim.effects import parse_effects
-    from sim.geometry import read_geometry
     from sim.plan import Plan, Settings
     from sim.plan_report import as_json, summary
     from sim.scene import MONTE_CARLO_SAMPLES
     from sim.scene_file import load_scene, parse_definitions
+    from sim.scene_reader import read_geometry
     from sim.transport.path_tracing import estimate_throughput
 
     definitions = parse_definitions(options.definitions)

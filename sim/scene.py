@@ -17,10 +17,11 @@ from radiometry.files.frames import FrameHeader
 from radiometry.prediction import patches_of
 from radiometry.version import version
 from sim.frame import Simulation
-from sim.geometry import Geometry, fingerprint, read_geometry
+from sim.geometry import Geometry
 from sim.plan import Plan, Settings
 from sim.plan_report import as_json
 from sim.scene_file import load_scene
+from sim.scene_reader import fingerprint, read_geometry
 from sim.transport.path_tracing import estimate_throughput
 
 MONTE_CARLO_SAMPLES = 2**16

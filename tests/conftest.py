@@ -32,8 +32,8 @@ def letter_simulation():
 
     from scenes import scene_path
     from sim.frame import Simulation
-    from sim.geometry import read_geometry
     from sim.scene_file import load_scene
+    from sim.scene_reader import read_geometry
 
     @lru_cache(maxsize=16)
     def make(letter: str = "F", **definitions: str) -> Simulation:

@@ -88,8 +88,8 @@ def rendered(count: int, seed: int) -> Iterator[Level]:
     from radiometry.prediction import predict
     from scenes import scene_path
     from sim.frame import Simulation
-    from sim.geometry import read_geometry
     from sim.scene_file import load_scene
+    from sim.scene_reader import read_geometry
 
     geometries = {letter: read_geometry(load_scene(scene_path("corner_letter"), {"albedo": f"{letter}.png"})[0])
                   for letter in LETTERS}

@@ -43,8 +43,8 @@ class Speckle(mi.SamplingIntegrator):
     def _simulation(self, scene, sensor):
         """The prepared simulation, again where nothing in the scene has changed since."""
         from sim.frame import Simulation
-        from sim.geometry import fingerprint, read_geometry
         from sim.plan_report import warnings_of
+        from sim.scene_reader import fingerprint, read_geometry
 
         camera = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
         state = (id(scene), id(camera), fingerprint(scene))

@@ -16,6 +16,7 @@ from sim.plugins.phase_screen import PhaseScreen
 from sim.propagation.option import Visibility
 from sim.transport.footprint import LagAxes
 from sim.transport.light_transport import Carried, LightTransport
+from sim.transport.object_grid import GridRays, Samples, cell_sums, cells, centred, points
 from sim.transport.surfaces import check_energy, has_masks, is_one_of, layers, transmittance
 
 RAYS = 768
@@ -30,22 +31,6 @@ SAME_PLACE = 5e-3
 
 def is_hidden_object(shape: mi.Shape) -> bool:
     return shape.id().startswith("hidden_object")
-
-
-@dataclass(frozen=True)
-class Samples:
-    """Visible surface on a grid, each array (rows, columns).
-
-    Attributes:
-        weight: light carried by a cell, photoelectrons in a pixel per laser photon, float64; a `FlatObject`'s are relative.
-        albedo: effective power albedo, float32: that of a flat Lambertian object of equal brightness, shading, distance
-            and shape of the BSDF included, scaled so that its sum is that of the surface's own albedo.
-        depth_m: behind the object's centre along the line of sight, mean over the light of a cell.
-    """
-
-    weight: np.ndarray
-    albedo: np.ndarray
-    depth_m: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -81,7 +66,7 @@ class HiddenObject:
         self.centre = centre
         line = self.centre - transport.frame_centre
         self._distance_m = float(np.linalg.norm(line))
-        self.line_of_sight = line / self._distance_m
+        self._line_m, self.line_of_sight = line, line / self._distance_m
         corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
         corners -= self.centre
         along = corners @ self.line_of_sight
@@ -107,23 +92,23 @@ class HiddenObject:
 
     def sample(self, pitch_m: tuple[float, float], shape: tuple[int, int]) -> Samples:
         """Sample on a grid (rows, columns) of cells `pitch_m` along the axes, centred on the object."""
-        inner = tuple(min(n, _cells(extent, pitch, n)) for n, extent, pitch in zip(shape, self.extent_m, pitch_m, strict=True))
+        inner = tuple(min(n, cells(extent, pitch, n)) for n, extent, pitch in zip(shape, self.extent_m, pitch_m, strict=True))
         weight, depth = np.zeros(inner), np.zeros(inner)
         fineness = self._rays_per_cell(pitch_m)
-        rays = _Rays(self, pitch_m, inner, fineness)
+        rays = GridRays(self.axes, self._line_m, pitch_m, inner, fineness)
         for carried, behind in self._layers(rays):
             light = carried.radiance * rays.angle
-            weight += _cell_sums(light, inner, fineness)
-            depth += _cell_sums(light * behind, inner, fineness)
+            weight += cell_sums(light, inner, fineness)
+            depth += cell_sums(light * behind, inner, fineness)
         for light, coordinates, behind in self._beyond(rays):
             cell = np.round(coordinates / pitch_m + 0.5 * (np.array(inner) - 1.0)).astype(int)
             held = ((cell >= 0) & (cell < inner)).all(1)
             np.add.at(weight, tuple(cell[held].T), light[held])
             np.add.at(depth, tuple(cell[held].T), (light * behind)[held])
-        angle = _cell_sums(rays.angle, inner, fineness)
+        angle = cell_sums(rays.angle, inner, fineness)
         mean_depth = np.divide(depth, weight, out=np.zeros(inner), where=weight > 0.0)
         albedo = weight / angle * self._measured.albedo_over_radiance
-        return Samples(*(_centred(part, shape) for part in (weight, albedo.astype(np.float32), mean_depth)))
+        return Samples(*(centred(part, shape) for part in (weight, albedo.astype(np.float32), mean_depth)))
 
     def cell_means(self, pitch_m: float | tuple[float, float], side: int) -> np.ndarray:
         """Effective albedo averaged over each cell of a square grid, float32 (side, side): the integral of r is kept."""
@@ -152,7 +137,7 @@ class HiddenObject:
             # Up to just before the object: what its parts hide of one another is in the light of its samples already.
             way = start - end
             end = end + way * np.clip(2.0 * self._radius_m / np.linalg.norm(way, axis=1), 1e-3, 0.9)[:, None]
-            share = transmittance(scene, mi.Point3f(_points(start)), mi.Point3f(_points(end)), mi.Bool(True), masks=masks)
+            share = transmittance(scene, mi.Point3f(points(start)), mi.Point3f(points(end)), mi.Bool(True), masks=masks)
             return np.sqrt(np.asarray(share)).reshape(len(places), len(samples))
 
         return visible
@@ -176,17 +161,17 @@ class HiddenObject:
 
     def _rays_per_cell(self, pitch_m: tuple[float, float]) -> int:
         """Rays along one side of a cell."""
-        cells = max(extent / pitch for extent, pitch in zip(self.extent_m, pitch_m, strict=True))
-        return int(np.clip(math.ceil(RAYS / max(cells, 1.0)), 2, LARGEST_CELL_RAYS))
+        along = max(extent / pitch for extent, pitch in zip(self.extent_m, pitch_m, strict=True))
+        return int(np.clip(math.ceil(RAYS / max(along, 1.0)), 2, LARGEST_CELL_RAYS))
 
-    def _layers(self, rays: _Rays) -> Iterator[tuple[Carried, np.ndarray]]:
+    def _layers(self, rays: GridRays) -> Iterator[tuple[Carried, np.ndarray]]:
         """What each surface along rays from the frame's centre carries, and its depth, on the grid of the rays.
 
         Nearest surface first; those behind a partly transparent one follow it.
         """
         skipped = self._before(rays.length)
         start = self._transport.frame_centre + skipped[:, None] * rays.direction
-        ray = mi.Ray3f(_points(start), mi.Vector3f(_points(rays.direction)))
+        ray = mi.Ray3f(points(start), mi.Vector3f(points(rays.direction)))
         gone = mi.Float(0.0)
         for hit, active in layers(self._scene, ray, mi.Bool(True)):
             mine = is_one_of(hit, self._shapes) & active
@@ -196,7 +181,7 @@ class HiddenObject:
             way = np.asarray(gone, np.float64) + skipped
             yield Carried(*map(rays.grid, vars(carried).values())), rays.grid(way * rays.cosine - self._distance_m)
 
-    def _beyond(self, rays: _Rays) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    def _beyond(self, rays: GridRays) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Light of surfaces that some of the frame sees, but its centre does not or hardly: light, coordinates (n, 2), depths.
 
         Each ray comes from another point of the frame. Nothing flat hides a part of itself.
@@ -206,7 +191,7 @@ class HiddenObject:
         transport = self._transport
         # Pixels beside the centre see deep parts displaced: the grid is as much wider.
         wider = self._parallax
-        plane = mi.Point3f(_points(self.centre + wider * rays.place))
+        plane = mi.Point3f(points(self.centre + wider * rays.place))
         eye = transport.frame_points(dr.width(plane))
         way = plane - eye
         length = dr.norm(way)
@@ -250,7 +235,7 @@ class HiddenObject:
         """Sums over the whole object, at `RAYS` along its longer side."""
         pitch = max(self.extent_m) / RAYS
         shape = tuple(int(np.ceil(extent / pitch)) or 1 for extent in self.extent_m)
-        rays = _Rays(self, (pitch, pitch), (shape[0], shape[1]), 1)
+        rays = GridRays(self.axes, self._line_m, (pitch, pitch), (shape[0], shape[1]), 1)
         throughput = radiance = albedo = area = cosine_in = cosine_out = 0.0
         for carried, behind in self._layers(rays):
             throughput += float((carried.radiance * rays.angle).sum())
@@ -268,71 +253,6 @@ class HiddenObject:
         return Measured(throughput, area, min(cosine_in / area, 1.0), min(cosine_out / area, 1.0), albedo / radiance)
 
 
-class _Rays:
-    """Rays from the frame's centre through a grid of cells, `fineness` x `fineness` to each."""
-
-    def __init__(self, seen: HiddenObject, pitch_m: tuple[float, float], cells: tuple[int, int], fineness: int) -> None:
-        self.shape = (cells[0] * fineness, cells[1] * fineness)
-        row, column = ((np.arange(n) - 0.5 * (n - 1)) * (pitch / fineness)
-                       for n, pitch in zip(self.shape, pitch_m, strict=True))
-        self.place = (row[:, None, None] * seen.axes.down + column[None, :, None] * seen.axes.right).reshape(-1, 3)
-        ray_m = self.place + np.linalg.norm(seen.centre - seen.frame_centre) * seen.line_of_sight
-        self.length = np.linalg.norm(ray_m, axis=1)
-        self.direction = ray_m / self.length[:, None]
-        self.cosine = self.direction @ seen.line_of_sight
-        self.area = pitch_m[0] * pitch_m[1] * seen.axes.cell / fineness**2
-        self.angle = self.grid(self.area * self.cosine / self.length**2)
-
-    def grid(self, values: np.ndarray) -> np.ndarray:
-        return values.reshape(self.shape)
-
-
-class FlatObject:
-    """A flat, rough object that faces the virtual detector, given as albedo cells instead of shapes; see `HiddenObject`.
-
-    Args:
-        cells: albedo (n, n), 0 to 1, rows down and columns right.
-        pitch_m: of the cells (rows, columns).
-        like: the object whose place and cosines it takes.
-    """
-
-    depth_m = 0.0
-    height_rms_m = math.inf
-
-    def __init__(self, cells: np.ndarray, pitch_m: tuple[float, float], like: HiddenObject) -> None:
-        self._cells, self._pitch_m, self._like = np.asarray(cells, np.float32), pitch_m, like
-        self.centre, self.axes, self.line_of_sight = like.centre, like.axes, like.line_of_sight
-        filled = self._cells > 0.0
-        # Twice the distance of the farthest filled cell from the middle, because grids are centred.
-        spans = (np.flatnonzero(filled.any(axis)) + np.array([[0], [1]]) - 0.5 * len(filled) for axis in (1, 0))
-        self.extent_m = tuple(2.0 * pitch * float(np.abs(span).max(initial=0.5))
-                              for span, pitch in zip(spans, pitch_m, strict=True))
-
-    def sample(self, pitch_m: tuple[float, float], shape: tuple[int, int]) -> Samples:
-        """Sample at the cell centres of a grid (rows, columns) centred on the object."""
-        places = [np.floor((np.arange(n) - 0.5 * (n - 1)) * step / own + 0.5 * len(self._cells)).astype(int)
-                  for n, step, own in zip(shape, pitch_m, self._pitch_m, strict=True)]
-        inside = [(place >= 0) & (place < len(self._cells)) for place in places]
-        albedo = np.zeros(shape, np.float32)
-        albedo[np.ix_(*inside)] = self._cells[np.ix_(*(place[held] for place, held in zip(places, inside, strict=True)))]
-        return Samples(albedo.astype(np.float64), albedo, np.zeros(shape))
-
-    throughput = 0.0
-
-    def position(self, coordinates: np.ndarray, depth_m: np.ndarray) -> np.ndarray:
-        return self._like.position(coordinates, depth_m)
-
-    def albedo_area_m2(self) -> float:
-        """Integral of the albedo over the surface."""
-        return float(self._cells.sum(dtype=np.float64)) * self._pitch_m[0] * self._pitch_m[1] * self.axes.cell
-
-    def mean_cosines(self) -> tuple[float, float]:
-        return self._like.mean_cosines()
-
-    def visible_from(self, detector: np.ndarray, wall_centre_m: np.ndarray) -> Visibility | None:
-        return self._like.visible_from(detector, wall_centre_m)
-
-
 def bounds(shapes: list[mi.Shape]) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the box around some shapes; InputError where it is not a finite one."""
     boxes = [shape.bbox() for shape in shapes]
@@ -341,24 +261,3 @@ def bounds(shapes: list[mi.Shape]) -> tuple[np.ndarray, np.ndarray]:
     if not np.isfinite([low, high]).all() or np.abs([low, high]).max() > 1e9:
         raise InputError("hidden_object", "a finite place and size", f"{low} to {high}", "correct its to_world")
     return low, high
-
-
-def _points(vectors: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(vectors.T, np.float32)
-
-
-def _cell_sums(values: np.ndarray, shape: tuple[int, int], fineness: int) -> np.ndarray:
-    return values.reshape(shape[0], fineness, shape[1], fineness).sum((1, 3))
-
-
-def _cells(extent_m: float, pitch_m: float, like: int) -> int:
-    """Cells that cover an extent, as even or odd in number as `like`, so that both grids have one middle."""
-    needed = math.ceil(extent_m / pitch_m)
-    return needed + (like - needed) % 2
-
-
-def _centred(part: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    whole = np.zeros(shape, part.dtype)
-    first = [(n - m) // 2 for n, m in zip(shape, part.shape, strict=True)]
-    whole[first[0] : first[0] + part.shape[0], first[1] : first[1] + part.shape[1]] = part
-    return whole

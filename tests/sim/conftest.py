@@ -10,8 +10,8 @@ def scene(tmp_path):
     """scene(("old", "new"), ...) -> Geometry of the reference scene on a small frame, edited."""
     pytest.importorskip("mitsuba")
     from scenes import scene_path
-    from sim.geometry import read_geometry
     from sim.scene_file import load_scene
+    from sim.scene_reader import read_geometry
 
     def make(*changes: tuple[str, str]):
         text = scene_path("corner_letter").read_text()

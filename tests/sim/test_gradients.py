@@ -18,8 +18,8 @@ STEPS = {"tilt_right": 1e-5, "tilt_down": 1e-5, "shift_right_m": 1e-6, "shift_do
 @pytest.fixture(scope="module")
 def lab(request):
     from scenes import scene_path
-    from sim.geometry import read_geometry
     from sim.scene_file import load_scene
+    from sim.scene_reader import read_geometry
 
     return read_geometry(load_scene(scene_path("corner_letter"), {"albedo": "R.png"})[0])
 

@@ -9,9 +9,9 @@ import trimesh
 
 from data_gen.letters import letter, save_mesh
 from scenes import scene_path
-from sim.geometry import read_geometry
 from sim.mesh import main
 from sim.scene_file import load_scene
+from sim.scene_reader import read_geometry
 
 
 def test_stl_becomes_ply_in_metres(tmp_path, command):

@@ -12,8 +12,8 @@ import sim  # noqa: E402, F401
 from radiometry.errors import InputError  # noqa: E402
 from radiometry.throughput import closed_form  # noqa: E402
 from scenes import scene_path  # noqa: E402
-from sim.geometry import read_geometry  # noqa: E402
 from sim.scene_file import load_scene  # noqa: E402
+from sim.scene_reader import read_geometry  # noqa: E402
 from sim.transport.path_tracing import estimate_throughput  # noqa: E402
 
 

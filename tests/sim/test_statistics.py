@@ -98,8 +98,8 @@ def test_a_black_object_gives_empty_frames(letter_simulation, tmp_path):
     Image.fromarray(np.zeros((16, 16), np.uint8)).save(tmp_path / "black.png")
     from scenes import scene_path
     from sim.frame import Simulation
-    from sim.geometry import read_geometry
     from sim.scene_file import load_scene
+    from sim.scene_reader import read_geometry
 
     scene, _ = load_scene(scene_path("corner_letter"), {"albedo": str(tmp_path / "black.png")})
     assert not Simulation(read_geometry(scene)).frame(0, 0).numpy().any()
