@@ -11,8 +11,8 @@ import tempfile
 from pathlib import Path
 
 from invert.training.losses import LOSSES
-from invert.training.train import VALIDATION
 from invert.training.train import main as train
+from invert.training.training_run import VALIDATION
 
 STEPS, EVERY = 240, 40
 POINT = 1

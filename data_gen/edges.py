@@ -17,10 +17,8 @@ from PIL import Image
 from scipy import ndimage
 from skimage.feature import canny
 
+from radiometry.autocorrelation import OBJECT_SIDE
 from radiometry.errors import InputError
-
-SIDE = 64
-"""Side of a target, in lags."""
 
 WINDOW = (36, 60)
 """Smallest and largest side of a crop; it lies in the target's middle."""
@@ -31,7 +29,7 @@ FEWEST, MOST = 48, 0.16
 CRUMB = 10
 """Connected edges of fewer pixels are left out: the estimate would not show them."""
 
-SMALLEST_SIDE = 2 * SIDE
+SMALLEST_SIDE = 2 * OBJECT_SIDE
 """Photographs with a shorter side than this hold too few crops."""
 
 VIEWS = 6
@@ -112,8 +110,8 @@ def _edges(luminance: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Canny edges of a turned and scaled view, bool."""
     turn, scale = rng.uniform(-180.0, 180.0), 2.0 ** rng.uniform(-1.3, 0.3)
     view = Image.fromarray(luminance)
-    view = view.resize((max(SIDE, round(view.width * scale)), max(SIDE, round(view.height * scale))), Image.Resampling.BILINEAR,
-                       reducing_gap=2.0)
+    size = tuple(max(OBJECT_SIDE, round(side * scale)) for side in view.size)
+    view = view.resize(size, Image.Resampling.BILINEAR, reducing_gap=2.0)
     inside = Image.new("L", view.size, 255).rotate(turn, expand=True)
     view = view.rotate(turn, Image.Resampling.BILINEAR, expand=True)
     mask = np.asarray(inside) > 0
@@ -125,7 +123,7 @@ def _crops(edges: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarra
     height, width = edges.shape
     if min(height, width) <= WINDOW[1]:
         return None
-    targets = np.zeros((count, SIDE, SIDE), np.uint8)
+    targets = np.zeros((count, OBJECT_SIDE, OBJECT_SIDE), np.uint8)
     accepted = 0
     for _ in range(8 * count):
         side = int(rng.integers(WINDOW[0], WINDOW[1] + 1))
@@ -136,7 +134,7 @@ def _crops(edges: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarra
         crop = _without_crumbs(crop)
         if np.count_nonzero(crop) < FEWEST:
             continue
-        corner = (SIDE - side) // 2
+        corner = (OBJECT_SIDE - side) // 2
         targets[accepted, corner : corner + side, corner : corner + side] = crop * np.uint8(255)
         accepted += 1
         if accepted == count:

@@ -9,21 +9,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 from scipy.ndimage import distance_transform_edt
 
+from data_gen.fonts import dejavu_sans
 from radiometry.errors import ArgumentParser, InputError, positive, run_command
 from radiometry.files.output import atomic, output_folder
 
-SIDE = 256
+BITMAP_SIDE = 256
 FILL = 0.2
 
 
 def letter(character: str) -> np.ndarray:
     """Binary bitmap of a character, uint8 (256, 256), as high or wide as the square."""
-    font = ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", 1000)
+    font = dejavu_sans(1000)
     canvas = Image.new("L", (2000, 2000))
     ImageDraw.Draw(canvas).text((500, 400), character, fill=255, font=font)
     ink = np.asarray(canvas) >= 128
@@ -39,10 +39,10 @@ def _on_square(ink: np.ndarray) -> np.ndarray:
     """Crop to the ink and scale it to fill the square, binary 0 or 255."""
     glyph = Image.fromarray(ink.astype(np.uint8) * 255)
     glyph = glyph.crop(glyph.getbbox())
-    scale = SIDE / max(glyph.size)
+    scale = BITMAP_SIDE / max(glyph.size)
     glyph = glyph.resize((round(glyph.width * scale), round(glyph.height * scale)), Image.Resampling.BILINEAR)
-    square = Image.new("L", (SIDE, SIDE))
-    square.paste(glyph, ((SIDE - glyph.width) // 2, (SIDE - glyph.height) // 2))
+    square = Image.new("L", (BITMAP_SIDE, BITMAP_SIDE))
+    square.paste(glyph, ((BITMAP_SIDE - glyph.width) // 2, (BITMAP_SIDE - glyph.height) // 2))
     return np.where(np.asarray(square) >= 128, 255, 0).astype(np.uint8)
 
 
@@ -51,7 +51,7 @@ def save_mesh(path: Path, bitmap: np.ndarray, depth_m: float, cells: int = 64) -
     import trimesh
     from skimage.measure import marching_cubes
 
-    coarse = bitmap.reshape(cells, SIDE // cells, cells, SIDE // cells).mean((1, 3)) / 255.0
+    coarse = bitmap.reshape(cells, BITMAP_SIDE // cells, cells, BITMAP_SIDE // cells).mean((1, 3)) / 255.0
     layers = max(2, round(depth_m * cells / 0.01))
     solid = np.pad(np.repeat(coarse[..., None], layers, axis=2), 1)
     corner, face, _, _ = marching_cubes(solid, 0.5)

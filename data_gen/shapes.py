@@ -6,38 +6,31 @@ means are. Latin letters and digits are left to the tests: no target here shows 
 
 from __future__ import annotations
 
-from functools import lru_cache
-from pathlib import Path
-
-import matplotlib
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 from scipy import ndimage
 
-from data_gen.edges import SIDE
+from data_gen.fonts import dejavu_sans
+from radiometry.autocorrelation import OBJECT_SIDE
 
 FINE = 4
-_CANVAS = SIDE * FINE
+_CANVAS = OBJECT_SIDE * FINE
 
 ALPHABET = "γδεζθλμξπστφψΔΘΞΠΦΨΩгджйлфцшщъыюяДЖЛФЦШЩЮאבגדהזחטכלמנספצקשת←↑→↔⇒∂∇∑√∞∫≈≠≤≥⊕⊗★♠♣♥♪✈✓✚"
 """Characters of DejaVu Sans that cannot be taken for a Latin letter or a digit, mirrored and turned neither."""
 
-FONTS = ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf", "DejaVuSans-Oblique.ttf")
+FONTS = (("normal", "normal"), ("bold", "normal"), ("normal", "oblique"))
+"""Weight and style."""
 
 
 ASPECT = 3.0
 """Largest stretch along one axis over the other: what a wall seen, or lit, at a slant does to an object."""
 
 
-@lru_cache(maxsize=64)
-def _font(name: str, size: int) -> ImageFont.FreeTypeFont:
-    return ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / name, size)
-
-
 def glyph(character: str, rng: np.random.Generator) -> np.ndarray:
     """A character of random font, size, slant and turn, uint8 (64, 64)."""
     canvas = Image.new("L", (_CANVAS, _CANVAS))
-    font = _font(FONTS[rng.integers(len(FONTS))], 150)
+    font = dejavu_sans(150, *FONTS[rng.integers(len(FONTS))])
     ImageDraw.Draw(canvas).text((_CANVAS // 2, _CANVAS // 2), character, fill=255, font=font, anchor="mm")
     box = canvas.getbbox()
     if box is None:
@@ -109,9 +102,9 @@ def filled(rng: np.random.Generator) -> np.ndarray:
 def _cells(canvas: Image.Image, rng: np.random.Generator) -> np.ndarray:
     """Cell means, in one case of three under uneven light; blank pictures get a square, so that none is empty."""
     fine = np.asarray(canvas, np.float32)
-    cells = fine.reshape(SIDE, FINE, SIDE, FINE).mean((1, 3))
+    cells = fine.reshape(OBJECT_SIDE, FINE, OBJECT_SIDE, FINE).mean((1, 3))
     if rng.random() < 0.33:
-        light = ndimage.gaussian_filter(rng.standard_normal((SIDE, SIDE)), 12.0)
+        light = ndimage.gaussian_filter(rng.standard_normal((OBJECT_SIDE, OBJECT_SIDE)), 12.0)
         cells = cells * np.clip(0.7 + 0.3 * light / light.std(), 0.25, 1.0)
     if cells.max() < 64.0:
         cells[24:40, 26:38] = 255.0

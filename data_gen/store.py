@@ -14,9 +14,8 @@ import numpy as np
 import zarr
 from zarr.errors import GroupNotFoundError
 
-from data_gen.edges import SIDE
 from data_gen.targets import BLOCK
-from radiometry.autocorrelation import SIDE as LAG_SIDE
+from radiometry.autocorrelation import LAG_SIDE, OBJECT_SIDE
 from radiometry.errors import InputError
 
 
@@ -27,7 +26,7 @@ def shard_size(measurement: str) -> int:
 
 ARRAYS = ("albedo", "split", "autocorrelation", "floor_over_peak", "dof", "complete")
 
-PAIR_BYTES = SIDE * SIDE // 16 + 2 * LAG_SIDE * LAG_SIDE + 8
+PAIR_BYTES = OBJECT_SIDE * OBJECT_SIDE // 16 + 2 * LAG_SIDE * LAG_SIDE + 8
 """Bytes of a sample with its measurement, targets compressed about sixteenfold."""
 
 
@@ -56,7 +55,7 @@ def _empty(address: str, manifest: dict[str, Any], count: int, measurement: str)
     size = shard_size(measurement)
     try:
         group = zarr.create_group(address, overwrite=True)
-        arrays = [("albedo", (SIDE, SIDE), "uint8", "auto"), ("split", (), "uint8", "auto")]
+        arrays = [("albedo", (OBJECT_SIDE, OBJECT_SIDE), "uint8", "auto"), ("split", (), "uint8", "auto")]
         if measurement != "none":
             arrays += [("autocorrelation", (LAG_SIDE, LAG_SIDE), "float16", None), ("floor_over_peak", (), "float32", "auto"),
                        ("dof", (), "float32", "auto")]

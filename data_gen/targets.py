@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_gen.edges import SIDE, Photographs, edge_targets, read_luminance
+from data_gen.edges import Photographs, edge_targets, read_luminance
 from data_gen.shapes import ALPHABET, filled, glyph, strokes
+from radiometry.autocorrelation import OBJECT_SIDE
 from radiometry.errors import InputError
 
 BLOCK = 64
@@ -71,5 +72,5 @@ def _edge_block(photographs: Photographs | None, rng: np.random.Generator) -> tu
         targets = edge_targets(read_luminance(photographs.folder / photographs.names[index]), BLOCK, rng)
         if targets is not None:
             return targets, held_out(photographs.hashes[index])
-    raise InputError("--images", f"photographs with crops of {SIDE} x {SIDE} pixels that hold edges", "none",
+    raise InputError("--images", f"photographs with crops of {OBJECT_SIDE} x {OBJECT_SIDE} pixels that hold edges", "none",
                      "give another folder")

@@ -5,11 +5,11 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from radiometry.version import version
+import radiometry
 
 project = "correlograph"
 author = "the correlograph authors"
-release = version()
+release = radiometry.__version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "sphinx_gallery.gen_gallery"]
 html_theme = "furo"
 html_title = "correlograph"

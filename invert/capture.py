@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from radiometry.autocorrelation import SIDE
+from radiometry.autocorrelation import LAG_SIDE
 from radiometry.errors import InputError, positive
 from radiometry.files.capture import CameraFacts, Capture
 from radiometry.files.frames import FrameHeader
@@ -89,14 +89,14 @@ def check_frame(pixels: np.ndarray, file: Path) -> None:
     """Refuse frames that cannot be speckle. All-zero frames are legal: a short exposure may be empty."""
     if not np.isfinite(pixels).all():
         raise InputError("frame", "finite pixels", f"NaN or infinity in {file.name}", "leave the frame out")
-    if pixels.shape in ((SIDE, SIDE), (SIDE, 2 * SIDE)):
+    if pixels.shape in ((LAG_SIDE, LAG_SIDE), (LAG_SIDE, 2 * LAG_SIDE)):
         raise InputError("frame", "speckle", f"{file.name}, as large as a published autocorrelation", "add --autocorrelation")
     if pixels.size and pixels.flat[0] != 0.0 and np.ptp(pixels) == 0.0:
         raise InputError("frame", "speckle", f"the same value {pixels.flat[0]:g} everywhere in {file.name}",
                          "check the exposure or leave the frame out")
-    if min(pixels.shape) < SIDE:
-        raise InputError("frame", f"at least {SIDE} x {SIDE} pixels", f"{pixels.shape[1]} x {pixels.shape[0]} in {file.name}",
-                         "give larger frames")
+    if min(pixels.shape) < LAG_SIDE:
+        raise InputError("frame", f"at least {LAG_SIDE} x {LAG_SIDE} pixels",
+                         f"{pixels.shape[1]} x {pixels.shape[0]} in {file.name}", "give larger frames")
 
 
 def _capture_of(header: FrameHeader | None) -> FrameHeader | None:

@@ -16,7 +16,7 @@ from invert.methods import Reconstruction, iterations, retrieve
 from invert.result import write_result
 from invert.solvers.base import Progress
 from invert.spectrum import Measurement, read_measurement
-from radiometry.autocorrelation import SIDE
+from radiometry.autocorrelation import LAG_SIDE
 from radiometry.errors import InputError, check_device
 from radiometry.files.capture import CameraFacts, Capture
 
@@ -103,7 +103,7 @@ def _as_capture(source: Source, camera: CameraFacts) -> Capture | Estimate:
         path = Path(source)
         return published_estimate(path) if path.is_file() and _is_published(path) else read_capture([path], camera)
     array = np.asarray(source)
-    if array.ndim == 2 and array.shape == (SIDE, SIDE):
+    if array.ndim == 2 and array.shape == (LAG_SIDE, LAG_SIDE):
         return Estimate("autocorrelation", np.asarray(array, np.float32))
     if array.ndim == 2:
         array = array[None]
@@ -120,4 +120,4 @@ def _is_published(path: Path) -> bool:
     """Whether a file has the shape of a published autocorrelation."""
     from radiometry.files.pictures import read_picture
 
-    return read_picture(path)[0].shape in ((SIDE, SIDE), (SIDE, 2 * SIDE))
+    return read_picture(path)[0].shape in ((LAG_SIDE, LAG_SIDE), (LAG_SIDE, 2 * LAG_SIDE))

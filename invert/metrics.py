@@ -6,7 +6,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 from scipy import ndimage
-from skimage.metrics import structural_similarity
+from scipy.stats import bootstrap
+from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from skimage.registration import phase_cross_correlation
 
 from invert.registration import on_grid, registered
@@ -15,6 +16,10 @@ from radiometry.noise.level import INDEPENDENT, RING
 
 SUCCESS = 0.8
 """Registered Pearson correlation from which a reconstruction counts as a success."""
+
+
+PERFECT_DB = 300.0
+"""PSNR of what equals the truth."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +78,11 @@ def score(image: np.ndarray, truth: np.ndarray) -> Scores:
     fitted = moved * float((moved * truth).sum() / max((moved * moved).sum(), 1e-30))
     ssim = structural_similarity(fitted, truth.astype(np.float64), data_range=peak, gaussian_weights=True, sigma=1.5,
                                  use_sample_covariance=False)
-    error = max(float(((fitted - truth) ** 2).mean()), 1e-30)
+    with np.errstate(divide="ignore"):
+        psnr_db = float(peak_signal_noise_ratio(truth.astype(np.float64), fitted, data_range=peak))
     shown = truth > 0.5 * peak
     drawn = _brightest(fitted, int(shown.sum()))
-    return Scores(pearson, float(ssim), 10.0 * float(np.log10(peak**2 / error)), _iou(drawn, shown), _edge_f1(drawn, shown),
+    return Scores(pearson, float(ssim), min(psnr_db, PERFECT_DB), _iou(drawn, shown), _edge_f1(drawn, shown),
                   pearson >= SUCCESS)
 
 
@@ -119,7 +125,7 @@ def agreement(albedo: np.ndarray, estimate: np.ndarray, floor: float, signal_rin
 
 def bootstrap_error(values: np.ndarray, resamples: int = 2000, seed: int = 0) -> float:
     """Standard error of a mean over test images, by resampling them (Efron, doi:10.1214/aos/1176344552)."""
-    values = np.asarray(values, np.float64)
-    chosen = np.random.default_rng(seed).integers(len(values), size=(resamples, len(values)))
-    return float(values[chosen].mean(1).std())
+    found = bootstrap((np.asarray(values, np.float64),), np.mean, n_resamples=resamples, method="percentile",
+                      rng=np.random.default_rng(seed))
+    return float(found.standard_error)
 

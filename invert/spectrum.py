@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from invert.registration import OBJECT
-from radiometry.autocorrelation import LAGS, SIDE
+from radiometry.autocorrelation import LAG_SIDE, LAGS
 from radiometry.noise.level import INDEPENDENT, RING, NoiseLevel, centre_filled, extrapolated_peak, read_noise_level
 
 GRID = 128
@@ -178,7 +178,7 @@ def _guard(measurement: Measurement) -> float:
 def _power(lags: np.ndarray) -> np.ndarray:
     """Spectrum of centro-symmetric lags (127, 127), (128, 65)."""
     padded = np.zeros((GRID, GRID), np.float32)
-    padded[:SIDE, :SIDE] = lags
+    padded[:LAG_SIDE, :LAG_SIDE] = lags
     return np.fft.rfft2(np.roll(padded, (-LAGS, -LAGS), (0, 1))).real
 
 

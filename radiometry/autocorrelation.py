@@ -15,7 +15,11 @@ from radiometry.errors import InputError
 LAGS = 63
 """Largest lag kept on either side of zero: estimates are 127 x 127, zero lag at [63, 63]."""
 
-SIDE = 2 * LAGS + 1
+LAG_SIDE = 2 * LAGS + 1
+"""Side of an estimate."""
+
+OBJECT_SIDE = LAGS + 1
+"""Side of an albedo on the lag grid."""
 
 
 @dataclass(frozen=True)
@@ -66,9 +70,9 @@ def patch_grid(frame_shape: tuple[int, int], size: int | tuple[int, int]) -> Pat
     patch fits or when a patch is too small to hold all 127 lags.
     """
     height, width = (size, size) if isinstance(size, int) else size
-    if not (SIDE <= height <= frame_shape[0] and SIDE <= width <= frame_shape[1]):
+    if not (LAG_SIDE <= height <= frame_shape[0] and LAG_SIDE <= width <= frame_shape[1]):
         shorter = min(frame_shape)
-        raise InputError("patch", f"a size between {SIDE} pixels ({SIDE} lags) and the frame's shorter side ({shorter})",
+        raise InputError("patch", f"a size between {LAG_SIDE} pixels (as many lags) and the frame's shorter side ({shorter})",
                          size, "choose another --patch")
     rows, columns = frame_shape[0] // height, frame_shape[1] // width
     fewest = min(rows, columns)
@@ -90,7 +94,7 @@ def automatic_patch_size(frame_shape: tuple[int, int], geometry: tuple[float, fl
         geometry: (wavelength_m, distance_m, pixel_pitch_m), or None; a pair of pitches is that of rows and of columns.
     """
     def kept(wanted: int, side: int) -> int:
-        return int(min(max(wanted, SIDE), max(side // 2, min(SIDE, side))))
+        return int(min(max(wanted, LAG_SIDE), max(side // 2, min(LAG_SIDE, side))))
 
     shorter = min(frame_shape)
     if geometry is None:
@@ -155,7 +159,7 @@ class AutocorrelationEstimator:
         else:
             total = self._power.sum(0) - self._sum.sum(0).abs().square() / self.grid.count
         half = (total / (self.dof * math.prod(self.grid.patch_shape))).cpu().numpy()
-        full = np.empty((SIDE, SIDE), np.float32)
+        full = np.empty((LAG_SIDE, LAG_SIDE), np.float32)
         full[:, LAGS:] = half
         full[:, :LAGS] = half[::-1, :0:-1]
         full[:LAGS, LAGS] = half[:LAGS:-1, 0]
@@ -219,7 +223,7 @@ def window_kernel(reach: int = LAGS, cells_per_lag: int = 1) -> np.ndarray:
     hat = (1.0 - np.abs(position)) / fine
     lag = np.arange(-LAGS, LAGS + 1)[:, None]
     cell = np.arange(-reach, reach + 1)[None, :] / cells_per_lag
-    kernel = np.zeros((SIDE, 2 * reach + 1))
+    kernel = np.zeros((LAG_SIDE, 2 * reach + 1))
     for offset, weight in zip(position, hat, strict=True):
         kernel += weight * np.sinc(lag - cell - offset / cells_per_lag) ** 2
     return kernel / cells_per_lag

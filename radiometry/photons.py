@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-
-PLANCK_J_S = 6.62607015e-34
-LIGHT_M_PER_S = 299_792_458.0
+from scipy.constants import Planck, speed_of_light
 
 
 def photon_rate(power_w: float, wavelength_m: float) -> float:
     """Photons per second in `power_w` watts at `wavelength_m`."""
-    return power_w * wavelength_m / (PLANCK_J_S * LIGHT_M_PER_S)
+    return power_w * wavelength_m / (Planck * speed_of_light)
 
 
 def decibel(ratio: float) -> float:

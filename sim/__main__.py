@@ -15,7 +15,7 @@ SATURATION_WORTH_A_WARNING = 1e-3
 
 def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m sim", description="Render speckle frames of a hidden object.")
-    p.add_argument("scene", help="Mitsuba scene file (XML)")
+    p.add_argument("scene", help="Mitsuba scene file (XML), or the name of a shipped scene")
     p.add_argument("-o", "--output", help="folder for frame_0000.exr..., truth.npy and sim.json")
     p.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="scene parameter")
     p.add_argument("--frames", type=int, default=2)
@@ -42,20 +42,15 @@ def main(argv: Sequence[str] | None = None) -> None:
     options = parser().parse_args(argv)
     _check(options)
     from sim.effects import parse_effects
-    from sim.plan import Plan, Settings
+    from sim.plan import Settings
     from sim.plan_report import as_json, summary
-    from sim.scene import MONTE_CARLO_SAMPLES
-    from sim.scene_file import load_scene, parse_definitions
-    from sim.scene_reader import read_geometry
-    from sim.transport.path_tracing import estimate_throughput
+    from sim.scene import load
+    from sim.scene_file import parse_definitions
 
-    definitions = parse_definitions(options.definitions)
-    scene, digest = load_scene(options.scene, definitions)
-    geometry = read_geometry(scene)
-    settings = Settings(options.accuracy, options.tolerance, options.propagator, options.precision,
-                        parse_effects(options.effects))
-    plan = Plan.of(geometry, settings)
-    monte_carlo = estimate_throughput(scene, MONTE_CARLO_SAMPLES)
+    scene = load(options.scene, **parse_definitions(options.definitions))
+    plan = scene.plan(Settings(options.accuracy, options.tolerance, options.propagator, options.precision,
+                               parse_effects(options.effects)))
+    monte_carlo = scene.monte_carlo()
     content = as_json(plan, options.frames, monte_carlo)
     if options.plan:
         readable = sys.stdout.isatty() and not options.json
@@ -63,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         return
     for warning in content["warnings"]:
         print(f"warning: {warning}", file=sys.stderr)
-    _render(plan, content, digest, definitions, options)
+    _render(scene, plan, content, options)
 
 
 def _check(options) -> None:
@@ -76,7 +71,7 @@ def _check(options) -> None:
     check_device(options.device)
 
 
-def _render(plan, content, digest: str, definitions: dict[str, str], options) -> None:
+def _render(scene, plan, content, options) -> None:
     """Draw every frame into a hidden folder, then move all at once: a stopped run leaves an older capture whole."""
     from tqdm import tqdm
 
@@ -94,13 +89,13 @@ def _render(plan, content, digest: str, definitions: dict[str, str], options) ->
     prepared = time.perf_counter()
     for number, frame in enumerate(tqdm(drawn, total=options.frames, desc="frames", unit="frame", disable=None)):
         started = time.perf_counter()
-        write_frame(frame_path(staging, number), frame, header(plan, options.seed, number, digest))
+        write_frame(frame_path(staging, number), frame, header(plan, options.seed, number, scene.digest))
         saturated += saturation(plan, [frame]) / options.frames
         write_s += time.perf_counter() - started
     seconds = {"prepare": prepared - begin, "render": time.perf_counter() - prepared - write_s, "write": write_s}
     save_array(staging / "truth.npy", truth)
-    save_json(staging / "sim.json", record(plan, content, str(options.scene), digest, definitions, options.seed, options.frames,
-                                           pitches_m, mean=options.mean, saturated=saturated, seconds=seconds))
+    save_json(staging / "sim.json", record(scene, plan, content, options.seed, options.frames, pitches_m, mean=options.mean,
+                                           saturated=saturated, seconds=seconds))
     replace_capture(staging, folder)
     if saturated > SATURATION_WORTH_A_WARNING:
         print(f"warning: full_well: {100 * saturated:.3g} % of the pixels are saturated", file=sys.stderr)

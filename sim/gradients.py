@@ -13,9 +13,9 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import torch
+from scipy.constants import Planck, speed_of_light
 
 from radiometry.autocorrelation import LAGS
-from radiometry.photons import LIGHT_M_PER_S, PLANCK_J_S
 
 Tensor = torch.Tensor
 
@@ -104,7 +104,7 @@ def cell_light(setup: Setup) -> tuple[Tensor, Tensor]:
     to_spot, to_wall = spot - x, wall - x
     d1, d2 = to_spot.norm(dim=1), to_wall.norm(dim=1)
     lit, seen = ((way @ normal / length).clamp_min(0.0) for way, length in ((to_spot, d1), (to_wall, d2)))
-    photons = setup.power_w * setup.wavelength_m / (PLANCK_J_S * LIGHT_M_PER_S) * setup.exposure_s * setup.losses
+    photons = setup.power_w * setup.wavelength_m / (Planck * speed_of_light) * setup.exposure_s * setup.losses
     radius = 0.5 * setup.pupil_diameter_m
     caught = radius**2 / (radius**2 + setup.pupil_m**2)
     light = (photons * caught * setup.pixel_pitch_m**2 * setup.cell_m**2 / math.pi**2
@@ -119,7 +119,7 @@ def mean_photoelectrons(setup: Setup) -> Tensor:
 
 def throughput(setup: Setup) -> Tensor:
     """Photoelectrons in one pixel per laser photon."""
-    photons = setup.power_w * setup.wavelength_m / (PLANCK_J_S * LIGHT_M_PER_S) * setup.exposure_s
+    photons = setup.power_w * setup.wavelength_m / (Planck * speed_of_light) * setup.exposure_s
     return mean_photoelectrons(setup) / photons
 
 

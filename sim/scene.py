@@ -22,9 +22,7 @@ from sim.plan import Plan, Settings
 from sim.plan_report import as_json
 from sim.scene_file import load_scene
 from sim.scene_reader import fingerprint, read_geometry
-from sim.transport.path_tracing import estimate_throughput
-
-MONTE_CARLO_SAMPLES = 2**16
+from sim.transport.path_tracing import MonteCarlo, estimate_throughput
 
 
 class Scene:
@@ -54,6 +52,10 @@ class Scene:
             plans[settings] = Plan.of(geometry, settings)
         return plans[settings]
 
+    def monte_carlo(self, samples: int = 2**16) -> MonteCarlo:
+        """Light budget by path tracing, beside the plan's."""
+        return estimate_throughput(self.mitsuba, samples, camera=self.sensor)
+
     def through(self, sensor: int) -> Scene:
         """The same scene seen by another of its sensors."""
         return Scene(self.mitsuba, self.name, self.digest, self.parameters, sensor)
@@ -65,7 +67,7 @@ class Scene:
         return self._prepared
 
 
-def load(scene: str | Path | dict[str, Any] | mi.Scene, **parameters: Any) -> Scene:
+def load(scene: str | Path | dict[str, Any] | mi.Scene, /, **parameters: Any) -> Scene:
     """Load a scene.
 
     Args:
@@ -105,13 +107,13 @@ def render(scene: Scene | str | Path | dict[str, Any] | mi.Scene, frames: int = 
     _check(frames, seed, device)
     begin = time.perf_counter()
     plan = scene.plan(settings)
-    content = as_json(plan, frames, estimate_throughput(scene.mitsuba, MONTE_CARLO_SAMPLES, camera=scene.sensor))
+    content = as_json(plan, frames, scene.monte_carlo())
     prepared = time.perf_counter()
     drawn = list(draw(plan, frames, seed, mean=mean, device=device))
     seconds = {"prepare": prepared - begin, "render": time.perf_counter() - prepared, "write": 0.0}
     headers = tuple(header(plan, seed, number, scene.digest) for number in range(frames))
     truth, pitches_m = lag_grid_albedo(plan.geometry)
-    entries = record(plan, content, scene.name, scene.digest, scene.parameters, seed, frames, pitches_m, mean=mean,
+    entries = record(scene, plan, content, seed, frames, pitches_m, mean=mean,
                      saturated=saturation(plan, drawn), seconds=seconds)
     names = tuple(f"frame_{number:04d}" for number in range(frames))
     return Capture(drawn, CameraFacts.of(headers[0]), names, truth, entries, headers)
@@ -144,13 +146,13 @@ def header(plan: Plan, seed: int, number: int, digest: str) -> FrameHeader:
                        *geometry.seen_pitch_m)
 
 
-def record(plan: Plan, content: dict[str, Any], name: str, digest: str, parameters: Mapping[str, Any], seed: int, frames: int,
-           pitches_m: tuple[float, float], *, mean: bool, saturated: float, seconds: dict[str, float]) -> dict[str, Any]:
+def record(scene: Scene, plan: Plan, content: dict[str, Any], seed: int, frames: int, pitches_m: tuple[float, float], *,
+           mean: bool, saturated: float, seconds: dict[str, float]) -> dict[str, Any]:
     """What sim.json holds."""
     return {
-        "scene": name,
-        "scene_sha256": digest,
-        "definitions": dict(parameters),
+        "scene": scene.name,
+        "scene_sha256": scene.digest,
+        "definitions": dict(scene.parameters),
         "seed": seed,
         "version": version(),
         "lag_pitch_m": pitches_m[0],

@@ -8,7 +8,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from radiometry.autocorrelation import SIDE
+from radiometry.autocorrelation import LAG_SIDE
 from radiometry.errors import InputError
 from radiometry.throughput import LightPath, closed_form
 from sim.geometry import Geometry, Spot
@@ -163,8 +163,8 @@ def _film_size(camera: SpeckleCamera) -> tuple[int, int]:
     height, width = int(film.size()[1]), int(film.size()[0])
     if [int(n) for n in film.crop_size()] != [width, height]:
         raise InputError("film", "the whole film", f"a crop of {film.crop_size()}", "set width and height instead")
-    if min(height, width) < SIDE:
-        raise InputError("film", f"at least {SIDE} x {SIDE} pixels (one patch)", f"{width} x {height}", "enlarge it")
+    if min(height, width) < LAG_SIDE:
+        raise InputError("film", f"at least {LAG_SIDE} x {LAG_SIDE} pixels (one patch)", f"{width} x {height}", "enlarge it")
     return height, width
 
 

@@ -5,19 +5,18 @@ from __future__ import annotations
 import string
 from functools import lru_cache
 from itertools import product
-from pathlib import Path
 
-import matplotlib
 import numpy as np
 import torch
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
+from data_gen.fonts import dejavu_sans
 from invert.registration import correlation_maps, on_grid
+from radiometry.autocorrelation import OBJECT_SIDE
 
 CHARACTERS = string.ascii_uppercase + string.digits + "abdefghnqrty"
 """Capitals, digits and the small letters that are not a smaller copy of their capital."""
 
-_SIDE = 64
 _MARGIN = 32
 _TURNS_DEG = (-30, -20, -10, 0, 10, 20, 30)
 _SHEARS = (-0.4, -0.2, 0.0, 0.2, 0.4)
@@ -29,7 +28,7 @@ _COMPRESSION = 0.7
 @lru_cache(maxsize=4)
 def glyphs(characters: str = CHARACTERS) -> np.ndarray:
     """Characters of DejaVu Sans as white on black, float32 (n, 256, 256), centred."""
-    font = ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", 150)
+    font = dejavu_sans(150)
     drawn = []
     for character in characters:
         canvas = Image.new("L", (256, 256))
@@ -59,7 +58,7 @@ def identify(image: np.ndarray, *, mirrored: bool = False, characters: str = CHA
     spread = float(torch.sqrt(torch.trace(_covariance(torch.as_tensor(target)))))
     templates = torch.from_numpy(glyphs(characters))[:, None]
     covariance = _covariance(templates[:, 0].double())
-    reference = on_grid(target, _SIDE + _MARGIN)
+    reference = on_grid(target, OBJECT_SIDE + _MARGIN)
     best = torch.zeros(len(characters))
     flips = (1.0, -1.0) if mirrored else (1.0,)
     for flip, turn, shear, stretch, size in product(flips, _TURNS_DEG, _SHEARS, _STRETCHES, _SIZES):
@@ -94,6 +93,6 @@ def _warp(templates: torch.Tensor, covariance: torch.Tensor, pose: torch.Tensor,
     scale = size / torch.sqrt(torch.diagonal(pose @ covariance @ pose.T, dim1=-2, dim2=-1).sum(-1))
     inverse = torch.linalg.inv(scale[:, None, None] * pose)
     # affine_grid maps output coordinates in [-1, 1] (32 pixels) to input ones (128 pixels)
-    theta = torch.cat((inverse * (_SIDE / templates.shape[-1]), torch.zeros(len(templates), 2, 1)), dim=2).float()
-    grid = torch.nn.functional.affine_grid(theta, [len(templates), 1, _SIDE, _SIDE], align_corners=False)
+    theta = torch.cat((inverse * (OBJECT_SIDE / templates.shape[-1]), torch.zeros(len(templates), 2, 1)), dim=2).float()
+    grid = torch.nn.functional.affine_grid(theta, [len(templates), 1, OBJECT_SIDE, OBJECT_SIDE], align_corners=False)
     return torch.nn.functional.grid_sample(templates, grid, align_corners=False)[:, 0]

@@ -1,6 +1,7 @@
 """Training: the commands `invert.train`, `invert.warm_starts` and `invert.calibrate`.
 
-    train.py        one run, from a dataset to weights
+    train.py        the command: one run, from a dataset to weights
+    training_run.py state of a run, checkpoints that resume exactly
     data.py         noisy estimates of targets, drawn anew at every step
     losses.py       losses of reconstructions, and of the denoiser
     warm_starts.py  classical reconstructions that the fusion is trained with

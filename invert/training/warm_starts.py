@@ -14,15 +14,15 @@ import torch
 import zarr
 
 from invert.network.features import PICTURES
-from radiometry.autocorrelation import SIDE
+from radiometry.autocorrelation import LAG_SIDE
 from radiometry.errors import ArgumentParser, InputError, check_seed
 
 if TYPE_CHECKING:
     from invert.network.model import CorrelographyNet
 
 CHUNK = 32
-ARRAYS = {"albedo": ((64, 64), "uint8"), "classical": ((PICTURES, 64, 64), "uint8"), "estimate": ((SIDE, SIDE), "float16"),
-          "denoised": ((SIDE, SIDE), "float16"),
+ARRAYS = {"albedo": ((64, 64), "uint8"), "classical": ((PICTURES, 64, 64), "uint8"),
+          "estimate": ((LAG_SIDE, LAG_SIDE), "float16"), "denoised": ((LAG_SIDE, LAG_SIDE), "float16"),
           "floor": ((), "float32"), "dof": ((), "float32")}
 
 QUALITY = "fast"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from radiometry.autocorrelation import SIDE
+from radiometry.autocorrelation import LAG_SIDE
 from radiometry.errors import InputError
 from radiometry.files.frames import FrameHeader, read_frame
 
@@ -60,10 +60,10 @@ def read_autocorrelation(file: Path) -> tuple[np.ndarray, float]:
         found = "a folder" if file.is_dir() else "no"
         raise InputError("autocorrelation", "a picture or array", f"{found} {file}", "check the path")
     pixels, _ = read_picture(file)
-    if pixels.shape == (SIDE, 2 * SIDE):
-        pixels = pixels[:, :SIDE]
-    if pixels.shape != (SIDE, SIDE):
-        raise InputError("autocorrelation", f"{SIDE} x {SIDE} lags (or {SIDE} x {2 * SIDE}, left half)",
+    if pixels.shape == (LAG_SIDE, 2 * LAG_SIDE):
+        pixels = pixels[:, :LAG_SIDE]
+    if pixels.shape != (LAG_SIDE, LAG_SIDE):
+        raise InputError("autocorrelation", f"{LAG_SIDE} x {LAG_SIDE} lags (or {LAG_SIDE} x {2 * LAG_SIDE}, left half)",
                          f"{pixels.shape[0]} x {pixels.shape[1]} in {file.name}", "crop it, zero lag in the middle")
     if not np.isfinite(pixels).all() or (pixels < 0.0).any():
         raise InputError("autocorrelation", "finite lags, zero or more", f"others in {file.name}", "correct the file")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import curve_fit
 
 from radiometry.errors import InputError
 from radiometry.files.pictures import read_autocorrelation
@@ -75,8 +76,6 @@ def lab_floor(folder: Path) -> dict[str, Any]:
         points.append({"exposure_s": exposure_s, "floor_over_peak": floor / (gain * peak)})
     used = [p for p in points if p["exposure_s"] < 0.99 * BROKEN_EXPOSURE_S]
     t, b = (np.array([p[name] for p in used]) for name in ("exposure_s", "floor_over_peak"))
-    basis = np.stack([1.0 / t, np.ones_like(t)], axis=1) / b[:, None]
-    (a, c), _, _, _ = np.linalg.lstsq(basis, np.ones_like(t), rcond=None)
-    covariance = np.linalg.inv(basis.T @ basis) * np.sum((basis @ [a, c] - 1.0) ** 2) / (len(t) - 2)
+    (a, c), covariance = curve_fit(lambda seconds, a, c: a / seconds + c, t, b, sigma=b)
     error = np.sqrt(np.diag(covariance))
     return {"a_s": float(a), "a_error_s": float(error[0]), "c": float(c), "c_error": float(error[1]), "points": points}

@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.constants import speed_of_light
 
 from radiometry.errors import InputError
-from radiometry.photons import LIGHT_M_PER_S
 
 MOST_LINES = 129
 _REACH = 3.0
@@ -34,7 +34,7 @@ def lost_contrast(path_m: np.ndarray, amplitude: np.ndarray, linewidth_hz: float
         return 0.0
     share, edge = np.histogram(path_m, bins, weights=amplitude.astype(np.float64) ** 2)
     share /= share.sum()
-    delay = (edge[:-1, None] - edge[None, :-1]) / LIGHT_M_PER_S
+    delay = (edge[:-1, None] - edge[None, :-1]) / speed_of_light
     return float(1.0 - share @ coherence(delay, linewidth_hz) ** 2 @ share)
 
 
@@ -44,7 +44,7 @@ def spectral_lines(path_m: np.ndarray, linewidth_hz: float) -> list[tuple[float,
     Raises InputError where the spread of paths would need more than `MOST_LINES`.
     """
     deviation = linewidth_hz / (2.0 * math.sqrt(2.0 * math.log(2.0)))
-    spread_s = float(np.ptp(path_m)) / LIGHT_M_PER_S
+    spread_s = float(np.ptp(path_m)) / speed_of_light
     # The sum repeats after 1 / spacing: keep that beyond the spread by what the spectrum blurs.
     count = 2 * math.ceil(_REACH * deviation * max(2.0 * spread_s, 1e-30) + 4) + 1
     if count > MOST_LINES:

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.constants import speed_of_light
 
-from radiometry.photons import LIGHT_M_PER_S
 from sim.geometry import Geometry
 from sim.propagation.sampling import Lattice, Scatterers, Wall, path_difference, phasor
 
@@ -44,7 +44,7 @@ class ObjectSamples:
 
     def lit(self, field: np.ndarray, period: tuple[int, int], offset_hz: float = 0.0) -> Scatterers:
         """Scatterers under a field on the grid (rows, columns), of light off the laser's frequency by so much."""
-        delay = phasor(self.path_m * offset_hz, LIGHT_M_PER_S) if offset_hz else 1.0
+        delay = phasor(self.path_m * offset_hz, speed_of_light) if offset_hz else 1.0
         return Scatterers(self.position_m, field[self.place].astype(np.complex128) * self.amplitude * delay,
                           Lattice(self.place, self.grid, period))
 

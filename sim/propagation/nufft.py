@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.polynomial.chebyshev import chebpts1, chebvander
 
 from radiometry.errors import InputError
 from sim.propagation.option import Option, Precision, Task, Terms
@@ -203,7 +204,7 @@ def _gradient(centre: np.ndarray, position: np.ndarray) -> np.ndarray:
 
 def _decompose(centre: np.ndarray, size: int, wall: Wall, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Singular value decomposition of the slow rest between nodes of the patch and of the object."""
-    u = _chebyshev(_NODES_PATCH) * 0.5 * size * wall.pitch_m
+    u = chebpts1(_NODES_PATCH) * 0.5 * size * wall.pitch_m
     offsets = (u[:, None, None] * wall.down + u[None, :, None] * wall.right).reshape(-1, 3)
     return np.linalg.svd(_slow(centre, offsets, nodes, wall), full_matrices=False)
 
@@ -229,18 +230,10 @@ def _slow(centre: np.ndarray, offsets: np.ndarray, position: np.ndarray, wall: W
     return kernel(wall, (centre + offsets)[:, None], position[None]) * phasor(-linear, wall.wavelength_m)
 
 
-def _chebyshev(count: int) -> np.ndarray:
-    """Nodes of the first kind on (-1, 1)."""
-    return np.cos(np.pi * (np.arange(count) + 0.5) / count)
-
-
 def _interpolation(count: int, x: np.ndarray) -> np.ndarray:
     """Values at x (n,) in [-1, 1] of the Lagrange polynomials of the Chebyshev nodes, (n, count)."""
-    order = np.arange(count)
-    at_nodes = np.cos(order[:, None] * np.arccos(_chebyshev(count))[None])
-    at_x = np.cos(order[None] * np.arccos(np.clip(x, -1.0, 1.0))[:, None])
-    weight = np.where(order == 0, 1.0, 2.0) / count
-    return (at_x * weight) @ at_nodes
+    weight = np.where(np.arange(count) == 0, 1.0, 2.0) / count
+    return (chebvander(np.clip(x, -1.0, 1.0), count - 1) * weight) @ chebvander(chebpts1(count), count - 1).T
 
 
 def _object_basis(position: np.ndarray) -> _Basis:
@@ -248,7 +241,7 @@ def _object_basis(position: np.ndarray) -> _Basis:
     low, high = position.min(0), position.max(0)
     middle, half = 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-12)
     counts = [_NODES_OBJECT if extent > 1e-9 else 1 for extent in half]
-    axes = [middle[axis] + half[axis] * _chebyshev(count) for axis, count in enumerate(counts)]
+    axes = [middle[axis] + half[axis] * chebpts1(count) for axis, count in enumerate(counts)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
     return nodes, [_interpolation(count, (position[:, axis] - middle[axis]) / half[axis]) for axis, count in enumerate(counts)]
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.constants import speed_of_light
 
 pytest.importorskip("mitsuba")
 
 from radiometry.errors import InputError
-from radiometry.photons import LIGHT_M_PER_S
 from scenes import scene_path
 from sim.effects import parse_effects
 from sim.frame import Simulation
@@ -49,8 +49,8 @@ def test_the_sum_of_lines_is_the_spectrum_s_coherence():
     lines = spectral_lines(np.array([0.0, spread_m]), linewidth_hz)
     assert sum(weight for _, weight in lines) == pytest.approx(1.0)
     for path in np.linspace(0.0, spread_m, 7):
-        beat = sum(weight * np.exp(2j * np.pi * offset * path / LIGHT_M_PER_S) for offset, weight in lines)
-        assert abs(beat - coherence(path / LIGHT_M_PER_S, linewidth_hz)) < 5e-3
+        beat = sum(weight * np.exp(2j * np.pi * offset * path / speed_of_light) for offset, weight in lines)
+        assert abs(beat - coherence(path / speed_of_light, linewidth_hz)) < 5e-3
     half = 2.0 * np.log(2.0) / (np.pi * linewidth_hz)  # of a Gaussian line: gamma falls to 1/2 here
     assert coherence(half, linewidth_hz) == pytest.approx(0.5)
 
@@ -65,7 +65,7 @@ def test_linewidth_lowers_contrast_as_the_paths_say(scene):
     samples = simulation._samples
     power = samples.amplitude.astype(np.float64) ** 2 / samples.brightness
     chosen = np.random.default_rng(0).choice(len(power), (2, 200_000), p=power / power.sum())
-    delay = (samples.path_m[chosen[0]] - samples.path_m[chosen[1]]) / LIGHT_M_PER_S
+    delay = (samples.path_m[chosen[0]] - samples.path_m[chosen[1]]) / speed_of_light
     predicted = float((coherence(delay, 2e10) ** 2).mean())
     assert 0.2 < predicted < 0.9
     assert 1.0 - lost_contrast(samples.path_m, samples.amplitude, 2e10) == pytest.approx(predicted, rel=0.01)

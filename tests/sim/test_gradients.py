@@ -69,7 +69,7 @@ def test_gradients_by_albedo(lab):
 @pytest.mark.slow
 def test_a_known_letter_s_pose_is_found_from_two_frames():
     import sim
-    from examples.recover_pose import recover
+    from examples.plot_9_recover_pose import recover
     from radiometry.autocorrelation import estimate_autocorrelation
     from radiometry.prediction import patches_of
 

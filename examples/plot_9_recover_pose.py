@@ -1,6 +1,9 @@
-"""Recover how far away a known letter hangs and how it is turned, from two speckle frames, by gradient descent.
+"""
+Recover a pose by gradient descent
+==================================
 
-    python examples/recover_pose.py
+How far away a known letter hangs and how it is turned, from two speckle frames: ``sim.gradients`` differentiates the expected
+autocorrelation, and the Gamma likelihood of the estimate is climbed from several starts.
 """
 
 from __future__ import annotations

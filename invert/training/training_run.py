@@ -1,0 +1,224 @@
+"""State of a training run: network, its moving average, optimiser, step, curve; checkpoints that resume exactly."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import nn
+from torch.optim.swa_utils import AveragedModel
+
+from invert.network.checkpoints import NETWORKS, load_network, read_weights, save_weights
+from invert.network.inference import predict
+from invert.network.model import CorrelographyNet, Denoiser, Fusion, Sketch
+from invert.training.data import Batch, at_noise, paper_noise, varied, warm
+from invert.training.losses import LOSSES, noise_left, registered_pearson
+from invert.training.report import save_curve
+from invert.training.warm_starts import load_warm_starts, split_warm_starts
+from radiometry.errors import InputError
+
+VALIDATION = ((80 / 255, 256.0), (80 / 255, 64.0), (80 / 255, 16.0), (5 / 255, 1e4), (1.5, 64.0))
+"""Floors (over the largest lag but zero) and K at which progress is measured."""
+
+JUDGE_WEIGHT = 0.5
+WARM_UP = 200
+
+
+class Training:
+    """State of a run: network, its moving average, optimiser, step, curve.
+
+    Of the default network one part is trained and the others are kept. `rank` of `world` processes works on its share of each
+    batch.
+    """
+
+    def __init__(self, options: Any, rank: int = 0, world: int = 1) -> None:
+        self.options, self.rank, self.world = options, rank, world
+        torch.manual_seed(options.seed)
+        self.network = NETWORKS[options.network](options.width).to(device=options.device, memory_format=torch.channels_last)
+        if isinstance(self.network, CorrelographyNet):
+            self.network.requires_grad_(False)
+        self.part = self._part_of(self.network).requires_grad_(True)
+        self.trained = list(self.part.parameters())
+        module = self._answering(self.network)
+        self.parallel = nn.parallel.DistributedDataParallel(module) if world > 1 else module
+        self.average = AveragedModel(self.network, avg_fn=_moving_average, use_buffers=True)
+        self.optimiser = torch.optim.AdamW(self.trained, options.learning_rate, (0.9, 0.99), weight_decay=0.01)
+        self.step, self.curve = 0, []
+        self.earlier: dict[str, Any] | None = None
+        self.warm, self.warm_held_out = split_warm_starts(load_warm_starts(options.warm)) if options.warm else (None, None)
+        if options.start_from:
+            self.start_from(options.start_from)
+        self.seconds = self.cpu_seconds = 0.0
+
+    def advance(self, targets: torch.Tensor) -> float:
+        """One step of the optimiser; returns the loss."""
+        begin, begin_cpu = time.perf_counter(), time.process_time()
+        options = self.options
+        batch = self._draw(targets).part(slice(self.rank, None, self.world), options.device)
+        for group in self.optimiser.param_groups:
+            group["lr"] = options.learning_rate * _schedule(self.step, options.steps)
+        self.parallel.train()
+        loss = self._loss(batch)
+        self.optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.trained, 1.0)
+        self.optimiser.step()
+        self.average.update_parameters(self.network)
+        self.step += 1
+        self.seconds += time.perf_counter() - begin
+        self.cpu_seconds += time.process_time() - begin_cpu
+        return float(loss.detach())
+
+    def _part_of(self, network: nn.Module) -> nn.Module:
+        """What is trained of a network."""
+        return getattr(network, self.options.part) if isinstance(network, CorrelographyNet) else network
+
+    def _answering(self, network: nn.Module) -> nn.Module:
+        """What answers for the trained part: itself, but for the fusion, which sees a sketch."""
+        part = self._part_of(network)
+        return network if isinstance(part, Fusion) else part
+
+    def _loss(self, batch: Batch) -> torch.Tensor:
+        answer = predict(self.parallel, batch.seen)
+        if isinstance(self.part, Denoiser):
+            return _noise_left(answer, batch)
+        albedo, judged = (answer, None) if isinstance(self.part, Sketch) else answer
+        shown = batch.truth.amax((-2, -1)) > 0.0
+        # Samples of noise alone have no loss; a stand-in keeps their gradient finite.
+        truth = torch.where(shown[:, None, None], batch.truth, 1.0 + albedo.detach())
+        loss = (LOSSES[self.options.loss](albedo, truth) * shown).sum() / shown.sum().clamp_min(1)
+        if isinstance(self.part, Fusion):
+            with torch.no_grad():
+                achieved = registered_pearson(albedo, batch.truth).clamp(0.0, 1.0) * shown
+            loss = loss + JUDGE_WEIGHT * nn.functional.binary_cross_entropy_with_logits(judged, achieved)
+        return loss
+
+    def _draw(self, targets: torch.Tensor) -> Batch:
+        """The batch of this step."""
+        count, rng = self.options.batch, _rng(self.options.seed, self.step)
+        if self.options.noise == "paper":
+            return paper_noise(targets, count, rng)
+        return varied(targets, count, rng) if self.warm is None else warm(self.warm, count, rng)
+
+    def validation(self, held_out: torch.Tensor) -> list[Batch]:
+        """Held-out targets at the levels of `VALIDATION`; with warm starts, held-out ones of those at every level."""
+        rng = torch.Generator().manual_seed(self.options.seed)
+        if self.warm_held_out is not None:
+            return [warm(self.warm_held_out, 256, rng)]
+        chosen = held_out[torch.randperm(len(held_out), generator=rng)[:64]].float() / 255.0
+        return [at_noise(chosen, floor, dof, rng) for floor, dof in VALIDATION]
+
+    def note(self, loss: float, validation: list[Batch]) -> None:
+        """Measure the averaged network and add a point to the curve."""
+        averaged = self._answering(self.average.module).eval()
+        with torch.no_grad():
+            measured = [self._measure(averaged, batch.part(slice(None), self.options.device)) for batch in validation]
+        self.curve.append({"step": self.step, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds, "loss": loss,
+                           "validation": measured})
+
+    @property
+    def measure(self) -> str:
+        """What the curve shows."""
+        return "share of the noise left" if isinstance(self.part, Denoiser) else "registered correlation"
+
+    def _measure(self, network: nn.Module, batch: Batch) -> float:
+        answer = predict(network, batch.seen)
+        if isinstance(self.part, Denoiser):
+            return float(_noise_left(answer, batch).exp())
+        albedo = answer if isinstance(self.part, Sketch) else answer[0]
+        shown = batch.truth.amax((-2, -1)) > 0.0
+        return float(registered_pearson(albedo[shown], batch.truth[shown]).mean())
+
+    def last_line(self) -> str:
+        point = self.curve[-1]
+        figures = " ".join(f"{value:.3f}" for value in point["validation"])
+        return f"step {point['step']}, {point['seconds']:.0f} s: loss {point['loss']:.3f}, {self.measure} {figures}"
+
+    @property
+    def _checkpoint_path(self) -> Path:
+        return self.options.output.with_suffix(".checkpoint.safetensors")
+
+    def checkpoint(self) -> None:
+        """Everything that going on needs, under one name, whole or not at all."""
+        tensors = {f"network.{name}": value for name, value in self.network.state_dict().items()}
+        tensors |= {f"average.{name}": value for name, value in self.average.module.state_dict().items()}
+        for index, state in self.optimiser.state_dict()["state"].items():
+            tensors |= {f"optimiser.{index}.{name}": torch.as_tensor(value) for name, value in state.items()}
+        save_weights(self._checkpoint_path, tensors,
+                     {"run": self._run(), "step": self.step, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds,
+                      "curve": self.curve})
+
+    def resume(self) -> None:
+        """Go on from a checkpoint beside the weights, if there is one of the same run."""
+        if not self._checkpoint_path.is_file():
+            return
+        tensors, card = read_weights(self._checkpoint_path)
+        if card.get("run") != self._run():
+            raise InputError("checkpoint", f"one of the run {self._run()}", f"{card.get('run')} in {self._checkpoint_path}",
+                             "delete it or write to another name")
+        parts: dict[str, dict[str, torch.Tensor]] = {"network": {}, "average": {}, "optimiser": {}}
+        for name, value in tensors.items():
+            kind, _, rest = name.partition(".")
+            parts[kind][rest] = value
+        self.network.load_state_dict(parts["network"])
+        self.average.module.load_state_dict(parts["average"])
+        self.average.n_averaged.fill_(card["step"])
+        states: dict[int, dict[str, torch.Tensor]] = {}
+        for name, value in parts["optimiser"].items():
+            index, _, rest = name.partition(".")
+            states.setdefault(int(index), {})[rest] = value
+        self.optimiser.load_state_dict({**self.optimiser.state_dict(), "state": states})
+        self.step, self.curve = card["step"], card["curve"]
+        self.seconds, self.cpu_seconds = card["seconds"], card["cpu_seconds"]
+
+    def start_from(self, path: Path) -> None:
+        """Begin with the weights of an earlier run of the same kind of network."""
+        earlier, self.earlier = load_network(path)
+        if self.earlier["network"] != self.options.network or self.earlier["width"] != self.options.width:
+            raise InputError("--start-from", f"a {self.options.network} of width {self.options.width}",
+                             f"a {self.earlier['network']} of width {self.earlier['width']}", "give others")
+        self.network.load_state_dict(earlier.state_dict())
+        self.average.module.load_state_dict(earlier.state_dict())
+
+    def _run(self) -> dict[str, Any]:
+        names = ("dataset", "network", "width", "loss", "noise", "steps", "batch", "learning_rate", "seed", "part", "warm")
+        return {**{name: getattr(self.options, name) for name in names}, "start_from": self.earlier}
+
+    def finish(self, dataset: dict[str, Any]) -> None:
+        """Write the averaged weights in half precision, with their card, and the curve."""
+        averaged = self.average.module.state_dict()
+        half = {name: value.half() if value.is_floating_point() else value for name, value in averaged.items()}
+        card = {"network": self.options.network, "width": self.options.width, "run": self._run(),
+                "seconds": round(self.seconds), "cpu_seconds": round(self.cpu_seconds), "dataset": dataset,
+                "levels": "warm starts" if self.options.warm else [list(level) for level in VALIDATION],
+                "measure": self.measure, "validation": self.curve[-1]["validation"],
+                "torch": torch.__version__, "threads": torch.get_num_threads()}
+        save_weights(self.options.output, half, card)
+        labels = [f"b {255 * floor:.0f}/255, K {dof:g}" for floor, dof in VALIDATION]
+        save_curve(self.options.output.with_suffix(".png"), self.curve, self.measure,
+                   ["warm starts, every level"] if self.options.warm else labels)
+        self.options.output.with_suffix(".json").write_text(json.dumps({**card, "curve": self.curve}, indent=2) + "\n")
+
+
+def _noise_left(denoised: torch.Tensor, batch: Batch) -> torch.Tensor:
+    return noise_left(denoised, batch.signal, batch.seen.estimate - batch.seen.floor[:, None, None]).mean()
+
+
+def _moving_average(average: torch.Tensor, current: torch.Tensor, updates: torch.Tensor | int) -> torch.Tensor:
+    """Exponential moving average that follows closely at first; counters of batches are copied."""
+    if not average.is_floating_point():
+        return current
+    return average.lerp(current, max(1e-3, 9.0 / (10.0 + float(updates))))
+
+
+def _schedule(step: int, steps: int) -> float:
+    """Warm-up, then a half cosine down to a hundredth."""
+    return min(1.0, (step + 1) / WARM_UP) * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * step / steps)))
+
+
+def _rng(seed: int, step: int) -> torch.Generator:
+    return torch.Generator().manual_seed((seed << 32) + step)
