@@ -46,7 +46,7 @@ def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: in
     from radiometry.safety import spot_safety
     from radiometry.throughput import closed_form, light_budget
     from sim.plan_report import disagreement, scene_warnings
-    from sim.transport.path_tracing import estimate_throughput
+    from sim.transport.monte_carlo import estimate_throughput
 
     path = geometry.light_path
     prediction = predict(geometry)

@@ -13,7 +13,7 @@ from sim.plugins.speckle_camera import Electronics
 from sim.propagation.sampling import canvas, period
 from sim.transport.flat_object import FlatObject
 from sim.transport.hidden_object import HiddenObject
-from sim.transport.path_tracing import OtherLight
+from sim.transport.monte_carlo import OtherLight
 
 
 @dataclass(frozen=True)

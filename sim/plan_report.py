@@ -13,7 +13,7 @@ from sim.effects import Effect
 from sim.geometry import Geometry
 from sim.optics.illumination import overlap, specular_share
 from sim.plan import Plan, Settings
-from sim.transport.path_tracing import MonteCarlo
+from sim.transport.monte_carlo import MonteCarlo
 
 CAMERA_SECONDS_PER_PIXEL = 7e-8
 """Blur and Poisson draw of one frame per pixel on two cores; only a prediction of time, never a result."""

@@ -22,7 +22,7 @@ from sim.plan import Plan, Settings
 from sim.plan_report import as_json
 from sim.scene_file import load_scene
 from sim.scene_reader import fingerprint, read_geometry
-from sim.transport.path_tracing import MonteCarlo, estimate_throughput
+from sim.transport.monte_carlo import MonteCarlo, estimate_throughput
 
 
 class Scene:

@@ -20,7 +20,7 @@ from sim.transport.detector_texture import detector_albedo, texture_of
 from sim.transport.footprint import GRAZING, lag_axes, pixel_steps
 from sim.transport.hidden_object import HiddenObject, bounds, is_hidden_object
 from sim.transport.light_transport import LightTransport
-from sim.transport.path_tracing import estimate_other_light
+from sim.transport.monte_carlo import estimate_other_light
 from sim.transport.surfaces import check_energy, check_surfaces
 from sim.variant import check_compilable
 

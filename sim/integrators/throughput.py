@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mitsuba as mi
 
-from sim.transport.path_tracing import DEFAULT_SAMPLES, estimate_throughput
+from sim.transport.monte_carlo import DEFAULT_SAMPLES, estimate_throughput
 
 
 class Throughput(mi.SamplingIntegrator):

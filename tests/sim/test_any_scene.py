@@ -16,7 +16,7 @@ from sim.frame import Simulation  # noqa: E402
 from sim.plan import Settings  # noqa: E402
 from sim.plan_report import disagreement, make_plan  # noqa: E402
 from sim.scene_reader import read_geometry  # noqa: E402
-from sim.transport.path_tracing import estimate_throughput  # noqa: E402
+from sim.transport.monte_carlo import estimate_throughput  # noqa: E402
 from sim.variant import llvm_major  # noqa: E402
 from tests.sim.random_scenes import path_traced, random_scene  # noqa: E402
 

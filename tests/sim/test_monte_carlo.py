@@ -14,7 +14,7 @@ from radiometry.throughput import closed_form  # noqa: E402
 from scenes import scene_path  # noqa: E402
 from sim.scene_file import load_scene  # noqa: E402
 from sim.scene_reader import read_geometry  # noqa: E402
-from sim.transport.path_tracing import estimate_throughput  # noqa: E402
+from sim.transport.monte_carlo import estimate_throughput  # noqa: E402
 
 
 @pytest.fixture(scope="module")
