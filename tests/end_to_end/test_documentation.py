@@ -21,7 +21,7 @@ PYTHON = [(page.name, number, block.split("```")[0]) for page in PAGES
 COMMANDS = [line.split("  #")[0].strip() for page in PAGES for line in page.read_text().splitlines()
             if re.match(r"    (?:correlograph|python -m) ", line)]
 
-SMALLER = {"200000": "256", "--count 1000": "--count 2", "--sets shapes rendered": "--sets shapes --count 1 --levels 1",
+SMALLER = {"200000": "1024", "--count 1000": "--count 2", "--sets shapes rendered": "--sets shapes --count 1 --levels 1",
            "[--json]": "--json", "-o WEIGHTS.safetensors": "-o WEIGHTS.safetensors --width 8 --steps 2 --batch 2"}
 
 
