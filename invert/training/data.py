@@ -16,6 +16,9 @@ from radiometry.noise.model import draw_estimate, window_smoothed
 EMPTY_SHARE = 0.04
 """Share of samples that show nothing but noise, from which the network learns to doubt itself."""
 
+CORRELATED_SHARE = 0.7
+"""Share of samples with the noise of whole frames, correlated from lag to lag; the rest have that of patches side by side."""
+
 _OUTER = int((RING > OUTERMOST).sum()) // 2
 _RADIUS_SQUARED = torch.from_numpy(np.hypot(*np.mgrid[-LAGS : LAGS + 1, -LAGS : LAGS + 1]).astype(np.float32) / LAGS).square()
 
@@ -67,7 +70,8 @@ def varied(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batch:
     signal = _signal(truth) * torch.exp(-_RADIUS_SQUARED * (uniform(0.0, 2.0)[:, None, None] * chance(0.5)))
     slope = uniform(-0.15, 0.15)[:, None, None] * chance(0.15)
     spectrum = signal + floor[:, None, None] * (1.0 + slope * (_RADIUS_SQUARED - 0.7))
-    estimate = draw_estimate(spectrum, dof, rng)
+    apart = draw_estimate(spectrum, dof, rng)
+    estimate = torch.where(chance(CORRELATED_SHARE), draw_estimate(spectrum, dof, rng, correlated=True), apart)
     # Read noise that lines of pixels share fills the row or column through zero lag; where it stands out it is interpolated.
     for row, interpolated, weak in ((True, 0.3, 0.15), (False, 0.1, 0.1)):
         view = estimate if row else estimate.mT

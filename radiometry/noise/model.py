@@ -8,6 +8,7 @@ doi:10.1109/TAU.1967.1161901); the Gaussian of Eq. (10) is their limit for large
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -43,14 +44,42 @@ def window_smoothed(albedo: torch.Tensor) -> torch.Tensor:
     return 0.5 * (smooth + smooth.flip((-2, -1)))  # exactly centro-symmetric in spite of rounding
 
 
-def draw_estimate(spectrum: torch.Tensor, dof: torch.Tensor | float, rng: torch.Generator,
-                  form: Form = "gamma") -> torch.Tensor:
+def lag_correlation(distance: np.ndarray) -> np.ndarray:
+    """Correlation of the noise of lags a whole number apart along one axis, where an estimate uses all pairs of pixels.
+
+    The transform of the squared triangle: 1, then 3 / (2 pi^2 n^2), .152 for neighbours. Along both axes it multiplies.
+    """
+    apart = np.abs(distance)
+    return np.where(apart == 0, 1.0, 1.5 / (np.pi * np.maximum(apart, 1)) ** 2)
+
+
+@lru_cache(maxsize=4)
+def _correlating_filter(side: int) -> torch.Tensor:
+    """Square root of the spectrum of `lag_correlation` on a periodic grid, (side, side // 2 + 1)."""
+    step = np.arange(side)
+    power = np.fft.fft(lag_correlation(np.minimum(step, side - step))).real.clip(0.0)
+    return torch.from_numpy(np.sqrt(np.outer(power, power[: side // 2 + 1])))
+
+
+def _correlated_normal(shape: torch.Size, rng: torch.Generator) -> torch.Tensor:
+    """Normal variates (..., n, n) that correlate by `lag_correlation`, the same at +lag and -lag; zero lag has variance 2."""
+    side = shape[-1] + 1
+    white = torch.randn((*shape[:-2], side, side), generator=rng, dtype=torch.float64, device=rng.device)
+    filtered = torch.fft.irfft2(torch.fft.rfft2(white) * _correlating_filter(side).to(white), s=(side, side))[..., :-1, :-1]
+    return (filtered + filtered.flip((-2, -1))) / 2.0**0.5
+
+
+def draw_estimate(spectrum: torch.Tensor, dof: torch.Tensor | float, rng: torch.Generator, form: Form = "gamma", *,
+                  correlated: bool = False) -> torch.Tensor:
     """Draw a centro-symmetric noisy estimate with mean S: both signs of a lag carry the same noise.
 
     Args:
         spectrum: S (..., n, n), n odd, zero lag in the middle.
         dof: K, a number or (...,), above zero.
         form: `gamma`, exact; or `gaussian`, Eq. (10): N(S, S^2 / K), which can fall below zero.
+        correlated: lags correlate as those of whole frames do (`lag_correlation`); else they are independent, as those of
+            patches side by side are. The Gamma variates are then Wilson and Hilferty's cubes of normal ones
+            (doi:10.1073/pnas.17.12.684), whose variance is right to 2 / (9 K) of itself.
 
     Zero lag is real-valued in the spectrum and has K / 2 degrees of freedom in `gamma` form.
     """
@@ -58,6 +87,11 @@ def draw_estimate(spectrum: torch.Tensor, dof: torch.Tensor | float, rng: torch.
     if not bool((shape > 0.0).all()):
         raise InputError("dof", "degrees of freedom above zero", dof, "take at least two frames or patches")
     shape = shape[..., None, None].expand(spectrum.shape).contiguous()
+    if correlated:
+        normal = _correlated_normal(spectrum.shape, rng).to(spectrum.device)
+        if form == "gaussian":
+            return (spectrum * (1.0 + normal / shape.sqrt())).to(spectrum.dtype)
+        return (spectrum * (1.0 - 1.0 / (9.0 * shape) + normal / (3.0 * shape.sqrt())).clamp_min(0.0) ** 3).to(spectrum.dtype)
     if form == "gaussian":
         noise = torch.randn(spectrum.shape, generator=rng, dtype=torch.float64, device=spectrum.device)
         factor = 1.0 + noise / shape.sqrt()
