@@ -1,6 +1,6 @@
 """`python -m benchmarks.digest`: SHA-256 of frames, estimates, weights and albedos, to compare two versions of the code.
 
-What only moves or is renamed keeps its digests on one machine and one number of threads.
+Moving or renaming code keeps the digests, on one machine and one number of threads.
 """
 
 from __future__ import annotations

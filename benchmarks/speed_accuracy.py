@@ -42,7 +42,7 @@ class Object:
 
     @property
     def place(self) -> np.ndarray:
-        """Where FFT kernels hold the scatterers to be: walls here step along the axes of the object's grid."""
+        """Where FFT kernels place the scatterers: walls here step along the axes of the object's grid."""
         return np.stack([self.scatterers.position_m @ self.wall.down, self.scatterers.position_m @ self.wall.right], 1)
 
 

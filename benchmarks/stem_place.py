@@ -1,8 +1,8 @@
-"""`python -m benchmarks.stem_place [--count 16 | --measured PNG...]`: a stem on a bar, and what noise leaves of its place.
+"""`python -m benchmarks.stem_place [--count 16 | --measured PNG...]`: how well noise lets a stem on a bar be located.
 
 An object like the lab's 7 over floors from a quarter to four times the largest lag of the signal. What an estimate holds at
 best: the nats by which the object is likelier than the bar alone, and than the stem in the nearest other place (divergences of
-the noise model), and how often an observer finds the place who knows bar and stem and only has to choose one of five. Beside
+the noise model), and how often an observer who knows bar and stem picks the right one of five places. Beside
 it, what the default draws from the same estimates, and which of the five is nearest to that. Or, with files of the lab's 7,
 what the same observer sees in these.
 """

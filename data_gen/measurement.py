@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from radiometry.autocorrelation import estimate_autocorrelation
+from radiometry.estimator import estimate_autocorrelation
 from radiometry.noise.model import draw_estimate, expected_spectrum, window_smoothed
 from radiometry.prediction import noise_terms, predict
 
@@ -38,7 +38,7 @@ class SceneMeasurement:
     """Measurements of targets in a scene's place, light and noise, rendered or from the noise model.
 
     Args:
-        scene_path: scene whose hidden object gives way to the targets, one cell a lag.
+        scene_path: scene whose hidden object the targets replace, one cell a lag.
         frames: frames of one measurement.
     """
 
@@ -72,4 +72,4 @@ class SceneMeasurement:
     def model(self, albedo: torch.Tensor, floor_over_peak: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
         """Estimates (n, 127, 127) from the noise model with the camera's H, in units of (r*r)(0)."""
         signal = window_smoothed(albedo) / albedo.square().sum((-2, -1))[..., None, None]
-        return draw_estimate(expected_spectrum(signal, floor_over_peak, self._transfer), self.dof, rng)
+        return draw_estimate(expected_spectrum(signal, floor_over_peak, self._transfer), self.dof, rng, correlated=True)

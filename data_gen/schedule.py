@@ -67,7 +67,7 @@ def make_shards(address: str, recipe: Recipe, shards: list[int], workers: int, s
             try:
                 done = future.result()
             except KilledWorker:
-                raise InputError("worker", "processes that live", "several that died on one shard",
+                raise InputError("worker", "workers that survive", "repeated deaths on one shard",
                                  "give them more memory, then run the same command again") from None
             made += done
             bar.update(done)
@@ -75,7 +75,7 @@ def make_shards(address: str, recipe: Recipe, shards: list[int], workers: int, s
 
 
 def predicted_seconds(recipe: Recipe, workers: int) -> float:
-    """Time of all samples, from one block of each kind of target made here and now."""
+    """Time of all samples, timed on one block of each kind of target."""
     begin = time.perf_counter()
     for block in range(len(recipe.source.kinds)):
         targets, _ = draw_block(recipe.source, recipe.seed, block)

@@ -17,7 +17,7 @@ FINE = 4
 _CANVAS = OBJECT_SIDE * FINE
 
 ALPHABET = "γδεζθλμξπστφψΔΘΞΠΦΨΩгджйлфцшщъыюяДЖЛФЦШЩЮאבגדהזחטכלמנספצקשת←↑→↔⇒∂∇∑√∞∫≈≠≤≥⊕⊗★♠♣♥♪✈✓✚"
-"""Characters of DejaVu Sans that cannot be taken for a Latin letter or a digit, mirrored and turned neither."""
+"""Characters of DejaVu Sans that cannot be taken for a Latin letter or digit, even mirrored or turned."""
 
 FONTS = (("normal", "normal"), ("bold", "normal"), ("normal", "oblique"))
 """Weight and style."""

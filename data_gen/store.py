@@ -71,7 +71,7 @@ def _empty(address: str, manifest: dict[str, Any], count: int, measurement: str)
 
 
 def _difference(found: Any, wanted: Any) -> str:
-    """What differs between two manifest entries, shortly."""
+    """What differs between two manifest entries."""
     if isinstance(found, dict) and isinstance(wanted, dict):
         keys = [key for key in {**found, **wanted} if found.get(key) != wanted.get(key)]
         return ", ".join(f"{key} {found.get(key)!r:.60} there and {wanted.get(key)!r:.60} here" for key in keys)

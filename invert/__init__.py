@@ -6,7 +6,7 @@
     spectrum.py      noisy estimate -> noise level, detection, Fourier modulus
     methods.py       from a measurement to an albedo, by any method
     solvers/         classical phase retrieval, one method a file
-    network/         the network: what it sees, what it is, how it is used and stored
+    network/         the network: features, architecture, inference, weights files
     likelihood.py    log-likelihood of candidates under the noise model
     registration.py  shift and twin image; registered mean of many starts
     metrics.py       scores against a truth; agreement without one

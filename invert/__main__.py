@@ -22,6 +22,9 @@ def parser() -> ArgumentParser:
     p.add_argument("--wavelength-m", type=float)
     p.add_argument("--distance-m", type=float, help="hidden object to wall")
     p.add_argument("--patch", default="auto", help="patch size in pixels, or auto (300 um a lag, or an eighth of the frame)")
+    p.add_argument("--mean", choices=("auto", "pooled", "fixed", "published"), default="auto",
+                   help="what of the frames' mean is subtracted: what they show, nothing but each frame's own, what they share "
+                        "at every lag, or as the paper does, on patches side by side")
     p.add_argument("--dark", type=Path, help="dark frame to subtract")
     p.add_argument("--truth", type=Path, help="known albedo (.npy or picture, one pixel a lag) to compare with")
     p.add_argument("--weights", type=Path, help="another network, .safetensors, for --method unet")
@@ -49,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         known = CameraFacts(options.wavelength_m, options.pixel_pitch_m, options.distance_m)
         capture = read_capture(options.inputs, known, options.dark)
         read_s = time.perf_counter() - begin
-        estimates = [estimate_from_frames(capture, patch, options.device)]
+        estimates = [estimate_from_frames(capture, patch, options.device, options.mean)]
         if options.truth:
             check_truth_pitch(options.truth, estimates[0].pitches_m)
 

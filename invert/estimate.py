@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from radiometry.autocorrelation import LAGS, AutocorrelationEstimator, automatic_patch_size, patch_grid
+from radiometry.autocorrelation import LAGS, automatic_patch_size, patch_grid
+from radiometry.estimator import AutocorrelationEstimator, Mean
 from radiometry.files.capture import Capture
 from radiometry.files.pictures import read_autocorrelation
+from radiometry.published_estimator import PublishedEstimator
 from radiometry.transfer import lag_transfer
 
 
@@ -44,10 +46,11 @@ def published_estimate(file: Path) -> Estimate:
     return Estimate(file.name, lags, quantisation)
 
 
-def estimate_from_frames(capture: Capture, patch: int | None, device: str) -> Estimate:
-    """Cut frames into patches and estimate r*r (the paper's Eqs. 8 and 9).
+def estimate_from_frames(capture: Capture, patch: int | None, device: str, mean: Mean = "auto") -> Estimate:
+    """Estimate r*r from frames.
 
     Args:
+        mean: which mean of the frames is subtracted; see `radiometry.estimator`.
         patch: patch size in pixels; None chooses it from the lag pitch wanted (300 um), or takes an
             eighth of the frame where the camera is unknown.
     """
@@ -55,7 +58,7 @@ def estimate_from_frames(capture: Capture, patch: int | None, device: str) -> Es
     geometry = capture.camera.lag_geometry
     shape = (capture.frames[0].shape[0], capture.frames[0].shape[1])
     grid = patch_grid(shape, automatic_patch_size(shape, geometry) if patch is None else patch)
-    estimator = AutocorrelationEstimator(grid, device)
+    estimator = PublishedEstimator(grid, device) if mean == "published" else AutocorrelationEstimator(grid, device, mean)
     for frame in capture.frames:
         estimator.add(frame)
     lags = estimator.estimate()
@@ -68,7 +71,8 @@ def estimate_from_frames(capture: Capture, patch: int | None, device: str) -> Es
         facts={
             "frames": len(capture.frames),
             "patches": {"size": grid.size, "width": grid.patch_shape[1], "rows": grid.rows, "columns": grid.columns},
-            "dof_expected": estimator.dof,
+            "dof_expected": round(estimator.dof, 1),
+            "mean_model": estimator.facts,
         },
         seconds=time.perf_counter() - begin,
     )

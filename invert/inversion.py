@@ -1,4 +1,4 @@
-"""The public face of the inversion: frames, a path or a published autocorrelation to a reconstruction."""
+"""Public API of the inversion: frames, a path or a published autocorrelation to a reconstruction."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from invert.solvers.base import Progress
 from invert.spectrum import Measurement, read_measurement
 from radiometry.autocorrelation import LAG_SIDE
 from radiometry.errors import InputError, check_device
+from radiometry.estimator import Mean
 from radiometry.files.capture import CameraFacts, Capture
 
 Source = Capture | str | Path | np.ndarray | Sequence[np.ndarray]
@@ -62,7 +63,7 @@ class Result:
 
 def reconstruct(source: Source, *, method: str = "unet", quality: str = "balanced", patch: int | None = None,
                 camera: CameraFacts | None = None, weights: str | Path | None = None, seed: int = 0,
-                device: str = "cpu") -> Result:
+                device: str = "cpu", mean: Mean = "auto") -> Result:
     """Reconstruct the hidden object's albedo.
 
     Args:
@@ -70,6 +71,7 @@ def reconstruct(source: Source, *, method: str = "unet", quality: str = "balance
             autocorrelation, a file or array of 127 x 127 lags.
         patch: size in pixels, chosen from the lag pitch where None.
         camera: facts for frames that carry none.
+        mean: of the frames, that is subtracted; see `radiometry.estimator`.
 
     Raises InputError for what cannot be inverted.
     """
@@ -77,7 +79,7 @@ def reconstruct(source: Source, *, method: str = "unet", quality: str = "balance
     begin = time.perf_counter()
     capture = _as_capture(source, camera or CameraFacts())
     read_s = time.perf_counter() - begin
-    estimate = capture if isinstance(capture, Estimate) else estimate_from_frames(capture, patch, device)
+    estimate = capture if isinstance(capture, Estimate) else estimate_from_frames(capture, patch, device, mean)
     return retrieved(estimate, method=method, quality=quality, weights=weights, seed=seed, device=device, read_s=read_s)
 
 

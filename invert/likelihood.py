@@ -17,7 +17,7 @@ PEDESTAL_LAGS = 32.0
 such an excess, 1 to 4 % of the largest lag, of unknown origin; taken for part of the object it favours smeared candidates."""
 
 LEAST_FLOOR = 1e-3
-"""Over the largest lag that is used: model errors of this size are to be expected of any candidate."""
+"""Over the largest lag used; model errors of this size are to be expected of any candidate."""
 
 _USED = torch.from_numpy((RING > 1) & INDEPENDENT)
 """Lags next to zero lag say little of a shape."""
@@ -31,7 +31,8 @@ def log_likelihoods(albedo: torch.Tensor, measurement: Measurement) -> torch.Ten
 
     The noise model's: Gamma of shape K with mean S = a H (r*r) + c p + b, with b and K as they were read (b at least
     `LEAST_FLOOR`, K 1 where there is no noise, which leaves the order) and p a wide pedestal; a and c, zero or more, are the
-    likeliest for each (weighted least squares, weights 1 / S^2, repeated).
+    likeliest for each (weighted least squares, weights 1 / S^2, repeated). Where lags correlate, K counts less by the inflation
+    of their sums.
     """
     used, pedestal = _USED.to(albedo.device), _PEDESTAL.to(albedo.device)
     estimate = torch.from_numpy(measurement.estimate).to(albedo.device).double()[used]
@@ -43,13 +44,13 @@ def log_likelihoods(albedo: torch.Tensor, measurement: Measurement) -> torch.Ten
     for _ in range(8):
         bright, faint = _brightnesses(signal, pedestal, estimate - floor, expected.square().reciprocal())
         expected = floor + bright[:, None] * signal + faint[:, None] * pedestal
-    return -(measurement.noise.dof or 1.0) * (expected.log() + estimate / expected).sum(1)
+    return -((measurement.noise.dof or 1.0) / measurement.noise.inflation) * (expected.log() + estimate / expected).sum(1)
 
 
 def nats_over(reference: np.ndarray, albedo: np.ndarray, captures: Sequence[Measurement]) -> list[float]:
     """How much likelier each noisy capture of an object is, in nats, if it looks like `albedo` than like `reference`.
 
-    Of captures that neither was made of, neither picture has fitted the noise.
+    For captures that neither was made from, neither has fitted the noise.
     """
     both = torch.from_numpy(np.stack((albedo, reference)))
     likelihoods = [log_likelihoods(both, capture) for capture in captures]
@@ -62,6 +63,6 @@ def _brightnesses(signal: torch.Tensor, pedestal: torch.Tensor, excess: torch.Te
     ss, pp = (weight * signal.square()).sum(1).clamp_min(1e-300), (weight * pedestal.square()).sum(1)
     sp, se, pe = ((weight * one * other).sum(1) for one, other in ((signal, pedestal), (signal, excess), (pedestal, excess)))
     faint = (pe - sp * (se / ss)) / (pp - sp * (sp / ss)).clamp_min(1e-12 * pp)
-    # At the most what the pedestal explains without a signal, where the best signal would be negative.
+    # Where the best signal would be negative, the pedestal is fitted alone.
     faint = torch.minimum(faint, pe / pp).clamp_min(0.0)
     return ((se - sp * faint) / ss).clamp_min(0.0), faint

@@ -1,4 +1,4 @@
-"""From a measurement to an albedo by any method, or to the honest answer that there is none."""
+"""From a measurement to an albedo by any method, or to none where no object is detected."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def retrieve(measurement: Measurement, method: str, quality: str, seed: int, dev
 
 def _by_network(measurement: Measurement, quality: str, seed: int, device: str, progress: Progress,
                 weights: Path) -> Reconstruction:
-    """The network's reconstruction, if it believes it."""
+    """The network's reconstruction, if it is trusted."""
     network, card = load_network(weights, device)
     answer = reconstruct_by_network(network, measurement, quality, seed, device, progress)
     trust = float(confidence(card.get("calibration", {}).get(quality, UNCALIBRATED), answer.features))

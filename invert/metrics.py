@@ -19,7 +19,7 @@ SUCCESS = 0.8
 
 
 PERFECT_DB = 300.0
-"""PSNR of what equals the truth."""
+"""PSNR given to an exact match."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Registration under what no autocorrelation can tell: circular shift and a turn by 180 degrees."""
+"""Registration up to the ambiguities of any autocorrelation: circular shift and twin image."""
 
 from __future__ import annotations
 
@@ -103,10 +103,10 @@ class Consensus:
 
 
 def consensus(images: torch.Tensor, residual: torch.Tensor, best: int = 8) -> Consensus:
-    """Of the `best` candidates (starts, H, W) by residual.
+    """Combine the `best` starts (n, H, W) by residual.
 
-    The one that agrees most with the others is the reference, not the one of least residual, which with noise is
-    often the one that fits it best. Candidates that agree badly with it (below 0.7 of full correlation) are left
+    The one that agrees most with the others is the reference, not the one of least residual, which often
+    fits the noise best. Candidates that agree badly with the reference (below 0.7 of full correlation) are left
     out of the mean, but not of the agreement.
     """
     chosen = images[residual.argsort(stable=True)[:best]]

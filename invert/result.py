@@ -1,4 +1,4 @@
-"""What a retrieval leaves behind: arrays, pictures and result.json."""
+"""Output files of a retrieval: arrays, pictures and result.json."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def read_truth(path: Path) -> np.ndarray:
 
 
 def check_truth_pitch(path: Path, pitches_m: tuple[float, float] | None) -> None:
-    """A truth.npy beside the sim.json of its capture says its pitch: refuse to compare it with another."""
+    """Refuse a truth whose pitch, read from the sim.json beside it, differs from the estimate's."""
     beside = path.with_name("sim.json")
     if pitches_m is None or not beside.is_file():
         return
@@ -55,7 +55,7 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
     With a truth the report shows the albedo moved onto it, and the floor over peak is read by fitting the known
     r*r to all lags instead of extrapolating the measured ones to zero lag; the saved albedo stays where it is.
     """
-    (folder / "result.json").unlink(missing_ok=True)  # an older result must not vouch for half of a new one
+    (folder / "result.json").unlink(missing_ok=True)  # no stale result.json beside a half-written result
     shown, comparison = result.albedo, {}
     floor_over_peak, floor_error = measurement.floor_over_peak, measurement.floor_over_peak_error
     if truth is not None:

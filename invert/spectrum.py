@@ -70,7 +70,7 @@ SLOPE_WEIGHT = 1.5
 
 
 def read_measurement(estimate: np.ndarray, quantisation: float = 0.0, transfer: np.ndarray | None = None) -> Measurement:
-    """Read the noise level, mend read-noise lines and fill zero lag of a raw estimate (127, 127).
+    """Read the noise level, interpolate read-noise lines and fill zero lag of a raw estimate (127, 127).
 
     Args:
         transfer: H of the camera per lag (127, 127) where it is known; the signal is divided by it.
@@ -101,7 +101,7 @@ def interpolate_lines(estimate: np.ndarray, noise: NoiseLevel) -> tuple[np.ndarr
         beside = 0.5 * (view[LAGS - 1] + view[LAGS + 1])
         next_beside = 0.5 * (view[LAGS - 2] + view[LAGS + 2])
         level = float((2.0 * beside - next_beside)[outside].mean())
-        spread = 2.0 * level / (noise.dof or 1e6) ** 0.5 / outside.sum() ** 0.5
+        spread = 2.0 * level * (noise.inflation**0.5 / (noise.dof or 1e6) / outside.sum()) ** 0.5
         if view[LAGS, outside].mean() - level > max(5.0 * spread, 0.15 * level):
             view[LAGS] = beside
             names.append(name)
@@ -116,7 +116,7 @@ def detection(estimate: np.ndarray, noise: NoiseLevel) -> float:
     """
     if noise.floor <= 0.0:
         return float("inf") if estimate[INDEPENDENT].max() > 0.0 else 0.0
-    spread = max(noise.deviation, 1e-6 * noise.floor)
+    spread = max(noise.deviation * noise.inflation**0.5, 1e-6 * noise.floor)
     flat, sloping = [], []
     for ring in (2, 4, 8, 16, 32):
         inside, outside = INDEPENDENT & (ring >= RING), INDEPENDENT & (ring < RING)

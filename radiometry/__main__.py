@@ -90,7 +90,7 @@ def as_text(account: dict[str, Any]) -> str:
         f"{'photoelectrons per pixel':<40}{account['photoelectrons_per_pixel']:9.3g}  in {account['exposure_s']:g} s",
         "floor over peak: " + (", ".join(f"{name.replace('_', ' ')} {share:.3g}" for name, share in
                                          account["noise_over_peak"].items() if share) or "no signal"),
-        f"degrees of freedom K {account['dof']}, mean signal to noise "
+        f"degrees of freedom K {account['dof']:.3g}, mean signal to noise "
         + (f"{account['signal_to_noise']:.3g}" if account["signal_to_noise"] is not None else "none"),
     ]
     safety = account["safety"]

@@ -1,9 +1,7 @@
-"""Autocorrelation estimate of the hidden albedo from speckle frames: the paper's Eqs. (8) and (9)."""
+"""Patches and their lags, the autocorrelation of an albedo, and what a patch's window makes of it."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -51,7 +49,7 @@ class PatchGrid:
         return wavelength_m * distance_m / (self.size * pixel_pitch_m)
 
     def lag_pitches_m(self, wavelength_m: float, distance_m: float, pixel_pitch_m: tuple[float, float]) -> tuple[float, float]:
-        """The same down and right, of a wall whose rows and columns are so far apart as the object sees them."""
+        """The same (down, right), for distances of rows and of columns as the object sees them."""
         down, right = (n * pitch for n, pitch in zip(self.patch_shape, pixel_pitch_m, strict=True))
         return wavelength_m * distance_m / down, wavelength_m * distance_m / right
 
@@ -105,78 +103,6 @@ def automatic_patch_size(frame_shape: tuple[int, int], geometry: tuple[float, fl
     if max(pitches) <= SQUARE_ENOUGH * min(pitches):
         return kept(wanted[0], shorter)
     return kept(wanted[0], frame_shape[0]), kept(wanted[1], frame_shape[1])
-
-
-def _spectra(patches: torch.Tensor) -> torch.Tensor:
-    """Half-plane spectra of patches, only the lags kept: rows -63..63, columns 0..63."""
-    columns = torch.fft.rfft(patches, dim=-1)[..., : LAGS + 1]
-    full = torch.fft.fft(columns, dim=-2)
-    return torch.cat((full[..., -LAGS:, :], full[..., : LAGS + 1, :]), dim=-2)
-
-
-class AutocorrelationEstimator:
-    """Running estimate over frames: add() each, then estimate().
-
-    Eq. (8) is the mean of |F I|^2 over frames and patches; Eq. (9), the squared mean field, is
-    subtracted per patch position when there are several frames (which also removes whatever is
-    fixed on the wall) and pooled over patches when there is one. Scaled to be unbiased.
-    """
-
-    def __init__(self, grid: PatchGrid, device: torch.device | str = "cpu") -> None:
-        self.grid = grid
-        self.frames = 0
-        self.device = torch.device(device)
-        self._power: torch.Tensor | None = None
-        self._sum: torch.Tensor | None = None
-        self._reference = 0.0
-
-    def add(self, frame: np.ndarray | torch.Tensor) -> None:
-        """Add one frame, shape (H, W), any real dtype."""
-        image = torch.as_tensor(frame, device=self.device).to(torch.float32)
-        if self.frames == 0:
-            self._reference = float(image.mean(dtype=torch.float64))
-        # One constant for all frames leaves the estimate as it is and keeps zero lag inside float32.
-        spectra = _spectra(self.grid.cut(image - self._reference))
-        power = spectra.real.square().add_(spectra.imag.square())
-        self._power = power if self._power is None else self._power.add_(power)
-        self._sum = spectra if self._sum is None else self._sum.add_(spectra)
-        self.frames += 1
-
-    @property
-    def dof(self) -> int:
-        """Degrees of freedom K of the estimate, frames identically distributed and patches independent."""
-        return degrees_of_freedom(self.frames, self.grid.count)
-
-    def estimate(self) -> np.ndarray:
-        """The estimate, float32 (127, 127), zero lag at [63, 63]: a power spectrum per pixel, in frame units squared."""
-        if self._power is None or self._sum is None:
-            raise InputError("frames", "at least one frame", 0, "give a folder or files that hold frames")
-        if self.dof == 0:
-            raise InputError("patch", "at least two patches when there is a single frame",
-                             f"{self.grid.count} of {self.grid.size} pixels", "choose a smaller --patch or add a frame")
-        if self.frames > 1:
-            total = self._power.sum(0) - self._sum.abs().square().sum(0) / self.frames
-        else:
-            total = self._power.sum(0) - self._sum.sum(0).abs().square() / self.grid.count
-        half = (total / (self.dof * math.prod(self.grid.patch_shape))).cpu().numpy()
-        full = np.empty((LAG_SIDE, LAG_SIDE), np.float32)
-        full[:, LAGS:] = half
-        full[:, :LAGS] = half[::-1, :0:-1]
-        full[:LAGS, LAGS] = half[:LAGS:-1, 0]
-        return full
-
-
-def degrees_of_freedom(frames: int, patches: int) -> int:
-    """K: a mean per patch position costs one degree a position; with one frame, a pooled mean costs one in all."""
-    return patches * (frames - 1) if frames > 1 else patches - 1
-
-
-def estimate_autocorrelation(frames: Iterable[np.ndarray], grid: PatchGrid) -> tuple[np.ndarray, int]:
-    """Estimate from frames at once; returns (estimate, degrees of freedom)."""
-    estimator = AutocorrelationEstimator(grid)
-    for frame in frames:
-        estimator.add(frame)
-    return estimator.estimate(), estimator.dof
 
 
 def autocorrelate(albedo: np.ndarray) -> np.ndarray:

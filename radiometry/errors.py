@@ -20,7 +20,7 @@ class InputError(ValueError):
         self._parts = (name, expected, str(found), remedy)
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str, str]]:
-        """Errors travel between worker processes."""
+        """Pickled between worker processes."""
         return type(self), self._parts
 
 

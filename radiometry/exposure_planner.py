@@ -33,7 +33,7 @@ class Division:
     patches: int
     pitch_m: float
     floor_over_peak: float
-    dof: int
+    dof: float
     error: float
 
 

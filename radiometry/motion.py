@@ -1,4 +1,4 @@
-"""What motion while the shutter is open leaves of the speckle, in closed form.
+"""How motion during the exposure reduces the speckle, in closed form.
 
 A frame is the mean intensity over its exposure. Fringes of lag l travel over the wall by `waves(l)` of their own periods and
 decorrelate on the way, so the estimate at that lag is multiplied by

@@ -1,4 +1,4 @@
-"""Photons: how many a laser emits, and the coherence area of the wall that counts them."""
+"""Photon rate of a laser, and the coherence area of the speckle on the wall."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def grain_area(albedo: np.ndarray, cell_area_m2: float, wavelength_m: float, dis
     Args:
         albedo: power reflectance r on a grid, any shape.
         cell_area_m2: area of one grid cell on the object.
-        square_sum: sum of r^2 over the cells where their means have lost a part of it at edges; theirs where None.
+        square_sum: sum of r^2 before averaging over cells, which lowers it at edges; that of `albedo` where None.
     """
     power = float(albedo.sum(dtype=np.float64)) * cell_area_m2
     if power == 0.0:

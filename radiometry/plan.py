@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     })
     draw(folder / "plan.png", divisions, chosen, checked)
     print(f"{chosen.frames} frames of {chosen.exposure_s:.4g} s, each in {chosen.patches} patches of {chosen.patch} pixels "
-          f"({chosen.pitch_m * 1e6:.0f} um a lag): floor over peak {chosen.floor_over_peak:.3g}, K {chosen.dof}, "
+          f"({chosen.pitch_m * 1e6:.0f} um a lag): floor over peak {chosen.floor_over_peak:.3g}, K {chosen.dof:.3g}, "
           f"error of the estimate {100 * chosen.error:.3g} %: {folder / 'plan.png'}")
 
 
@@ -58,7 +58,7 @@ def render_errors(geometry: Any, divisions: list[Any], seed: int) -> dict[int, f
     """Render each division and measure the error of its estimate against the known r*r."""
     from tqdm import tqdm
 
-    from radiometry.autocorrelation import AutocorrelationEstimator
+    from radiometry.estimator import AutocorrelationEstimator
     from radiometry.exposure_planner import measured_error
     from radiometry.prediction import predict
     from sim.frame import Simulation

@@ -16,11 +16,11 @@ from radiometry.autocorrelation import (
     PatchGrid,
     autocorrelate,
     automatic_patch_size,
-    degrees_of_freedom,
     patch_grid,
     peak_of_cell_means,
     window_smooth,
 )
+from radiometry.estimator import degrees_of_freedom
 from radiometry.noise.budget import NoiseTerms
 from radiometry.photons import grain_area
 from radiometry.throughput import light_budget
@@ -37,7 +37,7 @@ class Prediction:
     Attributes:
         pitches_m: object distance of one lag down and right.
         signal: H (r*r), window-smoothed, (127, 127), in units of (r*r)(0).
-        transfer: H per lag (127, 127), with what motion leaves of each lag over what it leaves at zero lag.
+        transfer: H per lag (127, 127), times the factor M of motion at each lag over that at zero lag.
         shot_floor_over_peak: one over the photoelectrons per coherence area; None without light.
     """
 
@@ -56,8 +56,9 @@ class Prediction:
     def shot_floor_over_peak(self) -> float | None:
         return self.terms.over_peak()["signal"]
 
-    def dof(self, frames: int) -> int:
-        return degrees_of_freedom(frames, self.grid.count)
+    def dof(self, frames: int) -> float:
+        """K of an estimate from so many frames without a fixed pattern."""
+        return degrees_of_freedom(frames, self.grid.frame_shape, self.grid.patch_shape)
 
     def exposed(self, factor: float) -> Prediction:
         """The same with exposures longer by a factor."""

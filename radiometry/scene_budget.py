@@ -1,4 +1,4 @@
-"""The public face of the radiometry: the light budget of a scene, and what its frames will show."""
+"""Public API of the radiometry: the light budget of a scene, and what its frames will show."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Forecast:
 
     signal: np.ndarray
     floor_over_peak: float | None
-    dof: int
+    dof: float
     signal_to_noise: float | None
     pitches_m: tuple[float, float]
 

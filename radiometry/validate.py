@@ -87,18 +87,19 @@ class Renderer:
 
     def over_exposure(self) -> list[dict[str, float]]:
         """Two frames of 64 patches, scaled to a maximum of 255 as the lab's pictures are."""
-        from radiometry.autocorrelation import estimate_autocorrelation
+        from radiometry.estimator import estimate_autocorrelation
 
         grid = self.prediction.grid
         corners = []
         for exposure_s in EXPOSURES_S:
-            estimate, dof = estimate_autocorrelation(self.frames(2, exposure_s), grid)
+            estimate, dof = estimate_autocorrelation(self.frames(2, exposure_s), grid, "published")
             corners.append(corner(_as_picture(estimate), dof, exposure_s=exposure_s))
         return corners
 
     def over_patches(self) -> list[dict[str, float]]:
         """Two frames of 1/8 s, the first patches of the grid only."""
-        from radiometry.autocorrelation import PatchGrid, estimate_autocorrelation
+        from radiometry.autocorrelation import PatchGrid
+        from radiometry.estimator import estimate_autocorrelation
 
         grid = self.prediction.grid
         size = grid.size
@@ -111,7 +112,7 @@ class Renderer:
                 continue
             shape = (rows * size, columns * size)
             estimate, dof = estimate_autocorrelation([frame[: shape[0], : shape[1]] for frame in frames],
-                                                     PatchGrid(size, rows, columns, shape))
+                                                     PatchGrid(size, rows, columns, shape), "published")
             corners.append(corner(estimate, dof, patches=patches))
         return corners
 
@@ -122,7 +123,7 @@ class Renderer:
 
     def budgets(self) -> list[tuple[str, np.ndarray]]:
         """The paper's Fig. 4: one photon budget of 10 s, spent in three ways. One frame is pooled over its patches."""
-        from radiometry.autocorrelation import estimate_autocorrelation
+        from radiometry.estimator import estimate_autocorrelation
 
         grid = self.prediction.grid
         return [(f"{count} x {exposure_s:g} s", estimate_autocorrelation(self.frames(count, exposure_s), grid)[0])

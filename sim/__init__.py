@@ -5,7 +5,7 @@
     libllvm.py variant.py  what Dr.Jit compiles with; the Mitsuba variant
     plugins/         laser, phase_screen, speckle_camera: the scene vocabulary (table.py lists its numbers)
     integrators/     speckle, throughput: frames and light budget by mi.render
-    scene_reader.py  scene -> Geometry, checked at the door
+    scene_reader.py  scene -> Geometry, validated
     geometry.py      distances, cosines, the light path
     transport/       light as rays: surfaces, light budget, the object seen from the wall, Monte Carlo
     optics/          light as waves: illumination, motion, coherence, camera

@@ -1,4 +1,4 @@
-"""Which effects a scene needs: each modelled where leaving it out would cost more than the tolerance, or as it is told."""
+"""Which effects a scene needs: each modelled where omitting it would cost more than the tolerance, unless it is forced."""
 
 from __future__ import annotations
 

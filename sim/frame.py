@@ -101,9 +101,9 @@ class Simulation:
         return chosen.propagate(scatterers, wall, terms)
 
     def _kernel_gain(self, visible: Visibility | None) -> np.ndarray:
-        """What turns the kernels' own amplitude of each sample, on average over the frame, into the sample's, (n,).
+        """Factors (n,) that cancel each sample's amplitude in the kernel, on average over the frame.
 
-        The samples' light already holds their distances, and what of it occluders leave.
+        The samples' light already includes distances and occlusion.
         """
         if self._gain is None:
             samples = self._samples
@@ -121,7 +121,7 @@ class Simulation:
     def expected(self, seed: int, number: int) -> torch.Tensor:
         """Expected photoelectrons of one frame's speckle, before any noise: float32 (H, W).
 
-        Incoherent sum over polarisations, spectral lines and what moves while the shutter is open.
+        Incoherent sum over polarisations, spectral lines and the sub-exposures of a motion.
         """
         if len(self._samples.amplitude) == 0:
             return self._ambient().expand(self.geometry.frame_shape).clone().cpu()
@@ -156,7 +156,7 @@ class Simulation:
         return poses(self.geometry, number, self._modes.sub_exposures, moving=self._models("motion"))
 
     def _texture(self, factor: int) -> torch.Tensor:
-        """What the wall's own albedo does to the amplitude, its mean square 1, on `factor` samples per pixel and axis."""
+        """Amplitude factor of the wall's own albedo, its mean square 1, on `factor` samples per pixel and axis."""
         texture = torch.from_numpy(self.geometry.detector_texture).to(self.device).sqrt()
         height, width = self.geometry.canvas_shape
         down, right = ((n - m) // 2 for n, m in zip((height, width), texture.shape, strict=True))

@@ -25,7 +25,7 @@ class Spot:
     height_rms_m: float
     correlation_length_m: float
     scan_step_m: float | None
-    """Way of the spot between frames; None for at least its diameter."""
+    """Spot travel between frames; None for at least its diameter."""
     scan_speed_m_s: float
     """Speed of the spot over the wall while the shutter is open."""
     beam: np.ndarray
@@ -39,7 +39,7 @@ class Geometry:
     """What the simulator needs to know of a scene. Lengths in metres, vectors in world axes (3,).
 
     `right` and `down` are the steps on the wall from a pixel to the next, per metre of `pixel_pitch_m`, as the camera sees
-    them: longer than 1 along the turn of a camera that looks at the wall at an angle.
+    them: longer than 1 where the camera looks at the wall at an angle.
     """
 
     spot: Spot
@@ -71,7 +71,7 @@ class Geometry:
     object_velocity_m_s: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Of the hidden object, in world axes (3,)."""
     frame_interval_s: float = 0.0
-    """From the beginning of one frame to that of the next; the exposure where it is shorter."""
+    """From the beginning of one frame to that of the next; the exposure if that is longer."""
     other_light: OtherLight | None = None
     """The laser's light by way of clutter or of several reflections; None for an object shown in place of the scene's."""
 

@@ -84,7 +84,7 @@ def setup_of(geometry: Any, cells: int = 48, patch: int | None = None) -> Setup:
 
 
 def parameters(setup: Setup) -> list[str]:
-    """Names of everything that can be differentiated by."""
+    """Names of all differentiable parameters."""
     return [field.name for field in fields(setup) if field.name not in ("patch", "stretch")]
 
 

@@ -123,7 +123,7 @@ def _decorrelation(geometry: Geometry) -> tuple[float, float]:
 
 
 def autocovariance(frames: list[np.ndarray]) -> np.ndarray:
-    """Autocovariance of frames at lags of one grain, each divided by the pairs that it rests on; (127, 127)."""
+    """Autocovariance of frames at lags of one grain, each over its number of pixel pairs; (127, 127)."""
     total = np.zeros((127, 127))
     for frame in frames:
         height, width = (n // OVERSAMPLING * OVERSAMPLING for n in frame.shape)

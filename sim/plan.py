@@ -49,7 +49,7 @@ class Modes:
         oversampling: samples of the field per pixel and axis, 1 but for exact roughness.
         polarisations: 1, or 2 where light is depolarised.
         lines: (offset in Hz, weight) of each spectral line.
-        sub_exposures: that follow a motion.
+        sub_exposures: number per frame.
     """
 
     exact_roughness: bool

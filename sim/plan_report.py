@@ -1,4 +1,4 @@
-"""A plan to read: as JSON for `sim.json`, as a page for a person, and what it warns of."""
+"""Reports of a plan: JSON for `sim.json`, a page of text, and the warnings."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def as_json(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> d
 
 
 def warnings_of(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> list[str]:
-    """What may not be as the scene's author thinks."""
+    """Warnings: what the author may not expect."""
     tolerance, kernel = plan.settings.tolerance, plan.kernel
     found = [f"{effect.name}: predicted error {effect.predicted_error:.2g} exceeds the tolerance {tolerance:g}"
              for effect in plan.effects.values() if effect.predicted_error > tolerance]
@@ -123,7 +123,7 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
                                                    f" ({monte_carlo.per_frame_db:.2f} dB by Monte Carlo)"),
         f"grain           {grain[0]:.1f} x {grain[1]:.1f} pixels",
         f"estimate        {grid.rows} x {grid.columns} patches of {grid.patch_shape[0]} x {grid.patch_shape[1]} pixels, "
-        f"{pitches[0] * 1e6:.0f} x {pitches[1] * 1e6:.0f} um a lag, K {dof}",
+        f"{pitches[0] * 1e6:.0f} x {pitches[1] * 1e6:.0f} um a lag, K {dof:.3g}",
         f"noise           floor over peak {'none' if floor is None else f'{floor:.3g}'}, signal to noise "
         f"{'none' if ratio is None else f'{ratio:.2g}'}"
         + (f"; {advice(plan, frames)}" if ratio is not None and ratio < WORTH_SEEING else ""),
@@ -139,7 +139,7 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
 
 
 def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[str]:
-    """What the scene holds that will not show as its author may think."""
+    """Warnings about parts of a scene that will not show as expected."""
     budget, electronics = light_budget(geometry.light_path), geometry.electronics
     warnings = []
     share = specular_share(geometry)

@@ -1,4 +1,4 @@
-"""The public face of the simulator: load a scene, render captures of it, ask for the field on the wall."""
+"""Public API of the simulator: load a scene, render captures of it, compute the field on the wall."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Scene:
     Attributes:
         mitsuba: the `mi.Scene`.
         name, digest, parameters: for the record; the digest is empty for a scene that came from no file.
-        sensor: that it is seen by; None for the only one.
+        sensor: the one in use; None for the only one.
     """
 
     def __init__(self, scene: mi.Scene, name: str = "", digest: str = "", parameters: Mapping[str, Any] | None = None,
@@ -139,7 +139,7 @@ def draw(plan: Plan, frames: int, seed: int, *, mean: bool = False, device: str 
 
 
 def header(plan: Plan, seed: int, number: int, digest: str) -> FrameHeader:
-    """What a frame's file says of it."""
+    """Header of a frame's file."""
     geometry = plan.geometry
     return FrameHeader(geometry.wavelength_m, geometry.pixel_pitch_m, geometry.distance_m, geometry.electronics.exposure_s,
                        seed, number, digest, version(), geometry.pupil_diameter_m, geometry.pupil_distance_m,

@@ -1,4 +1,4 @@
-"""Scene files: loading with parameters, checking at the door, and a hash of all they are made of."""
+"""Scene files: loading with parameters, checks, and a hash of the file and everything it uses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scene -> Geometry: reads a loaded scene in the project's vocabulary and checks it at the door."""
+"""Scene -> Geometry: reads a loaded scene in the project's vocabulary and validates it."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
     shapes = {shape.id(): shape for shape in scene.shapes()}
     # A shape of a scene file is never a plain, nameless Mesh; what Mitsuba merges is.
     if any(shape.class_name() == "Mesh" and not shape.id() for shape in scene.shapes()):
-        raise InputError("scene", "every shape apart, with its id", "shapes merged by Mitsuba",
+        raise InputError("scene", "separate shapes with their ids", "shapes merged by Mitsuba",
                          "pass optimize=False to mi.load_file")
     source = _shape(shapes, "virtual_source")
     detector = _shape(shapes, "virtual_detector")
@@ -195,7 +195,7 @@ def _velocity(shapes: list[mi.Shape]) -> np.ndarray:
 
 
 def _facing(normal: np.ndarray, direction: np.ndarray, name: str) -> np.ndarray:
-    """The wall's normal, if what looks at it along `direction` does so at less than 87 degrees."""
+    """The wall's normal; InputError where `direction` is more than 87 degrees off it."""
     cosine = abs(float(normal @ direction))
     if cosine < GRAZING:
         raise InputError("virtual_detector", f"{name} at most {np.degrees(np.arccos(GRAZING)):.0f} degrees off its normal",
@@ -220,5 +220,5 @@ def _cosine_signed(normal: np.ndarray, way: np.ndarray) -> float:
 
 
 def _cosine(normal: np.ndarray, way: np.ndarray) -> float:
-    """Cosine between a normal and a way out, zero where the way lies behind the surface."""
+    """Cosine between a normal and a direction, zero where it points behind the surface."""
     return min(max(_cosine_signed(normal, way), 0.0), 1.0)

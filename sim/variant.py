@@ -1,4 +1,4 @@
-"""Which Mitsuba variant the simulator runs on, and the one clear line when none can run."""
+"""Which Mitsuba variant the simulator runs on, and the one-line error when none can run."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _old_llvm() -> int | None:
 
 
 def check_loadable(root: ElementTree.Element) -> None:
-    """The same for the XML of a scene: smooth normals of a mesh are computed while it loads."""
+    """As `check_compilable`, for a scene's XML: loading a mesh computes smooth normals."""
     major = _old_llvm()
     for node in root.iter("shape"):
         flat = any(child.get("name") == "face_normals" and child.get("value") == "true" for child in node)

@@ -1,6 +1,6 @@
 """Comparison of methods: the command `invert.evaluate`.
 
-    evaluate.py        every method on every level of a test set; goes on where it was stopped
+    evaluate.py        every method on every level of a test set; resumes where it stopped
     sets.py            edges, unseen characters, rendered and measured captures
     identification.py  which character a reconstruction shows
     report.py          tables, pictures, accuracy against time

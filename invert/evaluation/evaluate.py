@@ -1,4 +1,4 @@
-"""`python -m invert.evaluate -o DIR`: methods on test sets, as tables, pictures and JSON; goes on where it was stopped."""
+"""`python -m invert.evaluate -o DIR`: methods on test sets, as tables, pictures and JSON; resumes where it stopped."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from radiometry.files.output import atomic, save_json
 SCORES = ("pearson", "ssim", "iou", "edge_f1", "psnr_db", "success", "agreement", "nats", "recognised")
 
 COMPARED = ("pearson", "ssim", "iou")
-"""Scores of which the lead of the first method over the others is told."""
+"""Scores whose lead of the first method over the others is reported."""
 
 
 def write_report(output: Path, results: list[dict[str, Any]], cells: Path) -> None:

@@ -20,7 +20,7 @@ NOISE_LEVELS = ((80.0, 64.0), (80.0, 16.0), (80.0, 256.0), (80.0, 1e4), (5.0, 64
 
 EXPOSURES_S = tuple(2.0**-power for power in range(2, 10))
 JUDGES_S = 0.5
-"""Shortest measured exposure that judges what is made of others."""
+"""Shortest exposure that judges reconstructions from others."""
 
 LETTERS = ("F", "7", "L", "R", "5", "t")
 UNSEEN = "EGHJKMNPSYZ2345679"
@@ -84,7 +84,7 @@ def _modelled(name: str, truths: np.ndarray, seed: int) -> Iterator[Level]:
 
 def rendered(count: int, seed: int) -> Iterator[Level]:
     """Two rendered frames of `scenes/corner_letter` with each of its letters, over exposures; `count` captures each."""
-    from radiometry.autocorrelation import estimate_autocorrelation
+    from radiometry.estimator import estimate_autocorrelation
     from radiometry.prediction import predict
     from scenes import scene_path
     from sim.frame import Simulation
@@ -110,7 +110,7 @@ def measured(folder: Path) -> Iterator[Level]:
     """Published captures: the exposure series of a 7, and letters over the patches of two frames.
 
     No truth is known; in its place stands what many-start classical retrieval makes of the longest exposure, or of
-    fifty frames. What is made of one exposure of the 7 is judged by the likelihood of the other long exposures, too.
+    fifty frames. Each reconstruction of the 7 is also judged by the likelihood of the other long exposures.
     """
     files = sorted(folder.glob("*.png"))
     series = sorted((file for file in files if "usec" in file.name), key=_microseconds, reverse=True)

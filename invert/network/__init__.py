@@ -1,6 +1,6 @@
 """The network at run time.
 
-    features.py     what it is shown of an estimate
+    features.py     input features of an estimate
     blocks.py       residual blocks, attention, U-net
     model.py        denoiser, sketch and fusion
     paper_unet.py   the paper's network, the baseline

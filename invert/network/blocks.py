@@ -7,7 +7,7 @@ from torch import nn
 from torch.nn import functional
 
 GROUPS = 4
-"""Of channels, each normalised by itself."""
+"""Channel groups of every group norm."""
 
 
 class ResidualBlock(nn.Module):
@@ -26,7 +26,7 @@ class ResidualBlock(nn.Module):
 
 
 class Attention(nn.Module):
-    """Self-attention over all places of a feature map: what an autocorrelation tells is not local."""
+    """Self-attention over all places of a feature map, because each lag involves the whole object."""
 
     def __init__(self, channels: int, heads: int = 4) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""What the networks see of an estimate: its signal, how significant each lag is, the noise level, and what was made of it."""
+"""Input features of the networks: signal, significance of each lag, noise level, and classical reconstructions."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from invert.registration import OBJECT
 from radiometry.autocorrelation import LAGS
 
 LAG_CHANNELS = 2 * 2 * 4 + 2 + 2
-"""Two maps and their mirror images, two by two lags in a channel; two numbers; two coordinates."""
+"""Two maps and their mirror images, 2 x 2 lags to 4 channels; two numbers; two coordinates."""
 
 SKETCH_CHANNELS, FUSION_CHANNELS = (maps * (16 + 4) + 2 for maps in (2, 3))
-"""Maps, all lags four by four and the inner ones (as far as the albedo reaches) two by two; two numbers."""
+"""Maps: 4 x 4 blocks of all lags, 2 x 2 blocks of the inner ones (the albedo's extent); two numbers."""
 
 PICTURES = 4
 """Classical pictures that the fusion is shown."""
@@ -29,9 +29,9 @@ class Observation:
     Attributes:
         estimate: (n, 127, 127), zero lag at [63, 63], floor included.
         floor, dof: noise level of each, (n,).
-        denoised: its signal without noise, (n, 127, 127), as far as the denoiser can tell; zeros where it was not asked.
+        denoised: output of the denoiser, the signal without floor and noise, (n, 127, 127); zeros where it was not run.
         classical: what classical retrieval makes of the estimate and of its denoised signal, (n, PICTURES, 64, 64), largest
-            value 1 each: of both the mean of the best starts, and the start of least residual; zeros where it was not tried.
+            value 1 each: from each, the mean of the best starts and the start of least residual; zeros where not run.
     """
 
     estimate: torch.Tensor
@@ -42,7 +42,7 @@ class Observation:
 
     @classmethod
     def bare(cls, estimate: torch.Tensor, floor: torch.Tensor, dof: torch.Tensor) -> Observation:
-        """Estimates that nothing was made of yet."""
+        """Estimates alone, the rest left at zero."""
         pictures = estimate.new_zeros(len(estimate), PICTURES, OBJECT, OBJECT)
         return cls(estimate, floor, dof, torch.zeros_like(estimate), pictures)
 
@@ -55,7 +55,7 @@ class Observation:
 
 
 def _whitened(seen: Observation) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Free of the estimate's unit, and zero lag never looked at: the signal over its height near zero lag (n, 127, 127); the
+    """Dimensionless, zero lag replaced by its neighbours' mean: the signal over its height near zero lag (n, 127, 127); the
     signal over its own noise, logarithmic where large; floor over height and K, logarithmic (n, 2); the height (n,)."""
     floor, freedom = seen.floor, seen.dof.clamp(*DOF_RANGE)
     filled = _without_zero_lag(seen.estimate)
@@ -123,7 +123,7 @@ def whole_plane(half: torch.Tensor) -> torch.Tensor:
 
 
 def _upside_down(half: torch.Tensor) -> torch.Tensor:
-    """Row lag v of a half plane where -v was."""
+    """A half plane with its row lags negated."""
     return functional.pad(half[..., 1:, :].flip(-2), (0, 0, 1, 0))
 
 

@@ -35,14 +35,14 @@ RETRIEVAL = {"fast": (4, 600), "balanced": (32, 1000), "best": (128, 1000)}
 """Starts and iterations of the retrieval that makes proposals to the network."""
 
 SHRINK_THRESHOLDS = (0.03, 0.06, 0.1, 0.18)
-"""Faint structure survives a low threshold, and a high one keeps noise from leading the support astray: the likelihood of what
-comes of either tells which was right."""
+"""A low threshold of shrink-wrap keeps faint structure, a high one keeps noise out of the support; the likelihood of the
+resulting candidates decides between them."""
 
 AUGMENTED = {"fast": 1, "balanced": len(AUGMENTATIONS), "best": len(AUGMENTATIONS)}
-"""Augmentations of an estimate; with one, only all starts together are fused, with more every start by itself, too."""
+"""Augmentations of an estimate. With one, only the overview of all starts is fused; with more, each start as well."""
 
 KEPT = 8
-"""Candidates, the likeliest, of which the mean is taken."""
+"""Number of likeliest candidates that are averaged."""
 
 UNBOUNDED_DOF = 1e6
 """K of an estimate without measurable noise."""
@@ -72,7 +72,7 @@ def predict(network: nn.Module, seen: Observation) -> Any:
 
 
 def observation(measurements: Sequence[Measurement]) -> Observation:
-    """What a network is shown of measurements."""
+    """Network input from measurements."""
     return Observation.bare(torch.from_numpy(np.stack([one.estimate for one in measurements])),
                             torch.tensor([one.noise.floor for one in measurements], dtype=torch.float32),
                             torch.tensor([one.noise.dof or UNBOUNDED_DOF for one in measurements], dtype=torch.float32))

@@ -1,4 +1,4 @@
-"""The network: U-nets that take the noise out of an autocorrelation, sketch its object, and fuse what retrieval made of it."""
+"""The network: U-nets that denoise an autocorrelation, sketch its object, and fuse the classical reconstructions of it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Denoiser(nn.Module):
         """Signal (n, 127, 127), centro-symmetric, in the estimate's unit."""
         shown, relative, height = lag_features(seen)
         drawn = functional.pixel_shuffle(self.draw(self.unet(shown.to(memory_format=torch.channels_last))[0]), 2).float()
-        # Each lag is measured as far as it can be trusted, and predicted for the rest.
+        # Each lag is a mean of measured and predicted value, weighted by trust.
         trust = torch.sigmoid(drawn[:, 0])
         signal = trust * half_plane(relative) + (1.0 - trust) * functional.softplus(drawn[:, 1] - 3.0)
         return whole_plane(signal) * height[:, None, None]
@@ -77,7 +77,7 @@ class Fusion(nn.Module):
     """Albedo (n, 64, 64), zero or more, from the estimate and classical reconstructions, and the correlation with the truth
     that it expects of it (n,), as a logit.
 
-    The reconstructions are among the features and also added to the output, as far as each place trusts them: a good one
+    The reconstructions are among the features and also added to the output, with a weight for each pixel: a good one
     is kept and cleaned, a bad one overruled.
     """
 
@@ -85,7 +85,7 @@ class Fusion(nn.Module):
         super().__init__()
         self.unet = Unet(FUSION_CHANNELS + 4 * (1 + PICTURES), width)
         self.drawing = Decoder(width, 2 + PICTURES)
-        nn.init.constant_(self.drawing.draw[-1].bias[1:], 1.0)  # begin by trusting
+        nn.init.constant_(self.drawing.draw[-1].bias[1:], 1.0)  # weights near 1
         self.judge = nn.Sequential(nn.Linear(5 * width, 2 * width), nn.SiLU(), nn.Linear(2 * width, 1))
 
     def forward(self, seen: Observation, pictures: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -98,7 +98,7 @@ class Fusion(nn.Module):
 
 
 class CorrelographyNet(nn.Module):
-    """All three. Between denoiser and fusion stands classical phase retrieval (`invert/methods.py`)."""
+    """All three parts. Classical phase retrieval runs between denoiser and fusion (`inference.py`)."""
 
     def __init__(self, width: int = 40) -> None:
         super().__init__()

@@ -10,7 +10,7 @@ from invert.network.features import Observation, modulus_picture, paper_picture
 
 
 class PaperUnet(nn.Module):
-    """The paper's U-net: 12 convolutional layers of 64 to 512 channels, batch norm; it has no expectation of itself."""
+    """The paper's U-net: 12 convolutional layers of 64 to 512 channels, batch norm; it predicts no confidence."""
 
     def __init__(self, width: int = 64) -> None:
         super().__init__()
@@ -40,7 +40,7 @@ class PaperUnet(nn.Module):
 
 
 class PaperModulusUnet(PaperUnet):
-    """The same shown |F(r)| instead of r*r: the mapping that section 5.C of the paper found harder to learn."""
+    """The same with |F(r)| as its input: the mapping that section 5.C of the paper found harder to learn."""
 
     def picture(self, seen: Observation) -> torch.Tensor:
         return modulus_picture(seen.estimate, seen.floor)

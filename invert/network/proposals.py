@@ -1,4 +1,4 @@
-"""What classical retrieval proposes to the network: pictures of all starts together, and of each."""
+"""Classical reconstructions as network input: from all starts together, and from each start."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ def overview(found: Candidates) -> tuple[torch.Tensor, list[float]]:
 
 
 def proposals(found: Candidates, kinds: int) -> torch.Tensor:
-    """The same for every start, (n, PICTURES, 64, 64): the mean of it and of the best starts that agree with it, it alone, and
-    of the best starts of the other retrieval the mean of those that fit it nearly as well as any, and that which fits best.
+    """The same for each start, (n, PICTURES, 64, 64): its mean with the best starts that agree with it, itself, and,
+    of the best starts of the other retrieval, the mean of those that fit it about as well as any, and the best-fitting one.
 
-    Starts of so many kinds took turns; each is compared with its own kind, since a loose support always leaves less residual.
+    Starts cycle through `kinds` shrink-wrap thresholds and are compared within one, since a loose support leaves less residual.
     """
     alike = [Candidates(found.images[:, kind::kinds], found.residual[:, kind::kinds]) for kind in range(kinds)]
     return torch.stack([pictures for of_one_kind in alike for pictures in _of_each(of_one_kind)])

@@ -21,8 +21,8 @@ class HioOptions:
         iterations: projections in all; the last `error_reduction` of them are plain error reduction.
         beta: feedback of the pixels that break the constraints.
         starts: random starting images.
-        shrink_from, shrink_every: when the support is first, and how often it is then, redrawn; 0 never.
-        shrink_threshold: of the blurred image's maximum; where there are several, the starts take turns.
+        shrink_from, shrink_every: first iteration and interval at which the support is redrawn; 0 never.
+        shrink_threshold: share of the blurred image's maximum; starts cycle through several.
         shrink_blur: first and last standard deviation of the blur, in pixels; it falls by 5 % each time.
     """
 

@@ -5,6 +5,6 @@
     data.py         noisy estimates of targets, drawn anew at every step
     losses.py       losses of reconstructions, and of the denoiser
     warm_starts.py  classical reconstructions that the fusion is trained with
-    calibration.py  makes the confidence mean what it says
+    calibration.py  calibrates the network's confidence
     report.py       the curve of a run
 """

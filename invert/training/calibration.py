@@ -1,4 +1,4 @@
-"""`python -m invert.calibrate WEIGHTS TARGETS.zarr`: make a network's `confidence` mean what it says.
+"""`python -m invert.calibrate WEIGHTS TARGETS.zarr`: calibrate a network's `confidence`.
 
 On targets held out from training, at noise of every kind, the correlation that each quality achieves is fitted by a
 logistic function of what is known without the truth (`network/confidence.py`). The coefficients go into the weights' card.
@@ -74,7 +74,7 @@ def _observe(batch, weights: Path, quality: str) -> tuple[np.ndarray, np.ndarray
 def fit_logistic(features: np.ndarray, achieved: np.ndarray) -> list[float]:
     """Coefficients (offset first) of the logistic function of features (n, m) nearest to `achieved` (n,) in cross-entropy.
 
-    A little ridge, so that features that never vary do no harm.
+    A small ridge term keeps constant features harmless.
     """
     basis = np.column_stack([np.ones(len(features)), features])
 

@@ -14,7 +14,7 @@ from radiometry.noise.level import OUTERMOST, RING
 from radiometry.noise.model import draw_estimate, window_smoothed
 
 EMPTY_SHARE = 0.04
-"""Share of samples that show nothing but noise, from which the network learns to doubt itself."""
+"""Share of samples that hold only noise, from which the network learns low confidence."""
 
 CORRELATED_SHARE = 0.7
 """Share of samples with the noise of whole frames, correlated from lag to lag; the rest have that of patches side by side."""

@@ -1,7 +1,7 @@
 """Losses that neither a shift nor the twin-image ambiguity changes, and that of the denoiser.
 
 The four of the paper's section 5.B, negative Pearson correlation of autocorrelations, and the registered one, which
-compares objects: an autocorrelation alone is deceived by a bright point beside a faint copy of the object.
+compares objects: losses on r*r alone accept a bright point beside a faint copy of the object.
 """
 
 from __future__ import annotations

@@ -74,11 +74,11 @@ class Training:
         return float(loss.detach())
 
     def _part_of(self, network: nn.Module) -> nn.Module:
-        """What is trained of a network."""
+        """Trained part of the network."""
         return getattr(network, self.options.part) if isinstance(network, CorrelographyNet) else network
 
     def _answering(self, network: nn.Module) -> nn.Module:
-        """What answers for the trained part: itself, but for the fusion, which sees a sketch."""
+        """The module to run: the trained part, or for the fusion the whole network."""
         part = self._part_of(network)
         return network if isinstance(part, Fusion) else part
 
@@ -105,7 +105,7 @@ class Training:
         return varied(targets, count, rng) if self.warm is None else warm(self.warm, count, rng)
 
     def validation(self, held_out: torch.Tensor) -> list[Batch]:
-        """Held-out targets at the levels of `VALIDATION`; with warm starts, held-out ones of those at every level."""
+        """Held-out targets at the levels of `VALIDATION`, or held-out warm starts at noise of every level."""
         rng = torch.Generator().manual_seed(self.options.seed)
         if self.warm_held_out is not None:
             return [warm(self.warm_held_out, 256, rng)]
@@ -143,7 +143,7 @@ class Training:
         return self.options.output.with_suffix(".checkpoint.safetensors")
 
     def checkpoint(self) -> None:
-        """Everything that going on needs, under one name, whole or not at all."""
+        """Write all that resuming needs to one file, whole or not at all."""
         tensors = {f"network.{name}": value for name, value in self.network.state_dict().items()}
         tensors |= {f"average.{name}": value for name, value in self.average.module.state_dict().items()}
         for index, state in self.optimiser.state_dict()["state"].items():

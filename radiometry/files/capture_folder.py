@@ -1,4 +1,4 @@
-"""The folder of a capture: a run that is stopped leaves what was there before, whole."""
+"""The folder of a capture: an interrupted run leaves the previous capture intact."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def staging_folder(folder: Path) -> Path:
 
 
 def replace_capture(staging: Path, folder: Path) -> None:
-    """Move a finished capture into its folder, in place of the one that sim.json there speaks of.
+    """Move a finished capture into its folder, in place of the one that sim.json describes.
 
     sim.json goes first and comes last: a folder without it holds no whole capture.
     """

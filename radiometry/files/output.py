@@ -58,7 +58,7 @@ def save_json(path: Path, content: dict[str, Any]) -> None:
 
 @contextmanager
 def silenced() -> Iterator[None]:
-    """Keep a library's own words off the terminal where they come as an error of ours too."""
+    """Keep a library's messages off the terminal where our own error repeats them."""
     sys.stderr.flush()
     kept = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)

@@ -14,7 +14,7 @@ LARGEST_PIXEL = 1e9
 """Beyond any camera's numbers, and safe to square and sum in single precision."""
 
 FRAME_KINDS = (".exr", ".tif", ".tiff", ".png", ".npy")
-"""In a folder, the first kind that is there is the capture."""
+"""In a folder, the first kind present is the capture."""
 
 
 def read_picture(file: Path) -> tuple[np.ndarray, FrameHeader | None]:

@@ -25,6 +25,9 @@ NEGLIGIBLE = 1e-6
 OUTERMOST = LAGS - 8
 """Rings beyond this are the first guess of where no signal is."""
 
+_APART = 6
+"""Lags so far apart are as good as independent."""
+
 INNERMOST = LAGS // 2
 """Rings inside this are never taken for signal-free: half the picture holds lags enough."""
 
@@ -34,11 +37,16 @@ class NoiseLevel:
     """Floor b (in the estimate's units), degrees of freedom K, and the ring where the signal ends.
 
     `dof` is None where the outer lags do not vary or hold next to nothing (no noise at all).
+
+    Attributes:
+        inflation: variance of a sum over many neighbouring lags over that of as many independent ones: 1 for patches side by
+            side, 2.25 for whole frames, whose lags correlate.
     """
 
     floor: float
     dof: float | None
     signal_ring: int
+    inflation: float = 1.0
 
     @property
     def deviation(self) -> float:
@@ -62,6 +70,25 @@ def _moments(values: np.ndarray, quantisation: float) -> tuple[float, float | No
     return mean, (mean**2 / variance if variance > 1e-12 * mean**2 else None)
 
 
+def _inflation(estimate: np.ndarray, outside: np.ndarray) -> float:
+    """Variance inflation of sums of lags, from the correlation of neighbours outside the signal.
+
+    Differences of neighbours against those of lags `_APART` apart tell it, whatever the floor's slope; correlations that fall
+    as 1 / n^2 (`radiometry.noise.model.lag_correlation`) are summed up.
+    """
+    inflation = 1.0
+    for view, used in ((estimate, outside), (estimate.T, outside.T)):
+        view = view.astype(np.float64)
+        differences = []
+        for apart in (1, _APART):
+            both = used[:, apart:] & used[:, :-apart]
+            differences.append(((view[:, apart:] - view[:, :-apart])[both] ** 2).sum() / max(both.sum(), 1))
+        correlation = 1.0 - differences[0] / differences[1] if differences[1] > 0.0 else 0.0
+        if correlation > 3.0 / outside.sum() ** 0.5:
+            inflation *= 1.0 + np.pi**2 / 3.0 * min(correlation, 0.5)
+    return float(inflation)
+
+
 def read_noise_level(estimate: np.ndarray, quantisation: float = 0.0) -> NoiseLevel:
     """Read floor and K from the outer lags of an estimate.
 
@@ -73,10 +100,11 @@ def read_noise_level(estimate: np.ndarray, quantisation: float = 0.0) -> NoiseLe
         quantisation: step of an estimate stored as integers (1 for 8-bit pictures), 0 for none.
     """
     mean, dof = _moments(estimate[OFF_AXIS & (RING > OUTERMOST)], quantisation)
+    inflation = _inflation(estimate, OFF_AXIS & (RING > OUTERMOST))
     boundary, misses = OUTERMOST, 0
     for ring in range(OUTERMOST, INNERMOST, -1):
         values = estimate[OFF_AXIS & (ring == RING)]
-        error = (_variance(mean, dof, quantisation) / values.size) ** 0.5
+        error = (inflation**0.5 * _variance(mean, dof, quantisation) / values.size) ** 0.5  # neighbours along a line
         if abs(float(values.mean()) - mean) > 3.0 * error + 1e-9 * abs(mean):
             misses += 1
             if misses == 2:
@@ -89,12 +117,13 @@ def read_noise_level(estimate: np.ndarray, quantisation: float = 0.0) -> NoiseLe
     corner_mean, corner_dof = _moments(estimate[corners], quantisation)
     sides = OFF_AXIS & (boundary < RING) & ~corners
     variance = _variance(corner_mean, corner_dof, quantisation)
-    error = (variance * (1.0 / corners.sum() + 1.0 / max(sides.sum(), 1))) ** 0.5
+    error = (inflation * variance * (1.0 / corners.sum() + 1.0 / max(sides.sum(), 1))) ** 0.5
     if sides.any() and abs(float(estimate[sides].mean()) - corner_mean) > 3.0 * error + 1e-9 * abs(corner_mean):
         mean, dof = corner_mean, corner_dof
     if mean < NEGLIGIBLE * float(np.delete(estimate, estimate.size // 2).max()):
         dof = None
-    return NoiseLevel(mean, dof, boundary)
+    outside = OFF_AXIS & (min(boundary, OUTERMOST) < RING)
+    return NoiseLevel(mean, dof, boundary, _inflation(estimate, outside) if dof else 1.0)
 
 
 def extrapolated_peak(estimate: np.ndarray, noise: NoiseLevel, radius: int = 4) -> tuple[float, float]:
@@ -116,7 +145,7 @@ def extrapolated_peak(estimate: np.ndarray, noise: NoiseLevel, radius: int = 4) 
     weighted = basis * weight[:, None]
     solution = np.linalg.lstsq(weighted, (values - noise.floor) * weight, rcond=None)[0]
     # Gamma noise: every weighted lag has the variance 1 / K.
-    error = float(np.linalg.inv(weighted.T @ weighted)[0, 0] / noise.dof) ** 0.5 if noise.dof else 0.0
+    error = float(np.linalg.inv(weighted.T @ weighted)[0, 0] * noise.inflation / noise.dof) ** 0.5 if noise.dof else 0.0
     return max(float(solution[0]), 0.0), error
 
 

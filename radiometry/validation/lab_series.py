@@ -28,7 +28,7 @@ def corner(estimate: np.ndarray, dof: int, **facts: float) -> dict[str, float]:
 
 
 def slope(x: Sequence[float], y: Sequence[float]) -> float:
-    """Slope through the origin as the geometric mean of y / x: all points count alike, as multiplicative noise asks."""
+    """Slope through the origin as the geometric mean of y / x: points weigh alike, as suits multiplicative noise."""
     ratio = np.asarray(y) / np.asarray(x)
     return float(np.exp(np.log(ratio).mean()))
 
@@ -63,7 +63,7 @@ def lab_floor(folder: Path) -> dict[str, Any]:
     """Fit b / peak = a / t + c to the lab's exposure series, by least relative error.
 
     The object's r*r is taken from the exposures of half a second and more, floor removed, and fitted to each
-    picture, so that short exposures, whose own peak drowns, still have a scale.
+    picture, so that short exposures, with peaks lost in noise, have a scale.
     """
     series = _lab_series(folder)
     long = [centre_filled(lags - read_noise_level(lags, 1.0).floor, 0.0) for t, lags in series if 0.5 <= t < BROKEN_EXPOSURE_S]

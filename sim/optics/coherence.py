@@ -25,7 +25,7 @@ def coherence(delay_s: np.ndarray, linewidth_hz: float) -> np.ndarray:
 
 
 def lost_contrast(path_m: np.ndarray, amplitude: np.ndarray, linewidth_hz: float, bins: int = 512) -> float:
-    """1 - contrast^2 of the speckle: the share of its variance that the linewidth takes.
+    """1 - contrast^2 of the speckle: the share of its variance lost to the linewidth.
 
     Args:
         path_m: optical path length by each scatterer, (n,). amplitude: of each, (n,).
@@ -45,7 +45,7 @@ def spectral_lines(path_m: np.ndarray, linewidth_hz: float) -> list[tuple[float,
     """
     deviation = linewidth_hz / (2.0 * math.sqrt(2.0 * math.log(2.0)))
     spread_s = float(np.ptp(path_m)) / speed_of_light
-    # The sum repeats after 1 / spacing: keep that beyond the spread by what the spectrum blurs.
+    # The sum repeats after 1 / spacing, which must exceed the spread of delays by a margin.
     count = 2 * math.ceil(_REACH * deviation * max(2.0 * spread_s, 1e-30) + 4) + 1
     if count > MOST_LINES:
         largest = 0.99 * linewidth_hz * ((MOST_LINES - 1) // 2 - 4) / (_REACH * deviation * 2.0 * spread_s)

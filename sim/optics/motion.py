@@ -28,7 +28,7 @@ class Pose:
     """Where spot and object stand in one sub-exposure.
 
     Attributes:
-        spot_m: way of the spot over the wall.
+        spot_m: spot travel over the wall.
         object_m: displacement of the object along its axes (down, right).
     """
 
@@ -48,9 +48,9 @@ def poses(geometry: Geometry, number: int, count: int, *, moving: bool) -> list[
 
 
 def sub_exposures(geometry: Geometry, samples: ObjectSamples, tolerance: float) -> int:
-    """How many follow the motion of one exposure so that the speckle's variance is right to the tolerance.
+    """Number of sub-exposures for which the speckle's variance is right to the tolerance.
 
-    Each is sharp in itself, so few of them leave too much variance. Raises InputError where no speckle would be left.
+    Each is free of motion blur, so too few leave excess variance. Raises InputError where no speckle would be left.
     """
     if len(samples.amplitude) == 0:
         return 1
@@ -71,7 +71,7 @@ def sub_exposures(geometry: Geometry, samples: ObjectSamples, tolerance: float) 
 
 
 def lost_variance(geometry: Geometry, samples: ObjectSamples) -> float:
-    """1 - contrast^2 of the speckle: the share of its variance that motion during the exposure takes."""
+    """1 - contrast^2 of the speckle: the share of its variance lost to motion during the exposure."""
     if not geometry.motion.moves or len(samples.amplitude) == 0:
         return 0.0
     return float(1.0 - 2.0 * np.trapezoid((1.0 - _SHARES) * _likeness(geometry, samples), _SHARES))

@@ -22,7 +22,7 @@ class ObjectSamples:
         position_m: from the object's centre, float64 (n, 3).
         amplitude: square root of the light that a sample carries, the paper's Eq. (5) with power albedo, float32 (n,).
         wall: the frame with its border.
-        flat_m: where FFT kernels hold each sample to be, (n, 2): see `propagation/validity.py`.
+        flat_m: where FFT kernels place each sample, (n, 2): see `propagation/validity.py`.
         path_m: optical path length from the spot's centre by each sample to the frame's centre, less that by the object's
             centre, (n,).
     """

@@ -1,9 +1,9 @@
-"""Light of the laser by other ways than one reflection off the hidden object: a partially coherent background.
+"""Laser light other than by a single reflection off the hidden object: a partially coherent background.
 
 Clutter beside the object and reflections between surfaces send light from a wider region than the object, with paths of their
 own, so it adds to the object's in intensity. Its speckle is that of all the places that it comes from (an extended
-autocorrelation), as far as pupil and pixel resolve it; the rest of its variance is lost, and what is left unresolved is
-an even glow.
+autocorrelation), as far as pupil and pixel resolve it; light whose speckle is not resolved adds an
+even background.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class Background:
 
     Attributes:
         share: its light over the hidden object's.
-        place: row and column of each cell of the period that light comes from, whole turns taken out, (n,) each.
+        place: row and column, modulo the period, of each cell that light comes from, (n,) each.
         amplitude: of each cell, mean square 1 in sum, (n,).
-        coherent: share of its amplitude of fluctuation that shows; the rest is even. 1 where it is as narrow as an object.
+        coherent: contrast of its speckle before pupil and pixel; 1 where it comes from a region as narrow as an object.
     """
 
     share: float

@@ -27,7 +27,7 @@ TILE = 64
 _PAIRS_AT_ONCE, _TILES_AT_ONCE = 2**22, 64
 """Tiles x scatterers, and tiles, held in memory at once."""
 _PIXELS_A_LANE = 8
-"""What a lane reads of a scatterer serves so many pixels of one tile."""
+"""Pixels of a tile that one lane serves per read of a scatterer."""
 
 PAIRS_PER_SECOND = {"float32": 2e9, "float64": 1e9}
 """On two cores; only a prediction of time, never a result."""

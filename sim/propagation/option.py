@@ -1,4 +1,4 @@
-"""What is asked of a kernel, what it offers, and the terms on which it then works."""
+"""A kernel's task, its predicted error and cost, and the settings it runs with."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Task:
 
     @cached_property
     def statistical_error(self) -> float:
-        """Of kernels that hold directions to be those of a flat object, all alike."""
+        """The same for all kernels that assume a flat object's directions."""
         return statistical_error(self.wall, self.place, self.scatterers, self.lag_m)
 
 
@@ -65,7 +65,7 @@ class Option:
 
 @dataclass(frozen=True)
 class Terms:
-    """How a kernel works. Each heeds what concerns it.
+    """Settings of a kernel; each uses those it needs.
 
     Attributes:
         tolerance, patches: of nufft; patches are found afresh for the tolerance where None.

@@ -36,7 +36,7 @@ def canvas(frame_shape: tuple[int, int]) -> tuple[int, int]:
 def period(shape: tuple[int, int], grain_pixels: tuple[float, float]) -> tuple[int, int]:
     """Pixels after which the field of scatterers on a lattice repeats, of a size that FFTs are fast for.
 
-    Wider than what is looked at by `GRAINS_APART` grains, lest its two edges show one speckle; no more than twice as wide,
+    Wider than `shape` by `GRAINS_APART` grains, so that opposite edges do not share speckle; no more than twice as wide,
     because a frame with fewer grains than that has no statistics to spoil. The autocorrelation of what is cut
     out is unbiased up to the largest patch: its triangle window ends before the next period begins.
 

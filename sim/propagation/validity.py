@@ -16,7 +16,7 @@ import numpy as np
 from sim.propagation.sampling import Scatterers, Wall, kernel, path_difference, phasor
 
 UNRELATED = float(np.sqrt(2.0))
-"""Field error of `fraunhofer`: its phases are those of another wall, so only its statistics are right."""
+"""Field error of `fraunhofer`: its phases are those of another draw; only its statistics are right."""
 
 _PIXELS, _SCATTERERS = 9, 400
 ROUNDING = 4e-7
@@ -27,7 +27,7 @@ def fresnel_error(wall: Wall, place: np.ndarray, scatterers: Scatterers) -> floa
     """Predicted field error of `fresnel`.
 
     Args:
-        place: where FFT kernels hold the scatterers to be, (n, 2): fringes advance by place / (lambda d) per metre down and
+        place: where FFT kernels place the scatterers, (n, 2): fringes advance by place / (lambda d) per metre down and
             right the wall.
     """
     few, place = _sample(scatterers, place)
@@ -77,7 +77,7 @@ def direct_error(wall: Wall, scatterers: Scatterers, precision: str, tile: int) 
 
 
 def _sample(scatterers: Scatterers, place: np.ndarray) -> tuple[Scatterers, np.ndarray]:
-    """Scatterers and their places drawn at random, those of more power more often, each then of equal power."""
+    """Scatterers and their places drawn with probability proportional to power, each then of equal power."""
     power = np.abs(scatterers.amplitude) ** 2
     chosen = np.random.default_rng(0).choice(len(power), _SCATTERERS, p=power / power.sum())
     return Scatterers(scatterers.position_m[chosen], np.ones(_SCATTERERS)), place[chosen]

@@ -182,14 +182,14 @@ class HiddenObject:
             yield Carried(*map(rays.grid, vars(carried).values())), rays.grid(way * rays.cosine - self._distance_m)
 
     def _beyond(self, rays: GridRays) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Light of surfaces that some of the frame sees, but its centre does not or hardly: light, coordinates (n, 2), depths.
+        """Light of surfaces that the frame's centre does not see, or only too obliquely: light, coordinates (n, 2), depths.
 
-        Each ray comes from another point of the frame. Nothing flat hides a part of itself.
+        Each ray comes from another point of the frame. A flat object cannot occlude itself.
         """
         if self._flat:
             return
         transport = self._transport
-        # Pixels beside the centre see deep parts displaced: the grid is as much wider.
+        # Off-centre pixels see deep parts displaced, so the grid is widened.
         wider = self._parallax
         plane = mi.Point3f(points(self.centre + wider * rays.place))
         eye = transport.frame_points(dr.width(plane))
@@ -224,9 +224,9 @@ class HiddenObject:
         return seen
 
     def _before(self, length: Any) -> Any:
-        """Way along a ray, `length` to the plane of the object's centre, to where it starts: just before the object.
+        """Distance to skip along a ray to start just before the object, whose centre's plane is `length` along it.
 
-        So its depth keeps its digits however far the wall is.
+        So depth keeps its digits however far the wall is.
         """
         gap, least = length - (2.0 * self._radius_m + 1e-3 * self._distance_m), 1e-4 * self._distance_m
         return np.maximum(gap, least) if isinstance(gap, np.ndarray) else dr.select(gap > least, gap, least)

@@ -52,7 +52,7 @@ class LightTransport:
     Attributes:
         frame_centre: in the world. right, down: steps on the wall from a pixel to the next, per metre of pitch.
         wall_albedo: mean albedo of the frame.
-        most_foreshortened: pixels that see a surface so much less obliquely than the frame's centre are not served from there.
+        most_foreshortened: largest `foreshortening` of a pixel at which rays from the frame's centre stand for it.
     """
 
     scene: mi.Scene

@@ -27,7 +27,7 @@ from sim.transport.surfaces import is_one_of, reflected
 DEFAULT_SAMPLES = 2**20
 BATCH = 2**20
 BOUNCES = 4
-"""Reflections between the laser's spot and the frame that light by other ways is followed for."""
+"""Most reflections between the laser's spot and the frame on paths of other light."""
 
 MOST_AIMS = 16
 """Shapes that paths aim at; light by way of others is found by chance, at more variance."""
@@ -54,7 +54,7 @@ class MonteCarlo:
         return decibel(self.per_frame)
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready; nothing arriving reads null."""
+        """JSON-ready; null where no light arrives."""
         decibels = [value if math.isfinite(value) else None for value in map(decibel, (self.per_frame, *self.interval))]
         return {"per_frame_db": decibels[0], "interval_db": decibels[1:], "samples": self.samples}
 

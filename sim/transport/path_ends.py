@@ -84,7 +84,7 @@ class PathEnds:
                 ray = hit.spawn_ray(ray.d)
 
     def stopped(self, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Float]:
-        """The surface that stops a ray, and the chance that it did; masks let it pass by chance."""
+        """The surface that stops a ray, and its probability of doing so; masks pass at random."""
         hit, through = self.scene.ray_intersect(ray, active), mi.Float(0.0)
         for _ in range(MOST_LAYERS if self.masks else 0):
             through = hit.bsdf().eval_null_transmission(hit, active & hit.is_valid())[0]

@@ -85,7 +85,7 @@ def transmittance(scene: mi.Scene, start: mi.SurfaceInteraction3f | mi.Point3f, 
 
     Args:
         start: a point of a surface, or in space. end: a point of a surface, drawn in by 1e-4 of the way, lest it hide itself.
-        masks: whether the scene has any mask; a single shadow ray does where it has none.
+        masks: whether the scene has any mask; if not, one shadow ray suffices.
     """
     if isinstance(start, mi.SurfaceInteraction3f):
         ray = _towards(start.spawn_ray(end - start.p).o, end)

@@ -1,4 +1,4 @@
-"""The estimator against closed forms and a slow direct sum."""
+"""Patches, lags, and the published estimator, against closed forms and a slow direct sum."""
 
 import numpy as np
 import pytest
@@ -7,12 +7,12 @@ from radiometry.autocorrelation import (
     LAGS,
     autocorrelate,
     automatic_patch_size,
-    estimate_autocorrelation,
     patch_grid,
     peak_of_cell_means,
     window_smooth,
 )
 from radiometry.errors import InputError
+from radiometry.estimator import estimate_autocorrelation
 
 
 def slow_lag(patches: list[np.ndarray], row: int, column: int) -> np.ndarray:
@@ -27,7 +27,7 @@ def slow_lag(patches: list[np.ndarray], row: int, column: int) -> np.ndarray:
 def test_two_frames_match_the_definition(rng, lag):
     frames = [rng.gamma(2.0, 3.0, (280, 412)) for _ in range(2)]
     grid = patch_grid((280, 412), 131)
-    estimate, dof = estimate_autocorrelation(frames, grid)
+    estimate, dof = estimate_autocorrelation(frames, grid, "published")
     cut = [[frame[r * 140 : r * 140 + 131, c * 206 : c * 206 + 131] for r in range(2) for c in range(2)] for frame in frames]
     first, second = (slow_lag(patches, *lag) for patches in cut)
     expected = (np.abs(first - second) ** 2 / 2).sum() / (4 * 131**2)
@@ -38,7 +38,7 @@ def test_two_frames_match_the_definition(rng, lag):
 
 def test_one_frame_is_pooled_over_patches(rng):
     frame = rng.gamma(2.0, 3.0, (262, 262))
-    estimate, dof = estimate_autocorrelation([frame], patch_grid((262, 262), 131))
+    estimate, dof = estimate_autocorrelation([frame], patch_grid((262, 262), 131), "published")
     spectra = slow_lag([frame[:131, :131], frame[:131, 131:], frame[131:, :131], frame[131:, 131:]], 4, -9)
     assert dof == 3
     assert estimate[LAGS + 4, LAGS - 9] == pytest.approx((np.abs(spectra - spectra.mean()) ** 2).sum() / (3 * 131**2), rel=2e-4)
@@ -46,7 +46,7 @@ def test_one_frame_is_pooled_over_patches(rng):
 
 def test_white_noise_gives_its_variance_and_k(rng):
     frames = [rng.poisson(0.4, (1040, 1040)) for _ in range(3)]
-    estimate, dof = estimate_autocorrelation(frames, patch_grid((1040, 1040), 130))
+    estimate, dof = estimate_autocorrelation(frames, patch_grid((1040, 1040), 130), "published")
     assert dof == 128
     half = estimate[LAGS + 1 :, :]
     assert half.mean() == pytest.approx(0.4, rel=0.01)
@@ -57,8 +57,8 @@ def test_estimate_is_centro_symmetric_and_blind_to_a_fixed_pattern(rng):
     pattern = 50.0 * rng.random((262, 400))
     frames = [rng.poisson(3.0, (262, 400)).astype(float) for _ in range(2)]
     grid = patch_grid((262, 400), 131)
-    plain, _ = estimate_autocorrelation(frames, grid)
-    lifted, _ = estimate_autocorrelation([frame + pattern for frame in frames], grid)
+    plain, _ = estimate_autocorrelation(frames, grid, "published")
+    lifted, _ = estimate_autocorrelation([frame + pattern for frame in frames], grid, "published")
     assert np.array_equal(plain, plain[::-1, ::-1])
     np.testing.assert_allclose(lifted, plain, rtol=2e-3, atol=1e-3)
 

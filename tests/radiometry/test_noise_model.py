@@ -7,10 +7,10 @@ import pytest
 import torch
 from scipy import stats
 
-from radiometry.autocorrelation import degrees_of_freedom
 from radiometry.errors import InputError
 from radiometry.noise.budget import NoiseTerms, estimate_error
 from radiometry.noise.model import draw_estimate, expected_spectrum, log_likelihood
+from radiometry.published_estimator import published_dof
 from radiometry.safety import maximum_permissible_exposure, spot_safety
 
 
@@ -87,8 +87,8 @@ def test_extremes_stay_finite_or_say_so():
             NoiseTerms(**{"grain_pixels": 300.0, **wrong})
 
 
-def test_degrees_of_freedom():
-    assert [degrees_of_freedom(*pair) for pair in ((2, 64), (50, 25), (1, 64), (1, 1))] == [64, 1225, 63, 0]
+def test_degrees_of_freedom_of_patches_side_by_side():
+    assert [published_dof(*pair) for pair in ((2, 64), (50, 25), (1, 64), (1, 1))] == [64, 1225, 63, 0]
 
 
 def test_error_of_an_estimate_is_the_scatter_of_draws():

@@ -15,7 +15,8 @@ import pytest
 pytest.importorskip("mitsuba")
 
 import sim
-from radiometry.autocorrelation import autocorrelate, estimate_autocorrelation, window_smooth
+from radiometry.autocorrelation import autocorrelate, window_smooth
+from radiometry.estimator import estimate_autocorrelation
 from radiometry.noise.level import INDEPENDENT
 from radiometry.prediction import patches_of
 from scenes import scene_path

@@ -1,0 +1,186 @@
+"""Autocorrelation estimate of the hidden albedo from whole frames: all pairs of pixels, and no mean but what is there.
+
+The paper averages |F I|^2 over patches side by side (Eq. 8) and subtracts the squared mean field at every patch position
+(Eq. 9): `radiometry/published_estimator.py`. Two things are lost on the way. Pairs of pixels across the borders of patches are
+never compared; and half of the information of two frames goes into a mean that is constant, or nearly so, over the frame. Here
+
+- patches lie everywhere: the expectation is the same, since the autocovariance of all pairs of pixels is weighted with a boxcar
+  patch's own triangle (Blackman and Tukey, doi:10.1002/j.1538-7305.1958.tb03874.x; Welch, doi:10.1109/TAU.1967.1161901). K is
+  `degrees_of_freedom`, and neighbouring lags correlate (`radiometry.noise.model.lag_correlation`);
+- the mean model is decided by what the frames show (`radiometry/mean_model.py`): their mean, a smooth illumination where there
+  is one, and a fixed pattern at those lags where frames share power.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from scipy.fft import next_fast_len
+
+from radiometry.autocorrelation import LAGS, PatchGrid
+from radiometry.errors import InputError
+from radiometry.mean_model import flatten, shared_lags, shift_between
+from radiometry.published_estimator import PublishedEstimator
+
+Mean = Literal["auto", "pooled", "fixed", "published"]
+
+COPIES = 1.0 - 1e-6
+"""Correlation of frames from which they are copies of one."""
+
+
+def degrees_of_freedom(frames: int, frame_shape: tuple[int, int], patch_shape: tuple[int, int]) -> float:
+    """K of a lag of white noise: frames times, along both axes, L / sum over d of w(d)^2 / (1 - d / L).
+
+    w is the triangle of a patch, L the frame's side, d the lag in pixels. Where many patches fit it is 9 / 4 of their number;
+    for one patch as large as the frame it is 1.
+    """
+    per_frame = 1.0
+    for length, size in zip(frame_shape, patch_shape, strict=True):
+        apart = np.abs(np.arange(1 - size, size))
+        per_frame *= length / float(((1.0 - apart / size) ** 2 / (1.0 - apart / length)).sum())
+    return frames * per_frame
+
+
+class AutocorrelationEstimator:
+    """Running estimate over frames: add() each, then estimate().
+
+    Args:
+        grid: whose patches the estimate is that of; how many there are does not matter.
+        mean: `auto` decides by what the frames show; `pooled` subtracts nothing but each frame's mean; `fixed` subtracts what
+            the frames share at every lag, as Eq. (9) does, at half of K for two frames.
+    """
+
+    def __init__(self, grid: PatchGrid, device: torch.device | str = "cpu", mean: Mean = "auto") -> None:
+        self.grid, self.device, self.mean = grid, torch.device(device), mean
+        self.frames = 0
+        self.facts: dict[str, Any] = {}
+        """What the mean model found, for the record, once estimate() was called."""
+        self._patch = grid.patch_shape
+        self._padded = (next_fast_len(grid.frame_shape[0] + self._patch[0] - 1),
+                        next_fast_len(grid.frame_shape[1] + self._patch[1] - 1, real=True))
+        self._first = self._sum = self._power = torch.empty(0)
+        self._levels: list[float] = []
+        self._uneven = False
+
+    def add(self, frame: np.ndarray | torch.Tensor) -> None:
+        """Add one frame, shape (H, W), any real dtype."""
+        image = torch.as_tensor(frame, device=self.device).to(torch.float32)
+        if self.mean == "auto":
+            image, uneven = flatten(image, self._patch)
+            self._uneven |= uneven
+        level = float(image.mean(dtype=torch.float64))
+        image = image - level
+        self._levels.append(level)
+        spectrum = torch.fft.rfft2(image, s=self._padded)
+        power = spectrum.real.square().add_(spectrum.imag.square())
+        if self.frames == 0:
+            self._first = self._sum = spectrum
+            self._power = power
+        else:
+            self._sum = self._sum + self._moved_back(spectrum)
+            self._power.add_(power)
+        self.frames += 1
+
+    @property
+    def dof(self) -> float:
+        """Degrees of freedom K of a lag that holds no fixed pattern."""
+        counted = self.frames if self.mean != "fixed" or self.frames == 1 else self.frames - 1
+        return degrees_of_freedom(counted, self.grid.frame_shape, self._patch)
+
+    def estimate(self) -> np.ndarray:
+        """The estimate, float32 (127, 127), zero lag at [63, 63]: a power spectrum per pixel, in frame units squared.
+
+        Raises InputError without frames, for a single frame of a single patch, and for copies of one frame.
+        """
+        if self.frames == 0:
+            raise InputError("frames", "at least one frame", 0, "give a folder or files that hold frames")
+        if self.frames == 1 and self.grid.count == 1:
+            raise InputError("patch", "at least two patches when there is a single frame",
+                             f"{self.grid.count} of {self.grid.size} pixels", "choose a smaller --patch or add a frame")
+        estimate = self._at_lags(self._power / self.frames)
+        if self.frames > 1:
+            shared_power = self._shared_power()
+            self._check_copies(shared_power)
+            shared = self._at_lags(shared_power)
+            chosen = self._chosen(shared, estimate)
+            estimate = np.where(chosen, estimate - self._drift() * shared, estimate)
+            self.facts["fixed_pattern_lags"] = float(chosen.mean())
+        self.facts |= {"mean": self.mean, "uneven_illumination": self._uneven}
+        return estimate.astype(np.float32)
+
+    def _shared_power(self) -> torch.Tensor:
+        """Mean over pairs of frames of the real part of their cross-spectrum."""
+        total = self._sum.real.square().add_(self._sum.imag.square())
+        return total.sub_(self._power).div_(self.frames * (self.frames - 1))
+
+    def _chosen(self, shared: np.ndarray, estimate: np.ndarray) -> np.ndarray:
+        """Lags at which what the frames share is subtracted, bool (127, 127)."""
+        if self.mean != "auto":
+            return np.full(shared.shape, self.mean == "fixed")
+        pairs = self.frames * (self.frames - 1)
+        return shared_lags(shared, estimate, pairs * degrees_of_freedom(1, self.grid.frame_shape, self._patch))
+
+    def _drift(self) -> float:
+        """Mean square of the frames' levels over the mean product of two: a lamp that drifts adds that to its own pattern."""
+        levels = np.array(self._levels)
+        pairs = (levels.sum() ** 2 - (levels**2).sum()) / (self.frames - 1)
+        return float((levels**2).sum() / pairs) if levels.min() > 0.0 else 1.0
+
+    def _moved_back(self, spectrum: torch.Tensor) -> torch.Tensor:
+        """A frame's spectrum, its fixed pattern laid over the first frame's if a camera that moved shows in it."""
+        if self.mean != "auto":
+            return spectrum
+        cross = self._first.real * spectrum.real + self._first.imag * spectrum.imag
+        power = self._first.real.square() + self._first.imag.square()
+        shared, both = self._at_lags(cross), self._at_lags(power)
+        if not shared_lags(shared, both, 2.0 * degrees_of_freedom(1, self.grid.frame_shape, self._patch)).any():
+            return spectrum
+        shift = shift_between(self._first, spectrum, self._padded)
+        self.facts["shift_pixels"] = max(shift, self.facts.get("shift_pixels", (0, 0)), key=lambda way: math.hypot(*way))
+        rows, columns = torch.fft.fftfreq(self._padded[0]), torch.fft.rfftfreq(self._padded[1])
+        turn = 2.0 * math.pi * (rows[:, None] * shift[0] + columns[None] * shift[1]).to(self.device)
+        return spectrum * torch.polar(torch.ones_like(turn), turn)
+
+    def _check_copies(self, shared_power: torch.Tensor) -> None:
+        power = float(self._power.sum(dtype=torch.float64)) / self.frames
+        correlation = float(shared_power.sum(dtype=torch.float64)) / power if power > 0.0 else 0.0
+        self.facts["frames_correlate"] = correlation
+        if correlation > COPIES:
+            raise InputError("frames", "frames of different illuminations", "copies of one frame", "leave the copies out")
+
+    def _at_lags(self, power: torch.Tensor) -> np.ndarray:
+        """Lags (127, 127) of a power spectrum of padded frames (rows, columns // 2 + 1), through a patch's spectral window."""
+        (height, width), (rows, columns) = self.grid.frame_shape, self._padded
+        down = _spectral_window(height, self._patch[0], rows)
+        right = _spectral_window(width, self._patch[1], columns)[:, : columns // 2 + 1].copy()
+        right[:, 0] *= 0.5  # column zero holds both halves of the plane
+        if columns % 2 == 0:
+            right[:, -1] *= 0.5
+        down, right = (torch.from_numpy(window.astype(np.float32)).to(self.device) for window in (down, right))
+        half = (down @ power @ right.T).cpu().numpy().astype(np.float64) / (height * width)
+        return half + half[::-1, ::-1]
+
+
+@lru_cache(maxsize=8)
+def _spectral_window(length: int, size: int, padded: int) -> np.ndarray:
+    """Weights (127, padded) with which frequencies of a padded axis make up the lags: transform of the triangle of a patch over
+    the share of a frame that has pairs so far apart."""
+    apart = np.arange(1 - size, size)
+    triangle = (1.0 - np.abs(apart) / size) / (1.0 - np.abs(apart) / length)
+    on_circle = np.zeros((2 * LAGS + 1, padded), np.complex128)
+    on_circle[:, apart % padded] = triangle * np.exp(-2j * np.pi * np.arange(-LAGS, LAGS + 1)[:, None] * apart / size)
+    return np.fft.ifft(on_circle).real
+
+
+def estimate_autocorrelation(frames: Iterable[np.ndarray | torch.Tensor], grid: PatchGrid, mean: Mean = "auto",
+                             device: torch.device | str = "cpu") -> tuple[np.ndarray, float]:
+    """Estimate from frames at once; returns (estimate (127, 127), degrees of freedom)."""
+    estimator = PublishedEstimator(grid, device) if mean == "published" else AutocorrelationEstimator(grid, device, mean)
+    for frame in frames:
+        estimator.add(frame)
+    return estimator.estimate(), estimator.dof

@@ -1,0 +1,76 @@
+"""The autocorrelation estimate as published: the paper's Eqs. (8) and (9), patches side by side."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+
+from radiometry.autocorrelation import LAG_SIDE, LAGS, PatchGrid
+from radiometry.errors import InputError
+
+
+def _spectra(patches: torch.Tensor) -> torch.Tensor:
+    """Half-plane spectra of patches, only the lags kept: rows -63..63, columns 0..63."""
+    columns = torch.fft.rfft(patches, dim=-1)[..., : LAGS + 1]
+    full = torch.fft.fft(columns, dim=-2)
+    return torch.cat((full[..., -LAGS:, :], full[..., : LAGS + 1, :]), dim=-2)
+
+
+class PublishedEstimator:
+    """Running estimate over frames: add() each, then estimate().
+
+    Eq. (8) is the mean of |F I|^2 over frames and patches; Eq. (9), the squared mean field, is
+    subtracted per patch position when there are several frames (which also removes whatever is
+    fixed on the wall) and pooled over patches when there is one. Scaled to be unbiased.
+    """
+
+    def __init__(self, grid: PatchGrid, device: torch.device | str = "cpu") -> None:
+        self.grid = grid
+        self.frames = 0
+        self.device = torch.device(device)
+        self._power: torch.Tensor | None = None
+        self._sum: torch.Tensor | None = None
+        self._reference = 0.0
+        self.facts = {"mean": "published"}
+
+    def add(self, frame: np.ndarray | torch.Tensor) -> None:
+        """Add one frame, shape (H, W), any real dtype."""
+        image = torch.as_tensor(frame, device=self.device).to(torch.float32)
+        if self.frames == 0:
+            self._reference = float(image.mean(dtype=torch.float64))
+        # One constant for all frames leaves the estimate as it is and keeps zero lag inside float32.
+        spectra = _spectra(self.grid.cut(image - self._reference))
+        power = spectra.real.square().add_(spectra.imag.square())
+        self._power = power if self._power is None else self._power.add_(power)
+        self._sum = spectra if self._sum is None else self._sum.add_(spectra)
+        self.frames += 1
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom K of the estimate, frames identically distributed and patches independent."""
+        return published_dof(self.frames, self.grid.count)
+
+    def estimate(self) -> np.ndarray:
+        """The estimate, float32 (127, 127), zero lag at [63, 63]: a power spectrum per pixel, in frame units squared."""
+        if self._power is None or self._sum is None:
+            raise InputError("frames", "at least one frame", 0, "give a folder or files that hold frames")
+        if self.dof == 0:
+            raise InputError("patch", "at least two patches when there is a single frame",
+                             f"{self.grid.count} of {self.grid.size} pixels", "choose a smaller --patch or add a frame")
+        if self.frames > 1:
+            total = self._power.sum(0) - self._sum.abs().square().sum(0) / self.frames
+        else:
+            total = self._power.sum(0) - self._sum.sum(0).abs().square() / self.grid.count
+        half = (total / (self.dof * math.prod(self.grid.patch_shape))).cpu().numpy()
+        full = np.empty((LAG_SIDE, LAG_SIDE), np.float32)
+        full[:, LAGS:] = half
+        full[:, :LAGS] = half[::-1, :0:-1]
+        full[:LAGS, LAGS] = half[:LAGS:-1, 0]
+        return full
+
+
+def published_dof(frames: int, patches: int) -> int:
+    """K: a mean per patch position costs one degree a position; with one frame, a pooled mean costs one in all."""
+    return patches * (frames - 1) if frames > 1 else patches - 1
