@@ -65,6 +65,7 @@ def _simulator() -> bool:
     done = subprocess.run([sys.executable, "-c", _SIMULATOR], capture_output=True, text=True, check=False)
     if done.returncode:
         reason = (done.stderr.strip().splitlines() or [f"exit {done.returncode}"])[-1]
+        reason = reason.removeprefix("radiometry.errors.InputError: ")
         return not _tell("simulator", f"does not start ({reason})", "inverting works, rendering does not")
     variant, path, major, enough = done.stdout.splitlines()[-4:]
     if variant.startswith("llvm"):

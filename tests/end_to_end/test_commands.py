@@ -246,3 +246,16 @@ def test_missing_libllvm_is_one_line_and_inverting_works_without_it(capture, tmp
     run = subprocess.run([sys.executable, "-m", "invert", str(capture), "-o", str(tmp_path), "--quality", "fast"],
                          env=environment, capture_output=True, text=True, check=False)
     assert run.returncode == 0
+
+
+def test_the_doctor_tells_what_is_there_and_what_a_missing_libllvm_costs():
+    command = [sys.executable, "-c", "from radiometry.doctor import main; main([])"]
+    healthy = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert healthy.returncode == 0, healthy.stdout + healthy.stderr
+    for piece in ("Python", "packages", "libLLVM", "Mitsuba", "GPU", "threads", "weights"):
+        assert any(line.startswith(piece) for line in healthy.stdout.splitlines()), piece
+    lacking = subprocess.run(command, capture_output=True, text=True, check=False,
+                             env={**os.environ, "DRJIT_LIBLLVM_PATH": "/nowhere/libLLVM.so"})
+    assert lacking.returncode == 1
+    assert "rendering does not" in lacking.stdout
+    assert "Traceback" not in lacking.stdout + lacking.stderr
