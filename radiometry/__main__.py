@@ -50,7 +50,7 @@ def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: in
 
     path = geometry.light_path
     prediction = predict(geometry)
-    if prediction.dof(frames) == 0:
+    if frames == prediction.grid.count == 1:
         raise InputError("--frames", "two or more where the frame holds a single patch", frames, "ask for more frames")
     safety = None
     if 400e-9 <= path.wavelength_m <= 700e-9:

@@ -55,7 +55,7 @@ def as_json(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> d
         "throughput": light_budget(geometry.light_path).as_dict(),
         "monte_carlo": monte_carlo and monte_carlo.as_dict(),
         "ideal_floor_over_peak": plan.prediction.shot_floor_over_peak,
-        "signal_to_noise": plan.prediction.signal_to_noise(frames) if plan.prediction.dof(frames) else None,
+        "signal_to_noise": plan.prediction.signal_to_noise(frames),
         "other_light_share": geometry.other_light_share,
     }
 
@@ -71,7 +71,7 @@ def warnings_of(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) 
     found += scene_warnings(plan.geometry, plan.prediction.pitches_m)
     if monte_carlo is not None:
         found += disagreement(plan.geometry, monte_carlo)
-    ratio = plan.prediction.signal_to_noise(frames) if plan.prediction.dof(frames) else None
+    ratio = plan.prediction.signal_to_noise(frames)
     if ratio is not None and ratio < 1.0:
         found.append(f"signal to noise: {ratio:.2g} on average over the object's lags in {frames} frames; "
                      + advice(plan, frames))

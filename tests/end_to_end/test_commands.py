@@ -55,7 +55,7 @@ def test_the_letter_comes_back_unmirrored(capture, tmp_path, command):
     assert result["pearson"] > 0.85
     assert aligned_pearson(albedo, truth)[0] == pytest.approx(result["pearson"], abs=1e-3)
     assert aligned_pearson(albedo[:, ::-1], truth)[0] < result["pearson"] - 0.1
-    assert result["noise"]["dof"] == pytest.approx(64, rel=0.1)
+    assert result["noise"]["dof"] == pytest.approx(325, rel=0.1)
     assert result["noise"]["floor_over_peak"] == pytest.approx(8 * 0.005, rel=0.15)
     assert result["pitch_m"] == pytest.approx(300e-6, rel=1e-3)
     assert set(result["seconds"]) == {"read", "autocorrelation", "retrieval"}

@@ -7,7 +7,7 @@ from scipy import stats
 pytest.importorskip("mitsuba")
 
 from radiometry.autocorrelation import PatchGrid, autocorrelate
-from radiometry.estimator import degrees_of_freedom, estimate_autocorrelation
+from radiometry.estimator import estimate_autocorrelation
 from radiometry.noise.level import COLUMN_LAG, INDEPENDENT, RING, ROW_LAG, fit_known_signal, read_noise_level
 from radiometry.photons import grain_area
 from radiometry.prediction import predict
@@ -76,9 +76,9 @@ def test_few_degrees_of_freedom_are_gamma_and_not_gaussian(letter_simulation, pa
     simulation = letter_simulation("F", exposure="0.015625")
     grid = PatchGrid(257, 1, patches, (257, 257 * patches))
     frames = [simulation.frame(2, number).numpy()[:257, : 257 * patches] for number in range(2)]
-    estimate, dof = estimate_autocorrelation(frames, grid)
-    free = estimate[SIGNAL_FREE] / simulation.mean_photoelectrons
-    assert dof == pytest.approx(degrees_of_freedom(2, (257, 257 * patches), (257, 257)))
+    estimate, dof = estimate_autocorrelation(frames, grid, "published")
+    free = estimate[INDEPENDENT & (RING > 40)] / simulation.mean_photoelectrons
+    assert dof == patches
     assert stats.kstest(free / free.mean(), stats.gamma(dof, scale=1.0 / dof).cdf).pvalue > 0.01
     assert stats.kstest(free / free.mean(), stats.norm(1.0, dof**-0.5).cdf).pvalue < 1e-6
 
