@@ -9,10 +9,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from radiometry.errors import ArgumentParser, InputError, check_seed, positive, run_command
+from radiometry.errors import ArgumentParser, InputError, check_count, check_seed, positive, run_command
 
 PACKAGES = ("correlograph", "matplotlib", "mitsuba", "numpy", "pillow", "scikit-image", "scipy", "torch", "zarr")
 """What a dataset's bytes depend on beside its arguments."""
+
+
+LARGEST_COUNT = 10**9
+MOST_WORKERS = 256
 
 
 def parser() -> ArgumentParser:
@@ -41,7 +45,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     options = parser().parse_args(argv)
     _check(options)
     from data_gen.schedule import make_shards, predicted_seconds
-    from data_gen.store import PAIR_BYTES, create, missing_shards
+    from data_gen.store import PAIR_BYTES, dataset_schema
+    from radiometry.files.store import begin, missing_parts
 
     recipe, manifest = _recipe(options)
     if options.dry_run:
@@ -50,16 +55,16 @@ def main(argv: Sequence[str] | None = None) -> None:
         print(f"{recipe.count} {'pairs' if pairs else 'targets'}, about {size / 1e9:.3g} GB, "
               f"about {predicted_seconds(recipe, options.workers):.0f} s with {options.workers} workers")
         return
-    group = create(options.output, manifest, recipe.count, recipe.measurement)
-    missing, begin = missing_shards(group), time.perf_counter()
+    _try_out(recipe, options.scheduler)
+    group = begin(options.output, dataset_schema(recipe.measurement), manifest, recipe.count)
+    missing, started = missing_parts(group), time.perf_counter()
     made = make_shards(options.output, recipe, missing, options.workers, options.scheduler)
-    seconds = time.perf_counter() - begin
+    seconds = time.perf_counter() - started
     print(f"{options.output}: {recipe.count} samples, {made} made now" + (f" ({made / seconds:.0f} a second)" if made else ""))
 
 
 def _check(options: Any) -> None:
-    if options.count < 1:
-        raise InputError("--count", "a whole number above zero", options.count, "choose another")
+    check_count("--count", options.count, LARGEST_COUNT)
     check_seed(options.seed)
     if options.images is None and options.source is None:
         raise InputError("targets", "--images FOLDER or --source NAME", "neither", "add one")
@@ -79,8 +84,20 @@ def _check(options: Any) -> None:
         raise InputError("--scheduler", "no --workers beside it", options.workers, "leave one of them out")
     if options.workers is None:
         options.workers = os.cpu_count() or 1
-    if options.workers < 1:
-        raise InputError("--workers", "a whole number above zero", options.workers, "choose another")
+    check_count("--workers", options.workers, MOST_WORKERS)
+
+
+def _try_out(recipe: Any, scheduler: str | None) -> None:
+    """Refuse what cannot be made before a store is begun: a dark scene, photographs without targets, a silent scheduler."""
+    from data_gen.schedule import check_scheduler
+    from data_gen.targets import draw_block
+    from data_gen.work import measure
+
+    if scheduler is not None:
+        check_scheduler(scheduler)
+    targets, _ = draw_block(recipe.source, recipe.seed, 0)
+    if recipe.measurement != "none":
+        measure(recipe, 0, targets[:1])
 
 
 def _recipe(options: Any) -> tuple[Any, dict[str, Any]]:

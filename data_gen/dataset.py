@@ -8,21 +8,20 @@ import numpy as np
 import torch
 import zarr
 
-from data_gen.store import missing_shards
+from data_gen.store import dataset_schema
 from radiometry.errors import InputError
+from radiometry.files.store import arguments_of, open_whole, read_array
 
 
 def open_dataset(address: str) -> zarr.Group:
-    """Open a finished dataset for reading; InputError where there is none or it is unfinished."""
-    try:
-        group = zarr.open_group(address, mode="r")
-        missing = missing_shards(group)
-    except (OSError, KeyError, ValueError):
-        raise InputError("dataset", "a dataset made by python -m data_gen", f"none at {address}", "check the address") from None
-    if missing:
-        raise InputError("dataset", "a complete dataset", f"{len(missing)} shards missing in {address}",
-                         "run the same python -m data_gen again")
-    return group
+    """Open a finished dataset for reading; InputError where there is none, or it is unfinished, damaged or another's."""
+    return open_whole(address, dataset_schema(_measurement(address)))
+
+
+def _measurement(address: str) -> str:
+    arguments = arguments_of(address, "dataset").get("arguments")
+    found = arguments.get("measurement") if isinstance(arguments, dict) else None
+    return found if found in ("noise-model", "render") else "none"
 
 
 class Samples(torch.utils.data.Dataset):
@@ -46,7 +45,7 @@ class Samples(torch.utils.data.Dataset):
 def load_targets(address: str) -> tuple[torch.Tensor, torch.Tensor]:
     """All training and all validation targets in memory, uint8 (n, 64, 64) each."""
     group = open_dataset(address)
-    albedo, split = np.asarray(group["albedo"]), np.asarray(group["split"])
+    albedo, split = (read_array(group, address, name, dataset_schema(_measurement(address))) for name in ("albedo", "split"))
     if split.all() or not split.any():
         raise InputError("dataset", "targets for training and for validation", f"one kind only among {len(split)} in {address}",
                          "make a larger one")

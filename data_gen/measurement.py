@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from radiometry.errors import InputError
 from radiometry.estimator import estimate_autocorrelation
 from radiometry.noise.model import draw_estimate, expected_spectrum, window_smoothed
 from radiometry.prediction import noise_terms, predict
@@ -53,6 +54,8 @@ class SceneMeasurement:
         self._grid, self._pitches_m, self._frames = prediction.grid, prediction.pitches_m, frames
         self._transfer = torch.from_numpy(prediction.transfer.astype(np.float32))
         self.dof = prediction.dof(frames)
+        if prediction.shot_floor_over_peak is None:
+            raise InputError("--scene", "light from the hidden object", f"none in {scene_path}", "choose another scene")
 
     def noise_level(self, albedo: np.ndarray) -> tuple[float, float]:
         """Floor and (r*r)(0) of the estimate of an albedo (64, 64), in electrons squared."""

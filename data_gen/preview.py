@@ -27,6 +27,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     from radiometry.noise.model import window_smoothed
 
     group = open_dataset(options.dataset)
+    output = options.output or Path(options.dataset.rstrip("/")).with_suffix(".preview.png")
+    if options.output is None and "://" in options.dataset:
+        raise InputError("-o", "a picture's name for a store that is not on this machine", "none", "add -o PICTURE.png")
     count = group["albedo"].shape[0]
     chosen = np.linspace(0, count - 1, min(COLUMNS * options.rows, count)).astype(int)
     albedo = np.stack([group["albedo"][int(row)] for row in chosen])
@@ -35,7 +38,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         captions = [f"b {group['floor_over_peak'][int(row)]:.2g}, K {group['dof'][int(row)]:.3g}" for row in chosen]
     else:
         lags, captions = window_smoothed(torch.from_numpy(albedo).float()).numpy(), ["no noise"] * len(chosen)
-    output = options.output or Path(options.dataset.rstrip("/")).with_suffix(".preview.png")
+    if not (np.isfinite(lags).all() and set(np.unique(group["split"])) <= {0, 1}):
+        raise InputError("dataset", "finite lags, and splits of 0 and 1", f"others in {options.dataset}", "make it again")
     save_sheet(output, albedo, lags, captions)
     print(f"{output}: {len(chosen)} of {count} samples")
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +18,20 @@ from data_gen.work import Recipe, make_shard, measure
 from radiometry.errors import InputError
 
 
+def check_scheduler(address: str) -> None:
+    """Refuse a scheduler that does not answer: asked by another process, since one that accepts and is silent holds its client
+    for ever."""
+    asks = "import sys; from distributed import Client; Client(sys.argv[1], timeout=10, set_as_default=False).close(timeout=5)"
+    try:
+        done = subprocess.run([sys.executable, "-c", asks, address], capture_output=True, text=True, check=False, timeout=30)
+        found = (done.stderr.strip().splitlines() or [""])[-1][:120] if done.returncode else None
+    except subprocess.TimeoutExpired:
+        found = "silence for 30 s"
+    if found is not None:
+        raise InputError("--scheduler", "a Dask scheduler that answers", f"{address} ({found})",
+                         "start one with 'dask scheduler'")
+
+
 @contextmanager
 def _client(workers: int, scheduler: str | None) -> Iterator:
     """A Dask client of its own local cluster, or of a running scheduler."""
@@ -23,12 +39,7 @@ def _client(workers: int, scheduler: str | None) -> Iterator:
     from distributed import Client, LocalCluster
 
     if scheduler is not None:
-        try:
-            client = Client(scheduler, timeout=20)
-        except (OSError, ValueError, TimeoutError) as error:
-            raise InputError("--scheduler", "a Dask scheduler that answers", f"{scheduler} ({error})",
-                             "start one with 'dask scheduler'") from None
-        with client:
+        with Client(scheduler, timeout=20) as client:
             yield client
         return
     with (_environment_kept(),

@@ -10,8 +10,10 @@ import torch
 import zarr
 
 from data_gen.measurement import SceneMeasurement, draw_noise_levels, model_measurement
-from data_gen.store import shard_size, write_shard
+from data_gen.store import dataset_schema, shard_size
 from data_gen.targets import BLOCK, TargetSource, draw_block
+from radiometry.errors import InputError
+from radiometry.files.store import write_part
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,8 @@ def make_shard(address: str, recipe: Recipe, shard: int) -> int:
         if recipe.measurement != "none":
             part |= measure(recipe, block, targets)
         parts.append(part)
-    write_shard(zarr.open_group(address, mode="r+"), shard, start,
-                {name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    write_part(zarr.open_group(address, mode="r+"), dataset_schema(recipe.measurement), shard,
+               {name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
     return stop - start
 
 
@@ -69,7 +71,12 @@ def measure(recipe: Recipe, block: int, targets: np.ndarray) -> dict[str, np.nda
             lags = np.stack([place.render(one, int(seed)) for one, seed in zip(albedo, seeds, strict=True)])
         else:
             lags = place.model(torch.from_numpy(albedo), torch.from_numpy(floor), rng).numpy()
-    return {"autocorrelation": lags.astype(np.float16), "floor_over_peak": floor, "dof": dof}
+    with np.errstate(over="ignore"):
+        stored = lags.astype(np.float16)
+    if not np.isfinite(stored).all():
+        raise InputError("measurement", "estimates up to 65504 times (r*r)(0)", f"floors up to {floor.max():.3g}",
+                         "lower --floor-over-peak or raise --dof; of a scene, the light")
+    return {"autocorrelation": stored, "floor_over_peak": floor, "dof": dof}
 
 
 @lru_cache(maxsize=1)

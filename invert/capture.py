@@ -12,6 +12,7 @@ import numpy as np
 from radiometry.autocorrelation import LAG_SIDE
 from radiometry.errors import InputError, positive
 from radiometry.files.capture import CameraFacts, Capture
+from radiometry.files.capture_folder import check_whole
 from radiometry.files.frames import FrameHeader
 from radiometry.files.pictures import FRAME_KINDS, read_picture
 
@@ -24,6 +25,7 @@ def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
     files: list[Path] = []
     for item in map(Path, inputs):
         if item.is_dir():
+            check_whole(item)
             inside = sorted(path for path in item.iterdir() if path.is_file() and not path.name.startswith(".")
                             and path.name not in OWN_RESULTS)
             kinds = [[path for path in inside if path.suffix.lower() == kind] for kind in FRAME_KINDS]
@@ -33,6 +35,7 @@ def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
                                  "check the folder")
             files.extend(found)
         elif item.is_file():
+            check_whole(item.parent)
             files.append(item)
         else:
             raise InputError("frames", "a file or folder", f"no {item}", "check the path")

@@ -16,6 +16,7 @@ from invert.report import save_picture, save_report
 from invert.spectrum import Measurement
 from radiometry.autocorrelation import autocorrelate, peak_of_cell_means, window_smooth
 from radiometry.errors import InputError
+from radiometry.files.capture_folder import check_whole
 from radiometry.files.output import save_array, save_json
 from radiometry.files.pictures import read_picture
 from radiometry.noise.level import fit_known_signal
@@ -25,6 +26,7 @@ def read_truth(path: Path) -> np.ndarray:
     """A known albedo, float32 (64, 64), one pixel a lag (cell means). Raises InputError where it is not one."""
     if not path.is_file():
         raise InputError("--truth", "an albedo, one pixel a lag", f"no {path}", "check the path")
+    check_whole(path.parent)
     truth, _ = read_picture(path)
     if truth.shape != (OBJECT, OBJECT) or not np.isfinite(truth).all() or (truth < 0.0).any():
         raise InputError("--truth", f"a {OBJECT} x {OBJECT} albedo, one pixel a lag, zero or more",

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import os
+import signal
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
@@ -53,10 +56,17 @@ def positive(name: str, value: float, *, zero_allowed: bool = False) -> float:
     raise InputError(name, kind, value, f"correct {name}")
 
 
+def check_count(name: str, count: int, most: int) -> int:
+    """A whole number from 1 to `most`."""
+    if not 1 <= count <= most:
+        raise InputError(name, f"a whole number from 1 to {most}", f"{count!s:.20}", "choose another")
+    return count
+
+
 def check_seed(seed: int) -> int:
     """Seeds fit the frame header's 32-bit integer."""
     if not 0 <= seed < 2**31:
-        raise InputError("--seed", "a whole number from 0 to 2147483647", seed, "choose another")
+        raise InputError("--seed", "a whole number from 0 to 2147483647", f"{seed!s:.20}", "choose another")
     return seed
 
 
@@ -69,19 +79,60 @@ def check_device(device: str) -> None:
             raise InputError("--device", "a CUDA GPU and a torch build that uses it", "none", "use --device cpu")
 
 
+class Interrupted(KeyboardInterrupt):
+    """SIGINT or SIGTERM reached a command."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.exit_code = 128 + number
+
+
+def exit_at_once_when_interrupted() -> None:
+    """For the time while a command's modules are loading, when nothing was written yet: one line, and out."""
+    def leave(number: int, _: Any) -> NoReturn:
+        os.write(2, b"interrupted\n")
+        os._exit(128 + number)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, leave)
+
+
 def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str] | None = None) -> NoReturn:
-    """Run a command's `main` and exit: 0, or 2 with one line for bad input, or 130 when interrupted."""
+    """Run a command's `main` and exit: 0; 2 with one line for bad input; 130 or 143 when interrupted."""
+    arrived: list[Interrupted] = []
+
+    def interrupt(number: int, _: Any) -> NoReturn:
+        arrived.append(Interrupted(number))
+        raise arrived[0]
+
+    main_thread = threading.current_thread() is threading.main_thread()
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)} if main_thread else {}
     try:
         main(argv)
     except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
+        _leave(f"error: {error}", 2, arrived)
     except OSError as error:
         found = " ".join(str(error).split())
-        print(f"error: files: expected ones that can be read and written, found {found}; check paths, rights and free space",
-              file=sys.stderr)
-        sys.exit(2)
+        line = f"error: files: expected ones that can be read and written, found {found}; check paths, rights and free space"
+        _leave(line, 2, arrived)
+    except MemoryError:
+        _leave("error: memory: expected enough for this input, found too little; give a smaller one", 2, arrived)
     except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        sys.exit(130)
+        _leave("interrupted", 130, arrived)
+    except BaseException:
+        if not arrived:
+            raise
+        _leave("interrupted", 130, arrived)  # a library half loaded raises what it likes
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
     sys.exit(0)
+
+
+def _leave(line: str, code: int, arrived: Sequence[Interrupted]) -> NoReturn:
+    if arrived:
+        line, code = "interrupted", arrived[0].exit_code
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)  # clean up undisturbed
+    print(line, file=sys.stderr)
+    sys.exit(code)

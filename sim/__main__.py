@@ -75,28 +75,28 @@ def _render(scene, plan, content, options) -> None:
     """Draw every frame into a hidden folder, then move all at once: a stopped run leaves an older capture whole."""
     from tqdm import tqdm
 
-    from radiometry.files.capture_folder import frame_path, replace_capture, staging_folder
+    from radiometry.files.capture_folder import frame_path, replace_capture, staged
     from radiometry.files.frames import write_frame
     from radiometry.files.output import output_folder, save_array, save_json
     from sim.scene import draw, header, lag_grid_albedo, record, saturation
 
     folder = output_folder(options.output)
-    staging = staging_folder(folder)
     begin = time.perf_counter()
     truth, pitches_m = lag_grid_albedo(plan.geometry, options.truth_patch)
     write_s = saturated = 0.0
-    drawn = draw(plan, options.frames, options.seed, mean=options.mean, device=options.device)
-    prepared = time.perf_counter()
-    for number, frame in enumerate(tqdm(drawn, total=options.frames, desc="frames", unit="frame", disable=None)):
-        started = time.perf_counter()
-        write_frame(frame_path(staging, number), frame, header(plan, options.seed, number, scene.digest))
-        saturated += saturation(plan, [frame]) / options.frames
-        write_s += time.perf_counter() - started
-    seconds = {"prepare": prepared - begin, "render": time.perf_counter() - prepared - write_s, "write": write_s}
-    save_array(staging / "truth.npy", truth)
-    save_json(staging / "sim.json", record(scene, plan, content, options.seed, options.frames, pitches_m, mean=options.mean,
-                                           saturated=saturated, seconds=seconds))
-    replace_capture(staging, folder)
+    with staged(folder) as staging:
+        drawn = draw(plan, options.frames, options.seed, mean=options.mean, device=options.device)
+        prepared = time.perf_counter()
+        for number, frame in enumerate(tqdm(drawn, total=options.frames, desc="frames", unit="frame", disable=None)):
+            started = time.perf_counter()
+            write_frame(frame_path(staging, number), frame, header(plan, options.seed, number, scene.digest))
+            saturated += saturation(plan, [frame]) / options.frames
+            write_s += time.perf_counter() - started
+        seconds = {"prepare": prepared - begin, "render": time.perf_counter() - prepared - write_s, "write": write_s}
+        save_array(staging / "truth.npy", truth)
+        save_json(staging / "sim.json", record(scene, plan, content, options.seed, options.frames, pitches_m, mean=options.mean,
+                                               saturated=saturated, seconds=seconds))
+        replace_capture(staging, folder)
     if saturated > SATURATION_WORTH_A_WARNING:
         print(f"warning: full_well: {100 * saturated:.3g} % of the pixels are saturated", file=sys.stderr)
     print(f"{options.frames} frames: {folder}")

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from radiometry.errors import ArgumentParser, InputError, check_seed
+from radiometry.errors import ArgumentParser, InputError, check_count, check_seed
 
 SETS = ("edges", "shapes", "rendered", "measured")
 CHARACTER_SETS = ("rendered", "measured 7", "measured letters")
@@ -75,11 +75,12 @@ def _cell(cells: Path, level: Any, name: str, settings: dict[str, Any], options:
     from radiometry.files.output import save_array, save_json
 
     file = cells / "".join(letter if letter.isalnum() else "-" for letter in f"{level.test_set} {level.label} {name}")
+    file = file.with_name(f"{file.name}-{hashlib.sha256(name.encode()).hexdigest()[:8]}")  # names may differ in signs alone
     asked = {"set": level.test_set, "level": level.label, "seed": options.seed, "cases": [case.name for case in level.cases],
              **{key: str(value) for key, value in settings.items()}, "method": name, "data": _digest(level, settings)}
     if file.with_suffix(".json").is_file() and file.with_suffix(".npy").is_file():
-        known = json.loads(file.with_suffix(".json").read_text())
-        if known["asked"] == asked:
+        known = _known(file, asked)
+        if known is not None:
             return known
     rows, albedos = [], []
     for case in level.cases:
@@ -98,10 +99,27 @@ def _cell(cells: Path, level: Any, name: str, settings: dict[str, Any], options:
         rows.append(row)
         albedos.append(found.albedo)
     save_array(file.with_suffix(".npy"), np.stack(albedos))
-    save_array(file.with_name(file.name + "-truth").with_suffix(".npy"), np.stack([case.truth for case in level.cases]))
+    save_array(_truth_file(file), np.stack([case.truth for case in level.cases]))
     content = {"asked": asked, "file": file.name, "rows": rows}
     save_json(file.with_suffix(".json"), content)
     return content
+
+
+def _known(file: Path, asked: dict[str, Any]) -> dict[str, Any] | None:
+    """An earlier cell, if it is whole and answers the same; else it is computed again."""
+    try:
+        known = json.loads(file.with_suffix(".json").read_text())
+        albedos = [np.load(name, allow_pickle=False) for name in (file.with_suffix(".npy"), _truth_file(file))]
+        cases = len(asked["cases"])
+        whole = (known["asked"] == asked and len(known["rows"]) == cases
+                 and all(part.shape == (cases, 64, 64) for part in albedos))
+    except (OSError, ValueError, KeyError, TypeError, EOFError):
+        return None
+    return known if whole else None
+
+
+def _truth_file(file: Path) -> Path:
+    return file.with_name(file.name + "-truth").with_suffix(".npy")
 
 
 def _digest(level: Any, settings: dict[str, Any]) -> str:
@@ -123,8 +141,9 @@ def _check(options: Any) -> dict[str, dict[str, Any]]:
     from invert.solvers.registry import METHODS, QUALITIES
 
     check_seed(options.seed)
-    if options.count < 1 or (options.levels is not None and options.levels < 1):
-        raise InputError("--count, --levels", "whole numbers above zero", f"{options.count}, {options.levels}", "choose others")
+    check_count("--count", options.count, 100_000)
+    if options.levels is not None:
+        check_count("--levels", options.levels, 1000)
     if "edges" in options.sets and options.images is None:
         raise InputError("--images", "a folder of photographs for the set of edges", "none", "add --images FOLDER")
     if "measured" in options.sets and options.measured is None:
@@ -140,5 +159,7 @@ def _check(options: Any) -> dict[str, dict[str, Any]]:
         name, equals, file = text.partition("=")
         if not equals or not Path(file).is_file():
             raise InputError("--weights", "NAME=FILE, an existing file", text, "correct it")
+        if name in methods:
+            raise InputError("--weights", "names of their own", f"{name} twice", "give another name")
         methods[name] = {"method": "unet", "quality": "fast", "weights": Path(file)}
     return methods

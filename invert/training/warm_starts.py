@@ -7,23 +7,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
-import zarr
 
 from invert.network.features import PICTURES
 from radiometry.autocorrelation import LAG_SIDE
 from radiometry.errors import ArgumentParser, InputError, check_seed
+from radiometry.files.store import Schema, begin, missing_parts, open_whole, read_array, write_part
 
 if TYPE_CHECKING:
     from invert.network.model import CorrelographyNet
 
 CHUNK = 32
-ARRAYS = {"albedo": ((64, 64), "uint8"), "classical": ((PICTURES, 64, 64), "uint8"),
+ARRAYS: dict[str, tuple[tuple[int, ...], str]] = {"albedo": ((64, 64), "uint8"), "classical": ((PICTURES, 64, 64), "uint8"),
           "estimate": ((LAG_SIDE, LAG_SIDE), "float16"), "denoised": ((LAG_SIDE, LAG_SIDE), "float16"),
           "floor": ((), "float32"), "dof": ((), "float32")}
+
+SCHEMA = Schema("warm starts", "python -m invert.warm_starts", 2, ARRAYS, CHUNK, CHUNK)
 
 QUALITY = "fast"
 """Quality of the classical retrieval: the least that the network will be shown."""
@@ -49,26 +51,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     network, card = load_network(options.weights)
     if not isinstance(network, CorrelographyNet):
         raise InputError("--weights", "a network with a denoiser", f"the kind {card['network']}", "train --network unet")
-    group = _open(options.output, {"targets": options.targets, "seed": options.seed, "count": options.count,
-                                   "denoiser": card["run"]})
     targets, _ = load_targets(options.targets)
-    for chunk in tqdm(range(options.count // CHUNK), unit="chunk", disable=None):
-        if not group["complete"][chunk]:
-            for name, values in _chunk(network, targets, options.seed, chunk).items():
-                group[name][chunk * CHUNK : (chunk + 1) * CHUNK] = values
-            group["complete"][chunk] = 1
-
-
-def _open(address: str, recipe: dict[str, Any]) -> zarr.Group:
-    group = zarr.open_group(address, mode="a")
-    if group.attrs.asdict() not in ({}, recipe):
-        raise InputError("-o", f"a store begun with {recipe}", group.attrs.asdict(), "choose another address")
-    count = recipe["count"]
-    for name, (shape, kind) in ARRAYS.items():
-        group.require_array(name, shape=(count, *shape), dtype=kind, chunks=(CHUNK, *shape))
-    group.require_array("complete", shape=(count // CHUNK,), dtype="uint8", chunks=(1,))
-    group.attrs.update(recipe)
-    return group
+    arguments = {"targets": options.targets, "seed": options.seed, "count": options.count, "denoiser": card["run"]}
+    group = begin(options.output, SCHEMA, arguments, options.count)
+    missing = missing_parts(group)
+    chunks = options.count // CHUNK
+    for chunk in tqdm(missing, total=chunks, initial=chunks - len(missing), unit="chunk", disable=None):
+        write_part(group, SCHEMA, chunk, _chunk(network, targets, options.seed, chunk))
 
 
 def _chunk(network: CorrelographyNet, targets: torch.Tensor, seed: int, chunk: int) -> dict[str, np.ndarray]:
@@ -98,15 +87,8 @@ def load_warm_starts(addresses: Sequence[str]) -> dict[str, torch.Tensor]:
     """All samples of one store or more, in memory; InputError where one is missing or unfinished."""
     parts = []
     for address in addresses:
-        try:
-            group = zarr.open_group(address, mode="r")
-            if not np.asarray(group["complete"]).all():
-                raise InputError("--warm", "a complete store", f"an unfinished one at {address}",
-                                 "run the same python -m invert.warm_starts again")
-            parts.append({name: np.asarray(group[name]) for name in ARRAYS})
-        except (OSError, KeyError):
-            raise InputError("--warm", "a store that python -m invert.warm_starts wrote", f"none at {address}",
-                             "check the address") from None
+        group = open_whole(address, SCHEMA)
+        parts.append({name: read_array(group, address, name, SCHEMA) for name in ARRAYS})
     return {name: torch.from_numpy(np.concatenate([part[name] for part in parts])) for name in ARRAYS}
 
 

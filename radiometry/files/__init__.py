@@ -4,5 +4,6 @@
     capture_folder.py  the folder of them, replaced as a whole
     frames.py          EXR frames with their header (exr_version.py: one attribute of it)
     pictures.py        monochrome pictures and arrays of any kind
+    store.py           Zarr stores: whose they are, whether they are whole
     output.py          folders and files, never half-written
 """

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from radiometry.errors import InputError
-from radiometry.files.capture_folder import frame_path, replace_capture, staging_folder
+from radiometry.files.capture_folder import frame_path, replace_capture, staged
 from radiometry.files.frames import FrameHeader, write_frame
 from radiometry.files.output import output_folder, save_array, save_json
 
@@ -78,10 +78,10 @@ class Capture:
         if len(self.headers) != len(self.frames) or self.truth is None:
             raise InputError("capture", "frames that were rendered", "captured ones", "their files are elsewhere already")
         target = output_folder(folder)
-        staging = staging_folder(target)
-        for number, (frame, header) in enumerate(zip(self.frames, self.headers, strict=True)):
-            write_frame(frame_path(staging, number), frame, header)
-        save_array(staging / "truth.npy", self.truth)
-        save_json(staging / "sim.json", self.record)
-        replace_capture(staging, target)
+        with staged(target) as staging:
+            for number, (frame, header) in enumerate(zip(self.frames, self.headers, strict=True)):
+                write_frame(frame_path(staging, number), frame, header)
+            save_array(staging / "truth.npy", self.truth)
+            save_json(staging / "sim.json", self.record)
+            replace_capture(staging, target)
         return target

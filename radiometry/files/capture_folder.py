@@ -1,19 +1,34 @@
-"""The folder of a capture: an interrupted run leaves the previous capture intact."""
+"""The folder of a capture: an interrupted run leaves the previous capture intact, or a mark that readers heed."""
 
 from __future__ import annotations
 
 import json
 import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+
+from radiometry.errors import InputError
+
+MOVING = ".capture-is-being-moved"
+"""Stands in a folder while a finished capture moves into place; what a killed run leaves there is neither old nor new."""
+
+
+def check_whole(folder: Path) -> None:
+    """Refuse a folder that a killed run left between two captures."""
+    if (folder / MOVING).exists():
+        raise InputError("capture", "a whole one", f"the remains of a run that was killed in {folder}",
+                         "render it again into the same folder")
 
 
 def frame_path(folder: Path, number: int) -> Path:
     return folder / f"frame_{number:04d}.exr"
 
 
-def staging_folder(folder: Path) -> Path:
-    """A fresh hidden folder inside `folder`; those of runs that were killed are removed."""
+@contextmanager
+def staged(folder: Path) -> Iterator[Path]:
+    """A fresh hidden folder inside `folder`, gone afterwards; those that killed runs left are removed."""
     for left in folder.glob(".partial-*"):
         if left.is_dir():
             shutil.rmtree(left)
@@ -21,14 +36,15 @@ def staging_folder(folder: Path) -> Path:
             left.unlink()
     staging = folder / f".partial-{os.getpid()}"
     staging.mkdir()
-    return staging
+    try:
+        yield staging
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
 
 
 def replace_capture(staging: Path, folder: Path) -> None:
-    """Move a finished capture into its folder, in place of the one that sim.json describes.
-
-    sim.json goes first and comes last: a folder without it holds no whole capture.
-    """
+    """Move a finished capture into its folder, in place of the one that sim.json describes."""
+    (folder / MOVING).touch()
     summary = folder / "sim.json"
     if summary.is_file():
         try:
@@ -40,4 +56,4 @@ def replace_capture(staging: Path, folder: Path) -> None:
             frame_path(folder, number).unlink(missing_ok=True)
     for path in sorted(staging.iterdir(), key=lambda p: p.name == "sim.json"):
         os.replace(path, folder / path.name)
-    staging.rmdir()
+    (folder / MOVING).unlink()

@@ -32,9 +32,14 @@ def _read_pixels(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
     try:
         if kind == ".npy":
             pixels = np.load(file, allow_pickle=False)
+            if not isinstance(pixels, np.ndarray):
+                raise InputError("frame", "one array", f"an archive of several in {file.name}", "save it as .npy")
         elif kind in FRAME_KINDS:
+            from PIL import Image
             from skimage import io
 
+            with Image.open(file) as picture:
+                picture.verify()  # of a PNG every checksum and its end; reading alone takes what there is
             pixels = io.imread(file)
         else:
             raise InputError("frame", f"one of {', '.join(FRAME_KINDS)}", file.name, "convert it")

@@ -1,0 +1,182 @@
+"""The edges of the commands: nothing lost, nothing half-written, nothing damaged taken for whole."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zarr
+from PIL import Image
+
+pytest.importorskip("mitsuba")
+
+from data_gen.__main__ import main as data_gen
+from data_gen.dataset import load_targets
+from data_gen.preview import main as preview
+from invert.__main__ import main as invert
+from invert.training.warm_starts import load_warm_starts
+from invert.training.warm_starts import main as warm_starts
+from radiometry.errors import InputError
+from radiometry.files.capture_folder import MOVING
+from scenes import scene_path
+
+SCENE = scene_path("corner_letter")
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory) -> Path:
+    store = tmp_path_factory.mktemp("whole") / "set.zarr"
+    data_gen([str(store), "--source", "shapes", "--count", "2100", "--workers", "1"])
+    return store
+
+
+@pytest.fixture
+def copy(dataset, tmp_path) -> Path:
+    import shutil
+
+    return Path(shutil.copytree(dataset, tmp_path / "copy.zarr"))
+
+
+@pytest.mark.parametrize("command_name", ["data_gen", "warm_starts"])
+@pytest.mark.parametrize("kind", ["folder", "file", "group", "array", "here", "nothing"])
+def test_nothing_that_is_somebody_s_is_overwritten(tmp_path, command, monkeypatch, dataset, command_name, kind):
+    """A folder with files, a file, another program's Zarr group or array, `.` and an empty name."""
+    mine = tmp_path / "mine"
+    if kind == "file":
+        mine.write_text("thesis")
+    elif kind == "group":
+        zarr.create_group(mine).create_array("albedo", shape=(3,), dtype="f4")[:] = 1.0
+    elif kind == "array":
+        zarr.create_array(mine, shape=(3,), dtype="f4")[:] = 1.0
+    else:
+        mine.mkdir()
+        (mine / "thesis.txt").write_text("years of work")
+    before = contents(tmp_path)
+    monkeypatch.chdir(mine if kind == "here" else tmp_path)
+    address = {"here": ".", "nothing": ""}.get(kind, mine)
+    if command_name == "data_gen":
+        code, _, err = command(data_gen, address, "--source", "glyphs", "--count", 10, "--workers", 1)
+    else:
+        weights = Path(sys.modules["invert"].__file__).parent / "weights" / "unet.safetensors"
+        code, _, err = command(warm_starts, dataset, "-o", address, "--weights", weights, "--count", 32)
+    assert code == 2, err
+    assert err.count("\n") == 1
+    assert contents(tmp_path) == before
+
+
+def test_a_store_with_a_file_missing_is_not_whole(copy, command):
+    next((copy / "albedo" / "c").glob("1/0/0")).unlink()
+    with pytest.raises(InputError, match="files of albedo missing"):
+        load_targets(str(copy))
+    assert command(preview, copy)[0] == 2
+
+
+def test_a_store_with_a_changed_byte_is_found_out(copy):
+    file = next((copy / "split" / "c").glob("0"))
+    with zarr.config.set({"array.write_empty_chunks": True}):
+        zarr.open_group(copy, mode="r+")["split"][5] ^= 1
+    with pytest.raises(InputError, match="checksum"):
+        load_targets(str(copy))
+    file.write_bytes(file.read_bytes()[:-9])
+    with pytest.raises(InputError, match="dataset"):
+        load_targets(str(copy))
+
+
+@pytest.mark.parametrize("damage", ["zarr.json", "albedo/zarr.json", "complete/zarr.json", "dtype", "shape", "array", "format"])
+def test_damaged_stores_are_one_line(copy, command, damage):
+    group = zarr.open_group(copy, mode="r+")
+    if damage.endswith(".json"):
+        (copy / damage).write_text((copy / damage).read_text()[:40])
+    elif damage == "format":
+        group.attrs["format"] = 1
+    else:
+        import shutil
+
+        shutil.rmtree(copy / "split")
+        if damage != "array":
+            shape, dtype = ((2100,), "f4") if damage == "dtype" else ((2099,), "u1")
+            group.create_array("split", shape=shape, dtype=dtype)
+    for main, arguments in ((preview, (copy,)), (data_gen, (copy, "--source", "shapes", "--count", 2100, "--workers", 1))):
+        code, _, err = command(main, *arguments)
+        assert code == 2, err
+        assert err.count("\n") == 1
+        assert len(err) < 600
+
+
+@pytest.mark.parametrize(("extra", "words"), [
+    (("--count", 10**400), "--count"), (("--count", 10**18), "--count"), (("--workers", 1000), "--workers"),
+    (("--scheduler", "tcp://127.0.0.1:9"), "--scheduler"), (("--scheduler", "nonsense"), "--scheduler"),
+    (("--measurement", "noise-model", "--floor-over-peak", 1e5, 1e6), "measurement"),
+    (("--measurement", "render", "--scene", "dark.xml"), "light from the hidden object"),
+])
+def test_what_cannot_be_made_leaves_no_store(tmp_path, command, monkeypatch, extra, words):
+    monkeypatch.chdir(tmp_path)
+    text = SCENE.read_text().replace('"F.png"', f'"{tmp_path / "black.png"}"')
+    Image.new("L", (64, 64)).save(tmp_path / "black.png")
+    (tmp_path / "dark.xml").write_text(text)
+    count = () if "--count" in extra else ("--count", 64)
+    code, _, err = command(data_gen, "a.zarr", "--source", "glyphs", *count, *extra)
+    assert code == 2, err
+    assert words in err
+    assert err.count("\n") == 1
+    assert len(err) < 600
+    assert not Path("a.zarr").exists()
+
+
+@pytest.mark.parametrize("damage", ["truncated", "checksum", "archive"])
+def test_half_a_picture_is_none(tmp_path, command, rng, damage):
+    file = tmp_path / "frame.png"
+    Image.fromarray(rng.integers(0, 65535, (400, 400)).astype(np.uint16)).save(file)
+    whole = file.read_bytes()
+    if damage == "truncated":
+        file.write_bytes(whole[: len(whole) // 2])
+    elif damage == "checksum":
+        file.write_bytes(whole[:-20] + bytes([whole[-20] ^ 1]) + whole[-19:])
+    else:
+        file.unlink()
+        with open(tmp_path / "frame.npy", "wb") as stream:
+            np.savez(stream, a=np.ones((300, 300)))
+    code, _, err = command(invert, tmp_path, "-o", tmp_path / "out")
+    assert code == 2, err
+    assert err.count("\n") == 1
+    assert not (tmp_path / "out" / "result.json").exists()
+
+
+def test_what_a_killed_run_left_between_two_captures_is_not_read(tmp_path, command):
+    from sim.__main__ import main as sim
+
+    assert command(sim, SCENE, "-o", tmp_path / "a", "--frames", 2)[0] == 0
+    (tmp_path / "a" / MOVING).touch()
+    code, _, err = command(invert, tmp_path / "a", "-o", tmp_path / "out", "--quality", "fast")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "killed" in err
+    assert command(sim, SCENE, "-o", tmp_path / "a", "--frames", 2)[0] == 0
+    assert command(invert, tmp_path / "a", "-o", tmp_path / "out", "--quality", "fast")[0] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("after_s", [0.3, 0.8, 1.5, 2.5, 4.0, 6.0])
+def test_an_interrupt_is_one_line_and_leaves_nothing_behind(tmp_path, number, after_s):
+    arguments = [sys.executable, "-m", "sim", str(SCENE), "-o", str(tmp_path / "out"), "--frames", "40"]
+    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ})
+    time.sleep(after_s)
+    process.send_signal(number)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode in (128 + number, -number)  # -number: before the interpreter had begun with our code
+    assert "Traceback" not in err
+    left = contents(tmp_path / "out") if (tmp_path / "out").exists() else {}
+    assert not left
+
+
+def test_training_stores_that_are_not_there_are_one_line(tmp_path):
+    with pytest.raises(InputError, match="warm starts"):
+        load_warm_starts([str(tmp_path / "none.zarr")])
