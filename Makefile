@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 # CPU builds of torch live here; where it cannot be reached, pip goes on with what else it has.
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 
-.PHONY: demo test test-quick lint docs clean
+.PHONY: demo test test-quick fuzz lint docs clean
 
 demo: $(VENV)/installed
 	$(BIN)/python -m sim scenes/corner_letter/scene.xml -o out/demo/frames --frames 2 --seed 1
@@ -17,6 +17,9 @@ test: $(VENV)/installed
 
 test-quick: $(VENV)/installed
 	$(BIN)/python -m pytest -m "not slow"
+
+fuzz: $(VENV)/installed
+	FUZZ_EXAMPLES=$${FUZZ_EXAMPLES:-1000} $(BIN)/python -m pytest tests/fuzz
 
 lint: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --editable ".[lint]"

@@ -10,18 +10,19 @@ import zarr
 
 from data_gen.store import dataset_schema
 from radiometry.errors import InputError
-from radiometry.files.store import arguments_of, open_whole, read_array
+from radiometry.files.store import Schema, arguments_of, open_whole, read_array
 
 
 def open_dataset(address: str) -> zarr.Group:
     """Open a finished dataset for reading; InputError where there is none, or it is unfinished, damaged or another's."""
-    return open_whole(address, dataset_schema(_measurement(address)))
+    return open_whole(address, dataset_schema_of(address))
 
 
-def _measurement(address: str) -> str:
+def dataset_schema_of(address: str) -> Schema:
+    """The schema of a dataset by the measurement that it was begun with."""
     arguments = arguments_of(address, "dataset").get("arguments")
     found = arguments.get("measurement") if isinstance(arguments, dict) else None
-    return found if found in ("noise-model", "render") else "none"
+    return dataset_schema(found if found in ("noise-model", "render") else "none")
 
 
 class Samples(torch.utils.data.Dataset):
@@ -45,7 +46,7 @@ class Samples(torch.utils.data.Dataset):
 def load_targets(address: str) -> tuple[torch.Tensor, torch.Tensor]:
     """All training and all validation targets in memory, uint8 (n, 64, 64) each."""
     group = open_dataset(address)
-    albedo, split = (read_array(group, address, name, dataset_schema(_measurement(address))) for name in ("albedo", "split"))
+    albedo, split = (read_array(group, address, name, dataset_schema_of(address)) for name in ("albedo", "split"))
     if split.all() or not split.any():
         raise InputError("dataset", "targets for training and for validation", f"one kind only among {len(split)} in {address}",
                          "make a larger one")

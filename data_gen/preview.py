@@ -23,7 +23,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     options = parser.parse_args(argv)
     if not 1 <= options.rows <= 50:
         raise InputError("--rows", "1 to 50", options.rows, "choose another")
-    from data_gen.dataset import open_dataset
+    from data_gen.dataset import dataset_schema_of, open_dataset
+    from radiometry.files.store import read_rows
     from radiometry.noise.model import window_smoothed
 
     group = open_dataset(options.dataset)
@@ -32,13 +33,18 @@ def main(argv: Sequence[str] | None = None) -> None:
         raise InputError("-o", "a picture's name for a store that is not on this machine", "none", "add -o PICTURE.png")
     count = group["albedo"].shape[0]
     chosen = np.linspace(0, count - 1, min(COLUMNS * options.rows, count)).astype(int)
-    albedo = np.stack([group["albedo"][int(row)] for row in chosen])
-    if "autocorrelation" in group:
-        lags = np.stack([np.asarray(group["autocorrelation"][int(row)], np.float32) for row in chosen])
-        captions = [f"b {group['floor_over_peak'][int(row)]:.2g}, K {group['dof'][int(row)]:.3g}" for row in chosen]
+    schema = dataset_schema_of(options.dataset)
+
+    def read(name: str) -> np.ndarray:
+        return read_rows(group, options.dataset, name, chosen, schema)
+
+    albedo = read("albedo")
+    if "autocorrelation" in schema.arrays:
+        lags = read("autocorrelation").astype(np.float32)
+        captions = [f"b {floor:.2g}, K {dof:.3g}" for floor, dof in zip(read("floor_over_peak"), read("dof"), strict=True)]
     else:
         lags, captions = window_smoothed(torch.from_numpy(albedo).float()).numpy(), ["no noise"] * len(chosen)
-    if not (np.isfinite(lags).all() and set(np.unique(group["split"])) <= {0, 1}):
+    if not (np.isfinite(lags).all() and set(np.unique(read("split"))) <= {0, 1}):
         raise InputError("dataset", "finite lags, and splits of 0 and 1", f"others in {options.dataset}", "make it again")
     save_sheet(output, albedo, lags, captions)
     print(f"{output}: {len(chosen)} of {count} samples")

@@ -85,7 +85,12 @@ def read_capture(inputs: Sequence[str | Path], known: CameraFacts, dark: Path | 
     if given and lacking:
         options = ", ".join("--" + name.replace("_", "-") for name in lacking)
         raise InputError("camera facts", "wavelength, pixel pitch and distance together", f"no {options}", f"add {options}")
-    return Capture(frames, facts, tuple(file.name for file in files))
+    return Capture(frames, facts, tuple(printable(file.name) for file in files))
+
+
+def printable(name: str) -> str:
+    """A file's name with question marks for bytes that are no UTF-8."""
+    return name.encode("utf-8", "replace").decode()
 
 
 def check_frame(pixels: np.ndarray, file: Path) -> None:

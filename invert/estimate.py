@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from invert.capture import printable
 from radiometry.autocorrelation import LAGS, automatic_patch_size, patch_grid
 from radiometry.estimator import AutocorrelationEstimator, Mean
 from radiometry.files.capture import Capture
@@ -43,7 +44,7 @@ class Estimate:
 def published_estimate(file: Path) -> Estimate:
     """An autocorrelation picture or array, as it is."""
     lags, quantisation = read_autocorrelation(file)
-    return Estimate(file.name, lags, quantisation)
+    return Estimate(printable(file.name), lags, quantisation)
 
 
 def estimate_from_frames(capture: Capture, patch: int | None, device: str, mean: Mean = "auto") -> Estimate:

@@ -34,7 +34,8 @@ def save_report(path: Path, *, frame: np.ndarray | None, estimate: np.ndarray, a
     panels: list[tuple[str, np.ndarray, dict[str, float]]] = []
     if frame is not None:
         corner = frame[:257, :257]
-        limits = {"vmin": float(corner.min()), "vmax": float(max(corner.max(), corner.min() + 1.0))}
+        low, high = float(corner.min()), float(corner.max())
+        limits = {"vmin": low, "vmax": high if high > low else low + 1.0}
         panels.append(("speckle (a corner of the first frame)", corner, limits))
     shown = centre_dimmed(estimate)
     panels.append(("autocorrelation estimate", shown, {"vmin": float(np.quantile(shown, 0.01)), "vmax": float(shown.max())}))
@@ -48,6 +49,6 @@ def save_report(path: Path, *, frame: np.ndarray | None, estimate: np.ndarray, a
         axes.set_title(title, fontsize=10)
         axes.set_xticks([])
         axes.set_yticks([])
-    figure.supxlabel("\n".join(numbers), fontsize=9)
+    figure.supxlabel("\n".join(numbers), fontsize=9, parse_math=False)  # names of files may hold any sign
     with atomic(path) as partial:
         figure.savefig(partial, format="png", dpi=110)

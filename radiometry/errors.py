@@ -10,6 +10,9 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
+LONGEST = 300
+"""Characters of what was found that a message repeats."""
+
 
 class InputError(ValueError):
     """Input that cannot be used: its name, what was expected, what was found, and the remedy.
@@ -18,7 +21,8 @@ class InputError(ValueError):
     """
 
     def __init__(self, name: str, expected: str, found: object, remedy: str) -> None:
-        text = f"{name}: expected {expected}, found {found}; {remedy}"
+        found = f"{found!s:.{LONGEST}}" + ("..." if len(str(found)) > LONGEST else "")
+        text = f"{name}: expected {expected}, found {found}; {remedy}".encode("utf-8", "replace").decode()
         super().__init__(" ".join(text.split()))
         self._parts = (name, expected, str(found), remedy)
 
@@ -61,6 +65,11 @@ def check_count(name: str, count: int, most: int) -> int:
     if not 1 <= count <= most:
         raise InputError(name, f"a whole number from 1 to {most}", f"{count!s:.20}", "choose another")
     return count
+
+
+def memory_bytes() -> float:
+    """Memory of this machine, free or not."""
+    return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
 
 
 def check_seed(seed: int) -> int:

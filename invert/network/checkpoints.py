@@ -37,6 +37,8 @@ def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
     try:
         with safe_open(path, framework="pt") as stored:
             card = json.loads((stored.metadata() or {})["card"])
+            if not isinstance(card, dict):
+                raise ValueError("no card")
             tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118 - no mapping
     except (SafetensorError, KeyError, ValueError, OSError) as error:
         raise InputError("--weights", "weights that python -m invert.train wrote", f"{path} ({type(error).__name__})",
@@ -49,8 +51,9 @@ def load_network(path: Path, device: str = "cpu") -> tuple[nn.Module, dict[str, 
     """A network ready to be used, and its card."""
     tensors, card = read_weights(path)
     kind, width = card.get("network"), card.get("width")
-    if kind not in NETWORKS or not isinstance(width, int) or not 8 <= width <= 512:
-        raise InputError("--weights", f"a network of kind {', '.join(NETWORKS)}", f"{kind!r} in {path}", "use other weights")
+    if not isinstance(kind, str) or kind not in NETWORKS or type(width) is not int or not 8 <= width <= 512 or width % 8:
+        raise InputError("--weights", f"a network of kind {', '.join(NETWORKS)} and a width divisible by 8",
+                         f"{kind!r:.40} of width {width!r:.20} in {path}", "use other weights")
     with torch.device("meta"):
         network = NETWORKS[kind](width)
     wanted = {name: value.shape for name, value in network.state_dict().items()}
@@ -59,6 +62,9 @@ def load_network(path: Path, device: str = "cpu") -> tuple[nn.Module, dict[str, 
         names = sorted(name for name in {**wanted, **found} if wanted.get(name) != found.get(name))
         raise InputError("--weights", f"the tensors of {kind} of width {width}",
                          f"{len(names)} others, {names[0]} first, in {path}", "use weights of this version")
+    kinds = {name: value.is_floating_point() for name, value in network.state_dict().items()}
+    if any(tensors[name].is_floating_point() != floating for name, floating in kinds.items()):
+        raise InputError("--weights", "floating-point weights", f"integers in {path}", "train again or use the shipped ones")
     if not all(bool(torch.isfinite(value).all()) for value in tensors.values()):
         raise InputError("--weights", "finite weights", f"NaN or infinity in {path}", "train again")
     network.load_state_dict({name: value.float() if value.is_floating_point() else value for name, value in tensors.items()},

@@ -28,8 +28,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args(argv)
     check_seed(options.seed)
-    if options.count < 20:
-        raise InputError("--count", "20 or more", options.count, "choose another")
+    if not 20 <= options.count <= 100_000:
+        raise InputError("--count", "20 to 100000", f"{options.count!s:.20}", "choose another")
     from data_gen.dataset import load_targets
     from invert.network.checkpoints import read_weights, save_weights
     from invert.training.data import varied

@@ -16,7 +16,12 @@ import torch
 from invert.network.checkpoints import NETWORKS
 from invert.training.losses import LOSSES
 from invert.training.training_run import Training
-from radiometry.errors import ArgumentParser, InputError, check_device, check_seed
+from radiometry.errors import ArgumentParser, InputError, check_count, check_device, check_seed, memory_bytes
+
+MOST = {"steps": 10**8, "batch": 65536, "width": 512, "checkpoint_every": 10**8}
+
+BYTES_PER_CHANNEL = 3e5
+"""Activations of a sample and its gradients, over the width: measured at 9 to 12 MB a sample of width 40."""
 
 
 def parser() -> ArgumentParser:
@@ -81,9 +86,14 @@ def _check(options: Any) -> None:
     check_device(options.device)
     if options.width is None:
         options.width = 40 if options.network == "unet" else 64
-    for name in ("steps", "batch", "width", "checkpoint_every"):
-        if getattr(options, name) < 1:
-            raise InputError(f"--{name}", "a whole number above zero", getattr(options, name), "choose another")
+    for name, most in MOST.items():
+        check_count(f"--{name.replace('_', '-')}", getattr(options, name), most)
+    if not 0.0 < options.learning_rate <= 1.0:
+        raise InputError("--learning-rate", "a number above 0, up to 1", options.learning_rate, "choose another")
+    wanted = options.batch * options.width * BYTES_PER_CHANNEL
+    if wanted > memory_bytes():
+        raise InputError("--batch, --width", f"activations that fit into {memory_bytes() / 1e9:.1f} GB",
+                         f"about {wanted / 1e9:.3g} GB", "lower one of them")
     fuses = options.network == "unet" and options.part == "fusion"
     if bool(options.warm) != fuses or (fuses and (options.noise == "paper" or options.start_from is None)):
         raise InputError("--part fusion", "--warm STORES, --start-from WEIGHTS and --noise varied beside it",

@@ -40,8 +40,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args(argv)
     check_seed(options.seed)
-    if options.count < CHUNK or options.count % CHUNK:
-        raise InputError("--count", f"a multiple of {CHUNK}", options.count, "choose another")
+    if not CHUNK <= options.count <= 10**8 or options.count % CHUNK:
+        raise InputError("--count", f"a multiple of {CHUNK} up to {10**8}", f"{options.count!s:.20}", "choose another")
     from tqdm import tqdm
 
     from data_gen.dataset import load_targets

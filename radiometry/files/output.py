@@ -18,6 +18,8 @@ from radiometry.errors import InputError
 
 def output_folder(path: str | Path) -> Path:
     """Create (or accept) a folder that can be written to; raise InputError otherwise."""
+    if not str(path).strip():
+        raise InputError("output folder", "a name", "an empty one", "choose another with -o")
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -86,7 +86,10 @@ def open_whole(address: str, schema: Schema) -> zarr.Group:
         raise InputError(schema.kind, f"one made by {schema.made_by}", f"none at {address}", "check the address")
     _check_mark(group, address, schema)
     _check_arrays(group, address, schema)
-    missing = missing_parts(group)
+    try:
+        missing = missing_parts(group)
+    except Exception as error:  # codecs raise their own kinds
+        raise _damaged(address, schema, f"marks that cannot be read ({_one_line(error)})") from None
     if missing:
         found = f"{len(missing)} of {group['complete'].shape[0]} parts missing in {address}"
         raise InputError(schema.kind, "a complete one", found, f"run the same {schema.made_by} again")
@@ -102,12 +105,20 @@ def read_array(group: zarr.Group, address: str, name: str, schema: Schema) -> np
     try:
         values = np.asarray(group[name])
         known = np.asarray(group["crc32"])[:, list(schema.arrays).index(name)]
-    except (OSError, ValueError, RuntimeError) as error:
+    except Exception as error:  # codecs raise their own kinds
         raise _damaged(address, schema, f"{name} that cannot be read ({_one_line(error)})") from None
     for part, expected in enumerate(known):
         if _crc(values[part * schema.part : (part + 1) * schema.part]) != int(expected):
             raise _damaged(address, schema, f"a wrong checksum in part {part} of {name}")
     return values
+
+
+def read_rows(group: zarr.Group, address: str, name: str, rows: np.ndarray, schema: Schema) -> np.ndarray:
+    """Some samples of an array, as far as the codecs' own checksums verify them."""
+    try:
+        return np.stack([np.asarray(group[name][int(row)]) for row in rows])
+    except Exception as error:  # codecs raise their own kinds
+        raise _damaged(address, schema, f"{name} that cannot be read ({_one_line(error)})") from None
 
 
 def missing_parts(group: zarr.Group) -> list[int]:
