@@ -14,7 +14,10 @@ from radiometry.errors import InputError, positive
 from radiometry.files.capture import CameraFacts, Capture
 from radiometry.files.capture_folder import check_whole
 from radiometry.files.frames import FrameHeader
-from radiometry.files.pictures import FRAME_KINDS, read_picture
+from radiometry.files.pictures import FRAME_KINDS, LARGEST_PIXEL, read_picture
+
+SMALLEST_PIXEL = 1e-9
+"""Squares and their sums keep their digits in single precision above this."""
 
 OWN_RESULTS = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "truth.npy"}
 """Files that this program writes beside frames, never frames themselves."""
@@ -97,6 +100,10 @@ def check_frame(pixels: np.ndarray, file: Path) -> None:
     """Refuse frames that cannot be speckle. All-zero frames are legal: a short exposure may be empty."""
     if not np.isfinite(pixels).all():
         raise InputError("frame", "finite pixels", f"NaN or infinity in {file.name}", "leave the frame out")
+    largest = float(np.abs(pixels).max(initial=0.0))
+    if largest > LARGEST_PIXEL or 0.0 < largest < SMALLEST_PIXEL:
+        raise InputError("frame", f"pixels whose largest lies between {SMALLEST_PIXEL:g} and {LARGEST_PIXEL:g}",
+                         f"{largest:.3g} in {file.name}", "scale the frames")
     if pixels.shape in ((LAG_SIDE, LAG_SIDE), (LAG_SIDE, 2 * LAG_SIDE)):
         raise InputError("frame", "speckle", f"{file.name}, as large as a published autocorrelation", "add --autocorrelation")
     if pixels.size and pixels.flat[0] != 0.0 and np.ptp(pixels) == 0.0:
