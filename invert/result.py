@@ -72,7 +72,8 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
         "noise": {
             "floor_over_peak": floor_over_peak,
             "floor_over_peak_error": floor_error,
-            "dof": measurement.noise.dof,
+            "dof": measurement.noise.dof if measurement.noise.dof_read else None,
+            "dof_assumed": None if measurement.noise.dof_read else measurement.noise.dof,
             "detection_sigma": measurement.detection if np.isfinite(measurement.detection) else None,
             "lines_interpolated": list(measurement.interpolated),
         },

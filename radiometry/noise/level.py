@@ -19,6 +19,9 @@ RING = np.maximum(np.abs(ROW_LAG), np.abs(COLUMN_LAG))
 INDEPENDENT = (ROW_LAG > 0) | ((ROW_LAG == 0) & (COLUMN_LAG > 0))
 """One of every pair of equal lags (+lag and -lag), zero lag left out."""
 
+UNREAD_DOF = 64.0
+"""K of an estimate rounded so coarsely that its noise cannot be read: that of the paper's two frames."""
+
 NEGLIGIBLE = 1e-6
 """Floors below this share of the largest lag are leakage and rounding, whose scatter says nothing of K."""
 
@@ -41,12 +44,14 @@ class NoiseLevel:
     Attributes:
         inflation: variance of a sum over many neighbouring lags over that of as many independent ones: 1 for patches side by
             side, 2.25 for whole frames, whose lags correlate.
+        dof_read: False where rounding hides the noise, and `dof` is assumed to be `UNREAD_DOF`.
     """
 
     floor: float
     dof: float | None
     signal_ring: int
     inflation: float = 1.0
+    dof_read: bool = True
 
     @property
     def deviation(self) -> float:
@@ -122,6 +127,8 @@ def read_noise_level(estimate: np.ndarray, quantisation: float = 0.0) -> NoiseLe
         mean, dof = corner_mean, corner_dof
     if mean < NEGLIGIBLE * float(np.delete(estimate, estimate.size // 2).max()):
         dof = None
+    if dof is None and quantisation > 0.0:
+        return NoiseLevel(mean, UNREAD_DOF, boundary, dof_read=False)
     outside = OFF_AXIS & (min(boundary, OUTERMOST) < RING)
     return NoiseLevel(mean, dof, boundary, _inflation(estimate, outside) if dof else 1.0)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from radiometry.autocorrelation import LAGS, autocorrelate, window_smooth
-from radiometry.noise.level import INDEPENDENT, extrapolated_peak, fit_known_signal, read_noise_level
+from radiometry.noise.level import INDEPENDENT, UNREAD_DOF, extrapolated_peak, fit_known_signal, read_noise_level
 
 
 def albedo() -> np.ndarray:
@@ -66,3 +66,13 @@ def test_the_peaks_error_is_its_scatter(rng):
                                   (gamma_estimate(rng, 0.1, 64.0) for _ in range(60))])
     assert peaks.mean() == pytest.approx(1.0, rel=0.1)
     assert errors.mean() == pytest.approx(peaks.std(), rel=0.35)
+
+
+@pytest.mark.parametrize("floor", [0.3, 1.0])
+def test_noise_that_rounding_hides_is_not_taken_for_none(rng, floor):
+    """Floors of a grey level or less: K cannot be read, and is assumed instead of endless."""
+    lags = window_smooth(autocorrelate(np.pad(np.ones((9, 23)), ((20, 35), (10, 31)))))
+    picture = np.round(254.0 * lags / lags.max() + floor * rng.gamma(64.0, 1 / 64.0, lags.shape))
+    noise = read_noise_level(picture, 1.0)
+    assert (noise.dof, noise.dof_read) == (UNREAD_DOF, False)
+    assert read_noise_level(picture, 0.0).dof_read
