@@ -19,7 +19,7 @@ test-quick: $(VENV)/installed
 	$(BIN)/python -m pytest -m "not slow"
 
 fuzz: $(VENV)/installed
-	FUZZ_EXAMPLES=$${FUZZ_EXAMPLES:-1000} $(BIN)/python -m pytest tests/fuzz
+	FUZZ_EXAMPLES=$${FUZZ_EXAMPLES:-1000} FUZZ_KILLS=$${FUZZ_KILLS:-50} $(BIN)/python -m pytest tests/fuzz
 
 lint: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --editable ".[lint]"

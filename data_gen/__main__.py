@@ -46,6 +46,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     _check(options)
     from data_gen.schedule import make_shards, predicted_seconds
     from data_gen.store import PAIR_BYTES, dataset_schema
+    from radiometry.files.output import sole_writer
     from radiometry.files.store import begin, missing_parts
 
     recipe, manifest = _recipe(options)
@@ -56,10 +57,11 @@ def main(argv: Sequence[str] | None = None) -> None:
               f"about {predicted_seconds(recipe, options.workers):.0f} s with {options.workers} workers")
         return
     _try_out(recipe, options.scheduler)
-    group = begin(options.output, dataset_schema(recipe.measurement), manifest, recipe.count)
-    missing, started = missing_parts(group), time.perf_counter()
-    made = make_shards(options.output, recipe, missing, options.workers, options.scheduler)
-    seconds = time.perf_counter() - started
+    with sole_writer(options.output, "dataset"):
+        group = begin(options.output, dataset_schema(recipe.measurement), manifest, recipe.count)
+        missing, started = missing_parts(group), time.perf_counter()
+        made = make_shards(options.output, recipe, missing, options.workers, options.scheduler)
+        seconds = time.perf_counter() - started
     print(f"{options.output}: {recipe.count} samples, {made} made now" + (f" ({made / seconds:.0f} a second)" if made else ""))
 
 

@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     from invert.estimate import estimate_from_frames, published_estimate
     from invert.result import check_truth_pitch, read_truth
     from radiometry.files.capture import CameraFacts
-    from radiometry.files.output import output_folder
+    from radiometry.files.output import output_folder, remove_leftovers, sole_writer
 
     begin = time.perf_counter()
     truth = read_truth(options.truth) if options.truth else None
@@ -57,9 +57,11 @@ def main(argv: Sequence[str] | None = None) -> None:
             check_truth_pitch(options.truth, estimates[0].pitches_m)
 
     output = output_folder(options.output)
-    for estimate in estimates:
-        folder = output if len(estimates) == 1 else output_folder(output / Path(estimate.name).stem)
-        _invert(estimate, truth, read_s, folder, options)
+    with sole_writer(output):
+        for estimate in estimates:
+            folder = output if len(estimates) == 1 else output_folder(output / Path(estimate.name).stem)
+            remove_leftovers(folder)
+            _invert(estimate, truth, read_s, folder, options)
 
 
 def _invert(estimate, truth, read_s: float, folder: Path, options) -> None:

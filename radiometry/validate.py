@@ -30,10 +30,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     check_seed(options.seed)
     if options.measured is not None and not options.measured.is_dir():
         raise InputError("--measured", "a folder of autocorrelation pictures", options.measured, "check the path")
-    from radiometry.files.output import output_folder, save_json
+    from radiometry.files.output import output_folder, remove_leftovers, save_json
     from scenes import scene_path
 
     folder = output_folder(options.output)
+    remove_leftovers(folder)
     renderer = Renderer(options.scene or scene_path("corner_letter"), options.seed)
     series = {"rendered": {"exposure": renderer.over_exposure(), "patches": renderer.over_patches()}}
     if options.measured is not None:

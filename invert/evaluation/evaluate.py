@@ -41,15 +41,16 @@ def main(argv: Sequence[str] | None = None) -> None:
     from tqdm import tqdm
 
     from invert.evaluation.report import write_report
-    from radiometry.files.output import output_folder
+    from radiometry.files.output import output_folder, remove_leftovers, sole_writer
 
     output = output_folder(options.output)
-    cells = output_folder(output / "cells")
-    results = []
-    for level in tqdm(_levels(options), unit="level", disable=None):
-        for name, settings in methods.items():
-            results.append(_cell(cells, level, name, settings, options))
-    write_report(output, results, cells)
+    with sole_writer(output):
+        cells = output_folder(output / "cells")
+        for folder in (output, cells):
+            remove_leftovers(folder)
+        results = [_cell(cells, level, name, settings, options) for level in tqdm(_levels(options), unit="level", disable=None)
+                   for name, settings in methods.items()]
+        write_report(output, results, cells)
     print(output / "table.md")
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from invert.network.checkpoints import NETWORKS
 from invert.training.losses import LOSSES
 from invert.training.training_run import Training
 from radiometry.errors import ArgumentParser, InputError, check_count, check_device, check_seed, memory_bytes
+from radiometry.files.output import remove_leftovers, sole_writer
 
 MOST = {"steps": 10**8, "batch": 65536, "width": 512, "checkpoint_every": 10**8}
 
@@ -48,12 +50,19 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Load targets, train, and leave weights with their card, curve and checkpoint."""
     options = parser().parse_args(argv)
     _check(options)
+    rank, world = _join_processes(options.device)
+    with sole_writer(options.output, "-o") if rank == 0 else nullcontext():
+        _train(options, rank, world)
+
+
+def _train(options: Any, rank: int, world: int) -> None:
     from tqdm import tqdm
 
     from data_gen.dataset import load_targets, manifest
 
-    rank, world = _join_processes(options.device)
     targets, held_out = load_targets(options.dataset)
+    if rank == 0:
+        remove_leftovers(options.output.parent, of=options.output.stem)
     training = Training(options, rank, world)
     training.resume()
     validation = training.validation(held_out)

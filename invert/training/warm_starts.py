@@ -15,6 +15,7 @@ import torch
 from invert.network.features import PICTURES
 from radiometry.autocorrelation import LAG_SIDE
 from radiometry.errors import ArgumentParser, InputError, check_seed
+from radiometry.files.output import sole_writer
 from radiometry.files.store import Schema, begin, missing_parts, open_whole, read_array, write_part
 
 if TYPE_CHECKING:
@@ -53,11 +54,12 @@ def main(argv: Sequence[str] | None = None) -> None:
         raise InputError("--weights", "a network with a denoiser", f"the kind {card['network']}", "train --network unet")
     targets, _ = load_targets(options.targets)
     arguments = {"targets": options.targets, "seed": options.seed, "count": options.count, "denoiser": card["run"]}
-    group = begin(options.output, SCHEMA, arguments, options.count)
-    missing = missing_parts(group)
-    chunks = options.count // CHUNK
-    for chunk in tqdm(missing, total=chunks, initial=chunks - len(missing), unit="chunk", disable=None):
-        write_part(group, SCHEMA, chunk, _chunk(network, targets, options.seed, chunk))
+    with sole_writer(options.output, "warm starts"):
+        group = begin(options.output, SCHEMA, arguments, options.count)
+        missing = missing_parts(group)
+        chunks = options.count // CHUNK
+        for chunk in tqdm(missing, total=chunks, initial=chunks - len(missing), unit="chunk", disable=None):
+            write_part(group, SCHEMA, chunk, _chunk(network, targets, options.seed, chunk))
 
 
 def _chunk(network: CorrelographyNet, targets: torch.Tensor, seed: int, chunk: int) -> dict[str, np.ndarray]:

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from radiometry.errors import InputError
+from radiometry.files.output import PARTIAL, remove_leftovers
 
 MOVING = ".capture-is-being-moved"
 """Stands in a folder while a finished capture moves into place; what a killed run leaves there is neither old nor new."""
@@ -29,12 +30,8 @@ def frame_path(folder: Path, number: int) -> Path:
 @contextmanager
 def staged(folder: Path) -> Iterator[Path]:
     """A fresh hidden folder inside `folder`, gone afterwards; those that killed runs left are removed."""
-    for left in folder.glob(".partial-*"):
-        if left.is_dir():
-            shutil.rmtree(left)
-        else:
-            left.unlink()
-    staging = folder / f".partial-{os.getpid()}"
+    remove_leftovers(folder)
+    staging = folder / f"{PARTIAL}{os.getpid()}"
     staging.mkdir()
     try:
         yield staging

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import getpass
+import hashlib
 import io
 import json
 import os
+import shutil
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
@@ -15,6 +19,9 @@ import numpy as np
 
 from radiometry.errors import InputError
 
+PARTIAL = ".correlograph-partial-"
+"""Begins the names of what is not whole yet."""
+
 
 def output_folder(path: str | Path) -> Path:
     """Create (or accept) a folder that can be written to; raise InputError otherwise."""
@@ -23,7 +30,7 @@ def output_folder(path: str | Path) -> Path:
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / f".write-probe-{os.getpid()}"
+        probe = folder / f"{PARTIAL}{os.getpid()}-probe"
         probe.touch()
         probe.unlink()
     except OSError as error:
@@ -33,9 +40,38 @@ def output_folder(path: str | Path) -> Path:
 
 
 @contextmanager
+def sole_writer(output: str | Path, name: str = "output folder") -> Iterator[None]:
+    """Keep other processes of this machine from writing the same output; those of a killed process hold nothing.
+
+    Raises InputError where another process is writing it. Addresses of other machines are not guarded.
+    """
+    from filelock import FileLock, Timeout
+
+    if "://" in str(output):
+        yield
+        return
+    key = hashlib.sha256(f"{getpass.getuser()} {Path(output).resolve()}".encode("utf-8", "surrogateescape")).hexdigest()[:32]
+    try:
+        with FileLock(Path(tempfile.gettempdir()) / f"correlograph-{key}.lock", timeout=0):
+            yield
+    except Timeout:
+        raise InputError(name, "one that no other process is writing", f"{output}, which one is",
+                         "wait until it has ended, or choose another name") from None
+
+
+def remove_leftovers(folder: Path, of: str = "") -> None:
+    """Remove what killed runs left half-written in a folder; with `of`, only of files whose names begin so."""
+    for left in folder.glob(f"{PARTIAL}*"):
+        if left.is_dir() and not of:
+            shutil.rmtree(left)
+        elif left.is_file() and left.name.removeprefix(PARTIAL).partition("-")[2].startswith(of):
+            left.unlink()
+
+
+@contextmanager
 def atomic(path: Path) -> Iterator[Path]:
     """Give a temporary name beside `path`; rename it to `path` only when the block succeeds."""
-    partial = path.with_name(f".partial-{os.getpid()}-{path.name}")
+    partial = path.with_name(f"{PARTIAL}{os.getpid()}-{path.name}")
     try:
         yield partial
         os.replace(partial, path)

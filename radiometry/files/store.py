@@ -70,6 +70,9 @@ def begin(address: str, schema: Schema, arguments: dict[str, Any], count: int) -
             raise InputError(schema.kind, f"the {key} that {address} was begun with", _difference(found.get(key), value),
                              "ask again with the same, or choose another address")
     _check_arrays(group, address, schema)
+    if "://" not in address:
+        for left in Path(address).rglob("*.partial"):  # zarr's name for a file that a killed run was writing
+            left.unlink()
     return group
 
 
