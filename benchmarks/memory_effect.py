@@ -18,7 +18,7 @@ from invert.metrics import aligned_pearson
 from invert.registration import centred, consensus
 from invert.solvers.hio import HioOptions, hio
 from invert.spectrum import read_measurement
-from radiometry.estimator import estimate_autocorrelation
+from radiometry.estimation.whole_frames import estimate_autocorrelation
 from radiometry.prediction import predict
 from sim.frame import Simulation
 from sim.memory_effect import MemoryEffect, autocovariance

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from radiometry.errors import InputError
-from radiometry.estimator import estimate_autocorrelation
+from radiometry.estimation.whole_frames import estimate_autocorrelation
 from radiometry.noise.model import draw_estimate, expected_spectrum, window_smoothed
 from radiometry.prediction import noise_terms, predict
 

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 import sim
-from radiometry.estimator import estimate_autocorrelation
+from radiometry.estimation.whole_frames import estimate_autocorrelation
 from radiometry.noise.level import INDEPENDENT
 from radiometry.prediction import patches_of
 from sim.gradients import Setup, expected_autocorrelation, setup_of

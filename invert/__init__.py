@@ -9,6 +9,8 @@
     network/         the network: features, architecture, inference, weights files
     likelihood.py    log-likelihood of candidates under the noise model
     registration.py  shift and twin image; registered mean of many starts
+    speckle_test.py  whether the light is speckle of the reconstruction
+    trust.py         confidence and warnings that follow
     metrics.py       scores against a truth; agreement without one
     result.py        the files of a result (report.py: its picture)
     training/        how the network is trained: train.py, warm_starts.py, calibrate.py are its commands

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -74,6 +75,8 @@ def _invert(estimate, truth, read_s: float, folder: Path, options) -> None:
         result = retrieved(estimate, method=options.method, quality=options.quality, weights=options.weights,
                            seed=options.seed, device=options.device, read_s=read_s, progress=bar.update)
     summary = result.save(folder, truth)
+    for warning in result.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
     print(f"{'object found' if summary['object_found'] else 'no object found'}: {folder / 'report.png'}")
 
 

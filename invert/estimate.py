@@ -11,10 +11,11 @@ import numpy as np
 
 from invert.capture import printable
 from radiometry.autocorrelation import LAGS, automatic_patch_size, patch_grid
-from radiometry.estimator import AutocorrelationEstimator, Mean
+from radiometry.estimation.published import PublishedEstimator
+from radiometry.estimation.third_moment import FilteredFrames
+from radiometry.estimation.whole_frames import AutocorrelationEstimator, Mean
 from radiometry.files.capture import Capture
 from radiometry.files.pictures import read_autocorrelation
-from radiometry.published_estimator import PublishedEstimator
 from radiometry.transfer import lag_transfer
 
 
@@ -28,6 +29,7 @@ class Estimate:
         pitches_m: object distance of one lag down and right, None where the camera is unknown.
         frame: first frame of the capture, for the report; None for published estimates.
         facts: how the frames were cut, for result.json.
+        filtered_frames: of the first frames, what tells speckle from other light; None for published estimates.
         seconds: time that the autocorrelation took.
     """
 
@@ -38,6 +40,7 @@ class Estimate:
     pitches_m: tuple[float, float] | None = None
     frame: np.ndarray | None = None
     facts: dict[str, Any] = field(default_factory=dict)
+    filtered_frames: FilteredFrames | None = None
     seconds: float = 0.0
 
 
@@ -51,7 +54,7 @@ def estimate_from_frames(capture: Capture, patch: int | None, device: str, mean:
     """Estimate r*r from frames.
 
     Args:
-        mean: which mean of the frames is subtracted; see `radiometry.estimator`.
+        mean: which mean of the frames is subtracted; see `radiometry.estimation.whole_frames`.
         patch: patch size in pixels; None chooses it from the lag pitch wanted (300 um), or takes an
             eighth of the frame where the camera is unknown.
     """
@@ -75,6 +78,7 @@ def estimate_from_frames(capture: Capture, patch: int | None, device: str, mean:
             "dof_expected": round(estimator.dof, 1),
             "mean_model": estimator.facts,
         },
+        filtered_frames=None if isinstance(estimator, PublishedEstimator) else estimator.filtered_frames(),
         seconds=time.perf_counter() - begin,
     )
 

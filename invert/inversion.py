@@ -15,10 +15,12 @@ from invert.estimate import Estimate, estimate_from_frames, published_estimate
 from invert.methods import Reconstruction, iterations, retrieve
 from invert.result import write_result
 from invert.solvers.base import Progress
+from invert.speckle_test import SpeckleTest, speckle_test
 from invert.spectrum import Measurement, read_measurement
+from invert.trust import trusted
 from radiometry.autocorrelation import LAG_SIDE
 from radiometry.errors import InputError, check_device
-from radiometry.estimator import Mean
+from radiometry.estimation.whole_frames import Mean
 from radiometry.files.capture import CameraFacts, Capture
 
 Source = Capture | str | Path | np.ndarray | Sequence[np.ndarray]
@@ -32,6 +34,8 @@ class Result:
         measurement: noise level and Fourier modulus read from the estimate.
         settings: method, quality and seed.
         seconds: of reading, autocorrelation and retrieval.
+        speckle_test: whether the light is speckle of this object; None where none was found.
+        warnings: what was found in the frames, and why the confidence is low.
     """
 
     estimate: Estimate
@@ -39,6 +43,8 @@ class Result:
     reconstruction: Reconstruction
     settings: dict[str, Any]
     seconds: dict[str, float]
+    speckle_test: SpeckleTest | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def albedo(self) -> np.ndarray:
@@ -57,8 +63,10 @@ class Result:
         """Write what `python -m invert` writes; returns the content of result.json."""
         from radiometry.files.output import output_folder
 
-        return write_result(output_folder(folder), self.estimate, self.measurement, self.reconstruction, truth, self.settings,
-                            self.seconds)
+        test = self.speckle_test
+        said = {"warnings": list(self.warnings), "speckle_test": None if test is None else test.as_dict()}
+        return write_result(output_folder(folder), self.estimate, self.measurement, self.reconstruction, truth,
+                            self.settings | said, self.seconds)
 
 
 def reconstruct(source: Source, *, method: str = "unet", quality: str = "balanced", patch: int | None = None,
@@ -71,7 +79,7 @@ def reconstruct(source: Source, *, method: str = "unet", quality: str = "balance
             autocorrelation, a file or array of 127 x 127 lags.
         patch: size in pixels, chosen from the lag pitch where None.
         camera: facts for frames that carry none.
-        mean: of the frames, that is subtracted; see `radiometry.estimator`.
+        mean: of the frames, that is subtracted; see `radiometry.estimation.whole_frames`.
 
     Raises InputError for what cannot be inverted.
     """
@@ -89,8 +97,11 @@ def retrieved(estimate: Estimate, *, method: str, quality: str, weights: str | P
     begin = time.perf_counter()
     measurement = read_measurement(estimate.lags, estimate.quantisation, estimate.transfer)
     reconstruction = retrieve(measurement, method, quality, seed, device, progress, None if weights is None else Path(weights))
+    test = speckle_test(estimate, measurement, reconstruction.albedo) if reconstruction.object_found else None
+    reconstruction, warnings = trusted(reconstruction, test, estimate.facts)
     seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
-    return Result(estimate, measurement, reconstruction, {"method": method, "quality": quality, "seed": seed}, seconds)
+    settings = {"method": method, "quality": quality, "seed": seed}
+    return Result(estimate, measurement, reconstruction, settings, seconds, test, tuple(warnings))
 
 
 def steps(method: str, quality: str) -> int:

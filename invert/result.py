@@ -55,7 +55,8 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
     """Write albedo.npy, albedo.png, autocorrelation.npy, report.png and, last, result.json; returns its content.
 
     With a truth the report shows the albedo moved onto it, and the floor over peak is read by fitting the known
-    r*r to all lags instead of extrapolating the measured ones to zero lag; the saved albedo stays where it is.
+    r*r to all lags instead of extrapolating the measured ones to zero lag; the saved albedo stays where it is. `settings`
+    hold the method's, the warnings and the numbers of the speckle test.
     """
     (folder / "result.json").unlink(missing_ok=True)  # no stale result.json beside a half-written result
     shown, comparison = result.albedo, {}
@@ -117,5 +118,5 @@ def _numbers(summary: dict[str, Any]) -> list[str]:
     if "pearson" in summary:
         parts.append(f"correlation with the truth {summary['pearson']:.2f}")
     parts.append(f"{summary['method']}, {summary['seconds']['retrieval']:.1f} s")
-    return [name if len(name) < 80 else f"{name[:77]}...", f"{found}, confidence {summary['confidence']:.2f}",
-            ", ".join(parts)]
+    lines = [name, f"{found}, confidence {summary['confidence']:.2f}", ", ".join(parts), *summary["warnings"][:3]]
+    return [line if len(line) < 130 else f"{line[:127]}..." for line in lines]

@@ -4,8 +4,7 @@
     throughput.py       light budget, one row a factor; its closed form for flat, Lambertian scenes
     scene_budget.py     light budget and prediction of a scene in one call
     autocorrelation.py  patches and their lags, and what a patch window does to r*r
-    estimator.py        frames -> estimate, from all pairs of pixels (mean_model.py: which mean is subtracted)
-    published_estimator.py  the same as the paper does it (Eqs. 8 and 9)
+    estimation/         frames -> estimate; faults of cameras and lamps; whether the light is speckle
     transfer.py         H: pupil and pixel
     motion.py           what motion leaves of the speckle
     noise/              noise of the estimate: model, level, budget

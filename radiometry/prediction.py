@@ -20,7 +20,7 @@ from radiometry.autocorrelation import (
     peak_of_cell_means,
     window_smooth,
 )
-from radiometry.estimator import degrees_of_freedom
+from radiometry.estimation.whole_frames import degrees_of_freedom
 from radiometry.noise.budget import NoiseTerms
 from radiometry.photons import grain_area
 from radiometry.throughput import light_budget

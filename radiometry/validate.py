@@ -88,7 +88,7 @@ class Renderer:
 
     def over_exposure(self) -> list[dict[str, float]]:
         """Two frames of 64 patches, scaled to a maximum of 255 as the lab's pictures are."""
-        from radiometry.estimator import estimate_autocorrelation
+        from radiometry.estimation.whole_frames import estimate_autocorrelation
 
         grid = self.prediction.grid
         corners = []
@@ -100,7 +100,7 @@ class Renderer:
     def over_patches(self) -> list[dict[str, float]]:
         """Two frames of 1/8 s, the first patches of the grid only."""
         from radiometry.autocorrelation import PatchGrid
-        from radiometry.estimator import estimate_autocorrelation
+        from radiometry.estimation.whole_frames import estimate_autocorrelation
 
         grid = self.prediction.grid
         size = grid.size
@@ -124,7 +124,7 @@ class Renderer:
 
     def budgets(self) -> list[tuple[str, np.ndarray]]:
         """The paper's Fig. 4: one photon budget of 10 s, spent in three ways. One frame is pooled over its patches."""
-        from radiometry.estimator import estimate_autocorrelation
+        from radiometry.estimation.whole_frames import estimate_autocorrelation
 
         grid = self.prediction.grid
         return [(f"{count} x {exposure_s:g} s", estimate_autocorrelation(self.frames(count, exposure_s), grid)[0])

@@ -84,7 +84,7 @@ def _modelled(name: str, truths: np.ndarray, seed: int) -> Iterator[Level]:
 
 def rendered(count: int, seed: int) -> Iterator[Level]:
     """Two rendered frames of `scenes/corner_letter` with each of its letters, over exposures; `count` captures each."""
-    from radiometry.estimator import estimate_autocorrelation
+    from radiometry.estimation.whole_frames import estimate_autocorrelation
     from radiometry.prediction import predict
     from scenes import scene_path
     from sim.frame import Simulation

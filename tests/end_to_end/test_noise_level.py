@@ -7,7 +7,7 @@ from scipy import stats
 pytest.importorskip("mitsuba")
 
 from radiometry.autocorrelation import PatchGrid, autocorrelate
-from radiometry.estimator import estimate_autocorrelation
+from radiometry.estimation.whole_frames import estimate_autocorrelation
 from radiometry.noise.level import COLUMN_LAG, INDEPENDENT, RING, ROW_LAG, fit_known_signal, read_noise_level
 from radiometry.photons import grain_area
 from radiometry.prediction import predict

@@ -12,7 +12,7 @@ from radiometry.autocorrelation import (
     window_smooth,
 )
 from radiometry.errors import InputError
-from radiometry.estimator import estimate_autocorrelation
+from radiometry.estimation.whole_frames import estimate_autocorrelation
 
 
 def slow_lag(patches: list[np.ndarray], row: int, column: int) -> np.ndarray:

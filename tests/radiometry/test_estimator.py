@@ -8,7 +8,7 @@ import torch
 
 from radiometry.autocorrelation import LAGS, patch_grid
 from radiometry.errors import InputError
-from radiometry.estimator import AutocorrelationEstimator, degrees_of_freedom, estimate_autocorrelation
+from radiometry.estimation.whole_frames import AutocorrelationEstimator, degrees_of_freedom, estimate_autocorrelation
 from radiometry.noise.level import OFF_AXIS, RING, read_noise_level
 from radiometry.noise.model import lag_correlation
 

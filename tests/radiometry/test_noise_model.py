@@ -8,9 +8,9 @@ import torch
 from scipy import stats
 
 from radiometry.errors import InputError
+from radiometry.estimation.published import published_dof
 from radiometry.noise.budget import NoiseTerms, estimate_error
 from radiometry.noise.model import draw_estimate, expected_spectrum, log_likelihood
-from radiometry.published_estimator import published_dof
 from radiometry.safety import maximum_permissible_exposure, spot_safety
 
 

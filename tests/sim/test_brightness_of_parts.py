@@ -16,7 +16,7 @@ pytest.importorskip("mitsuba")
 
 import sim
 from radiometry.autocorrelation import autocorrelate, window_smooth
-from radiometry.estimator import estimate_autocorrelation
+from radiometry.estimation.whole_frames import estimate_autocorrelation
 from radiometry.noise.level import INDEPENDENT
 from radiometry.prediction import patches_of
 from scenes import scene_path

@@ -1,14 +1,15 @@
 """Autocorrelation estimate of the hidden albedo from whole frames: all pairs of pixels, and no mean but what is there.
 
 The paper averages |F I|^2 over patches side by side (Eq. 8) and subtracts the squared mean field at every patch position
-(Eq. 9): `radiometry/published_estimator.py`. Two things are lost on the way. Pairs of pixels across the borders of patches are
+(Eq. 9): `radiometry/estimation/published.py`. Two things are lost on the way. Pairs of pixels across the borders of patches are
 never compared; and half of the information of two frames goes into a mean that is constant, or nearly so, over the frame. Here
 
 - patches lie everywhere: the expectation is the same, since the autocovariance of all pairs of pixels is weighted with a boxcar
   patch's own triangle (Blackman and Tukey, doi:10.1002/j.1538-7305.1958.tb03874.x; Welch, doi:10.1109/TAU.1967.1161901). K is
   `degrees_of_freedom`, and neighbouring lags correlate (`radiometry.noise.model.lag_correlation`);
-- the mean model is decided by what the frames show (`radiometry/mean_model.py`): their mean, a smooth illumination where there
-  is one, and a fixed pattern at those lags where frames share power.
+- the mean model is decided by what the frames show (`mean_model.py`): their mean, a smooth illumination where there is one, and
+  a fixed pattern at those lags where frames share power;
+- hot pixels, dead lines and periodic light are taken out first (`pixel_faults.py`, `spectral_lines.py`).
 """
 
 from __future__ import annotations
@@ -24,8 +25,11 @@ from scipy.fft import next_fast_len
 
 from radiometry.autocorrelation import LAGS, PatchGrid
 from radiometry.errors import InputError
-from radiometry.mean_model import flatten, shared_lags, shift_between
-from radiometry.published_estimator import PublishedEstimator
+from radiometry.estimation.mean_model import flatten, shared_lags, shift_between
+from radiometry.estimation.pixel_faults import PixelFaults, repair
+from radiometry.estimation.published import PublishedEstimator
+from radiometry.estimation.spectral_lines import LEAST_PATCHES, find_lines, lower_lines, without_waves
+from radiometry.estimation.third_moment import MOST_FRAMES, FilteredFrames, NarrowSpectrum, narrow
 
 Mean = Literal["auto", "pooled", "fixed", "published"]
 
@@ -66,18 +70,30 @@ class AutocorrelationEstimator:
         self._first = self._sum = self._power = torch.empty(0)
         self._levels: list[float] = []
         self._uneven = False
+        self._narrow: list[NarrowSpectrum] = []
+        self._faults: list[PixelFaults] = []
+        self._lines = 0
 
     def add(self, frame: np.ndarray | torch.Tensor) -> None:
         """Add one frame, shape (H, W), any real dtype."""
         image = torch.as_tensor(frame, device=self.device).to(torch.float32)
         if self.mean == "auto":
+            image, faults = repair(image)
+            self._faults.append(faults)
             image, uneven = flatten(image, self._patch)
             self._uneven |= uneven
         level = float(image.mean(dtype=torch.float64))
         image = image - level
         self._levels.append(level)
-        spectrum = torch.fft.rfft2(image, s=self._padded)
-        power = spectrum.real.square().add_(spectrum.imag.square())
+        spectrum, power = self._spectrum(image)
+        if self.mean == "auto" and self.grid.count >= LEAST_PATCHES:
+            per_lag = self._padded[0] / self._patch[0], self._padded[1] / self._patch[1]
+            if lines := find_lines(power, per_lag):
+                spectrum, power = self._spectrum(without_waves(image, lines, self._padded))
+                lower_lines(spectrum, power, lines)
+                self._lines += len(lines)
+        if len(self._narrow) < MOST_FRAMES:
+            self._narrow.append(narrow(spectrum, self._padded, self.grid.frame_shape, self._patch))
         if self.frames == 0:
             self._first = self._sum = spectrum
             self._power = power
@@ -85,6 +101,15 @@ class AutocorrelationEstimator:
             self._sum = self._sum + self._moved_back(spectrum)
             self._power.add_(power)
         self.frames += 1
+
+    def _spectrum(self, image: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Spectrum of a padded frame (rows, columns // 2 + 1), and its power."""
+        spectrum = torch.fft.rfft2(image, s=self._padded)
+        return spectrum, spectrum.real.square().add_(spectrum.imag.square())
+
+    def filtered_frames(self) -> FilteredFrames:
+        """What of the frames the third moment needs."""
+        return FilteredFrames(tuple(self._narrow), float(np.mean(self._levels)), math.prod(self._patch))
 
     @property
     def dof(self) -> float:
@@ -110,7 +135,11 @@ class AutocorrelationEstimator:
             chosen = self._chosen(shared, estimate)
             estimate = np.where(chosen, estimate - self._drift() * shared, estimate)
             self.facts["fixed_pattern_lags"] = float(chosen.mean())
-        self.facts |= {"mean": self.mean, "uneven_illumination": self._uneven}
+        self.facts |= {"mean": self.mean, "uneven_illumination": self._uneven, "spectral_lines": self._lines}
+        if self._faults:
+            self.facts |= {"hot_pixels": sum(one.hot_pixels for one in self._faults),
+                           "faulty_lines": max(one.lines for one in self._faults),
+                           "saturated": max(one.saturated for one in self._faults)}
         return estimate.astype(np.float32)
 
     def _shared_power(self) -> torch.Tensor:

@@ -1,0 +1,239 @@
+"""`python -m benchmarks.nuisances [-o out/nuisances]`: what cameras and walls do to frames, one by one and in pairs.
+
+Frames are made here, by code that shares nothing with `sim`: circular Gaussian amplitudes on the object's cells, one FFT,
+squared, Poisson noise. For every nuisance and 1, 2 and 10 frames: correlation with the truth and, in brackets, confidence;
+for 1 and 2 frames of a scene without an object, too. A confident wrong picture (confidence above .7, correlation below .5)
+is printed bold.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+from tqdm import tqdm
+
+import invert
+from data_gen.letters import letter
+from invert.metrics import aligned_pearson
+from radiometry.errors import InputError
+
+SHAPE = (1028, 1232)
+PATCH = 257
+LEVEL = 0.4
+"""Photoelectrons a pixel: a floor of about .15 of (r*r)(0) for a letter."""
+
+Frames = np.ndarray
+Nuisance = Callable[[Frames, np.random.Generator], Frames]
+
+
+def speckle(albedo: np.ndarray, rng: np.random.Generator, moved: float = 0.0) -> np.ndarray:
+    """Intensity of mean 1 that an albedo (64, 64), one cell a lag of `PATCH` pixels, throws on `SHAPE` pixels.
+
+    Drawn on a wider period and cropped, so that it does not wrap round. With `moved`, the mean over a motion of so many pixels
+    to the right.
+    """
+    rows, columns = (int(1.2 * side) for side in SHAPE)
+    lag_rows, lag_columns = np.fft.fftfreq(rows) * PATCH, np.fft.fftfreq(columns) * PATCH
+    shown = ndimage.map_coordinates(albedo.astype(np.float64), np.stack(np.meshgrid(lag_rows + 31.5, lag_columns + 31.5,
+                                                                                    indexing="ij")), order=0, cval=0.0)
+    inside = (np.abs(lag_rows)[:, None] < 32.0) & (np.abs(lag_columns) < 32.0)
+    field = rng.standard_normal(shown.shape) + 1j * rng.standard_normal(shown.shape)
+    wall = np.fft.fft2(field * np.sqrt(shown * inside))[: SHAPE[0], : SHAPE[1] + 64]
+    intensity = np.abs(wall) ** 2
+    if moved:
+        intensity = ndimage.uniform_filter1d(intensity, round(moved), axis=1)
+    intensity = intensity[:, : SHAPE[1]]
+    return intensity / intensity.mean()
+
+
+def texture(rng: np.random.Generator, contrast: float, slope: float = 1.0) -> np.ndarray:
+    """A wall's albedo of mean 1 with power 1 / f^(2 slope)."""
+    frequency = np.hypot(np.fft.fftfreq(SHAPE[0])[:, None] * SHAPE[0], np.fft.rfftfreq(SHAPE[1]) * SHAPE[1])
+    frequency[0, 0] = np.inf
+    drawn = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(SHAPE)) / frequency**slope, s=SHAPE)
+    return np.clip(1.0 + contrast * drawn / drawn.std(), 0.05, None)
+
+
+ROW, COLUMN = np.mgrid[: SHAPE[0], : SHAPE[1]] / np.array(SHAPE)[:, None, None] - 0.5
+
+
+def fringes(period: float, phase: float, angle: float = 0.4) -> np.ndarray:
+    row, column = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    return np.sin(2 * np.pi * (row * np.sin(angle) + column * np.cos(angle)) / period + phase)
+
+
+def each(change: Callable[[np.ndarray, int], np.ndarray]) -> Nuisance:
+    """A nuisance that changes frames one by one."""
+    return lambda frames, rng: np.stack([change(frame, number) for number, frame in enumerate(frames)])
+
+
+def of_light(light: Callable[[np.random.Generator, int], list[np.ndarray]]) -> Nuisance:
+    """Light that is added to the object's."""
+    return lambda frames, rng: frames + np.stack(light(rng, len(frames)))
+
+
+def of_wall(wall: Callable[[np.random.Generator], np.ndarray]) -> Nuisance:
+    """A factor that all frames share."""
+    return lambda frames, rng: frames * wall(rng)
+
+
+def shifted(pixels: float) -> Callable:
+    """Textured ambient light, the camera moved by so many pixels a frame."""
+    def light(rng, count):
+        wall = texture(rng, 0.2)
+        return [ndimage.shift(wall, (0.6 * pixels * n, pixels * n), order=1, mode="nearest") for n in range(count)]
+    return of_light(light)
+
+
+def drifting(by: float) -> Callable:
+    def light(rng, count):
+        wall = texture(rng, 0.2)
+        return [wall * (1.0 + by * number) for number in range(count)]
+    return of_light(light)
+
+
+LIGHT: dict[str, Nuisance] = {
+    "clean": lambda frames, rng: frames,
+    "vignetting": of_wall(lambda rng: np.cos(np.arctan(1.2 * np.hypot(ROW, COLUMN))) ** 4),
+    "Gaussian illumination": of_wall(lambda rng: np.exp(-(ROW**2 + COLUMN**2) / 0.1)),
+    "gradient 5:1": of_wall(lambda rng: 1.0 + 4.0 * (COLUMN + 0.5)),
+    "wall texture 10 %": of_wall(lambda rng: texture(rng, 0.1)),
+    "wall texture 30 %, fine": of_wall(lambda rng: texture(rng, 0.3, 0.6)),
+    "ambient, even, 5 x": of_light(lambda rng, count: [5.0 * np.ones(SHAPE)] * count),
+    "ambient, textured": of_light(lambda rng, count: [texture(rng, 0.2)] * count),
+    "ambient, fringes": of_light(lambda rng, count: [1.0 + 0.2 * fringes(21.0, 0.0)] * count),
+    "ambient, moving fringes": of_light(lambda rng, count: [1.0 + 0.2 * fringes(21.0, 2.1 * n) for n in range(count)]),
+    "ambient, moving broad fringes": of_light(lambda rng, count: [1.0 + 0.2 * fringes(90.0, 2.1 * n) for n in range(count)]),
+    "lamp banding": of_light(lambda rng, count: [1.0 + 0.2 * fringes(60.0, 0.0, np.pi / 2)] * count),
+    "moving lamp banding": of_light(lambda rng, count: [1.0 + 0.2 * fringes(60.0, 2.1 * n, np.pi / 2) for n in range(count)]),
+    "lamp drift 2 %, textured": drifting(0.02),
+    "lamp drift 10 %, textured": drifting(0.1),
+    "camera moved 1 pixel, textured": shifted(1.0),
+    "camera moved 5 pixels, textured": shifted(5.0),
+    "glint": of_light(lambda rng, count: [400.0 * np.exp(-((ROW - 0.2) ** 2 + COLUMN**2) / 2e-5)] * count),
+    "levels 1 to 3": each(lambda frame, number: frame * (1.0 + 2.0 * (number % 2))),
+    "blur 1 pixel": each(lambda frame, number: ndimage.gaussian_filter(frame, 0.5)),
+    "blur 2 pixels": each(lambda frame, number: ndimage.gaussian_filter(frame, 1.0)),
+    "dust": of_wall(lambda rng: 1.0 - sum(0.7 * np.exp(-((ROW - y) ** 2 + (COLUMN - x) ** 2) / 1e-5)
+                                          for y, x in rng.uniform(-0.5, 0.5, (40, 2)))),
+}
+"""What happens to light before it is counted."""
+
+
+def spoilt(share: float, value: float, only_first: bool = False) -> Nuisance:
+    def change(frames, rng):
+        where = rng.random(SHAPE) < share
+        changed = frames.copy()
+        changed[: 1 if only_first else None, where] = value
+        return changed
+    return change
+
+
+def lines(value: float) -> Nuisance:
+    def change(frames, rng):
+        changed = frames.copy()
+        changed[:, 300] = value
+        changed[:, :, 500] = value
+        return changed
+    return change
+
+
+SENSOR: dict[str, Nuisance] = {
+    "hot pixels .01 %": spoilt(1e-4, 200.0),
+    "hot pixels .01 % of one frame": spoilt(1e-4, 200.0, True),
+    "dead pixels 1 %": spoilt(1e-2, 0.0),
+    "dead row and column": lines(0.0),
+    "hot row and column": lines(10.0),
+    "saturated": each(lambda frame, number: np.minimum(frame, 1.0)),
+    "gain .3, offset 100": each(lambda frame, number: 0.3 * frame + 100.0),
+    "scale: mean .02": each(lambda frame, number: 0.05 * frame),
+    "8 bits": each(lambda frame, number: np.clip(np.round(20.0 * frame + 8.0), 0, 255)),
+    "pixel response 3 %": lambda frames, rng: frames * rng.normal(1.0, 0.03, SHAPE),
+    "read noise 1 e": lambda frames, rng: frames + rng.normal(0.0, 1.0, frames.shape),
+    "read noise of rows": lambda frames, rng: frames + rng.normal(0.0, 0.3, (len(frames), SHAPE[0], 1)),
+    "gamma .8": each(lambda frame, number: frame**0.8),
+    "dark offset structure": lambda frames, rng: frames + 0.3 * texture(rng, 0.5, 0.0),
+}
+"""What happens to counted photoelectrons."""
+
+MOTION = {"motion 5 pixels": 5.0}
+
+PAIRS = (("vignetting", "hot pixels .01 %"), ("ambient, textured", "gain .3, offset 100"), ("moving lamp banding", "8 bits"),
+         ("wall texture 10 %", "read noise of rows"), ("lamp drift 10 %, textured", "dead row and column"),
+         ("camera moved 1 pixel, textured", "saturated"), ("Gaussian illumination", "read noise 1 e"))
+
+
+def frames_of(names: tuple[str, ...], albedo: np.ndarray, count: int, seed: int) -> np.ndarray:
+    rng = np.random.default_rng([seed, count])
+    moved = next((MOTION[name] for name in names if name in MOTION), 0.0)
+    light = np.stack([speckle(albedo, rng, moved) if albedo.any() else np.zeros(SHAPE) for _ in range(count)])
+    for name in names:
+        light = LIGHT[name](light, rng) if name in LIGHT else light
+    counted = rng.poisson(LEVEL * light).astype(np.float64)
+    for name in names:
+        counted = SENSOR[name](counted, rng) if name in SENSOR else counted
+    return counted.astype(np.float32)
+
+
+def shown(character: str) -> np.ndarray:
+    """A letter of half the window's width, float (64, 64)."""
+    return np.pad(letter(character).reshape(32, 8, 32, 8).mean((1, 3)) / 255.0, 16).astype(np.float32)
+
+
+def cells() -> list[tuple[str, ...]]:
+    return [(name,) for name in (*LIGHT, *SENSOR, *MOTION)] + list(PAIRS)
+
+
+def measured(names: tuple[str, ...], albedo: np.ndarray, count: int, seed: int, quality: str) -> dict[str, Any]:
+    """Correlation, confidence and warnings of one cell."""
+    try:
+        result = invert.reconstruct(frames_of(names, albedo, count, seed), quality=quality, patch=PATCH, seed=seed)
+    except InputError as error:
+        return {"refused": str(error)}
+    seen = albedo.any() and result.object_found
+    return {"found": result.object_found, "confidence": round(result.confidence, 3), "warnings": list(result.warnings),
+            "pearson": round(aligned_pearson(result.albedo, albedo)[0], 3) if seen else 0.0}
+
+
+def written(cell: dict[str, Any], empty: bool) -> str:
+    """Correlation (confidence) of a cell; bold where a picture is wrong and confident."""
+    if "refused" in cell:
+        return "refused"
+    if not cell["found"]:
+        return "none"
+    text = f"({cell['confidence']:.2f})" if empty else f"{cell['pearson']:.2f} ({cell['confidence']:.2f})"
+    return f"**{text}**" if cell["confidence"] > 0.7 and cell["pearson"] < 0.5 else text
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/nuisances"))
+    parser.add_argument("--quality", default="fast")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", default="", help="nuisances whose name holds this")
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+    letters, rows = itertools.cycle("FRL5"), {}
+    columns = [("1 frame", 1, False), ("2 frames", 2, False), ("10 frames", 10, False), ("1, no object", 1, True),
+               ("2, no object", 2, True)]
+    for names in tqdm([names for names in cells() if options.only in " + ".join(names)], unit="nuisance", disable=None):
+        truth = shown(next(letters))
+        rows[" + ".join(names)] = {label: measured(names, truth * (not empty), count, options.seed, options.quality)
+                                   for label, count, empty in columns}
+    (options.output / "rows.json").write_text(json.dumps(rows, indent=1))
+    lines = ["| | " + " | ".join(label for label, _, _ in columns) + " |", "|---" * (len(columns) + 1) + "|"]
+    lines += [f"| {name} | " + " | ".join(written(row[label], empty) for label, _, empty in columns) + " |"
+              for name, row in rows.items()]
+    (options.output / "table.md").write_text("\n".join(lines) + "\n")
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+"""Lines in the spectrum of frames: fringes, lamp banding and other periodic light.
+
+The power spectrum of speckle is exponentially distributed about a mean that changes over no less than a lag, which is
+several of a frame's own frequencies. A periodic pattern, still or moving from frame to frame, puts all of its power into
+one of them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch.nn.functional import avg_pool2d, max_pool2d
+
+LEAST_PATCHES = 16
+"""In a frame, so that a lag holds several frequencies."""
+
+LINE = 30.0
+"""Power of a line over the mean around it; by chance once in e^30."""
+
+_BLOCK = 8
+_INNER, _OUTER = 3, 6
+_MOST = 100
+"""Places where a line may be; where there are more, the light is not periodic."""
+
+Line = tuple[int, int]
+
+
+def find_lines(power: torch.Tensor, per_lag: tuple[float, float]) -> list[Line]:
+    """Rows and columns of lines in the power (rows, columns // 2 + 1) of a padded frame.
+
+    Args:
+        per_lag: frequencies of the padded frame in one lag, along rows and columns. Lags next to zero, where smooth light is,
+            are left out.
+    """
+    height, width = (size // _BLOCK * _BLOCK for size in power.shape)
+    blocks = power[None, None, :height, :width]
+    mean = avg_pool2d(avg_pool2d(blocks, _BLOCK), 3, 1, 1, count_include_pad=False)
+    candidates = torch.nonzero((max_pool2d(blocks, _BLOCK) > 0.5 * LINE * mean)[0, 0]).tolist()
+    lines = []
+    for block_row, block_column in candidates if len(candidates) <= _MOST else ():
+        top, left = block_row * _BLOCK, block_column * _BLOCK
+        row, column = divmod(int(power[top : top + _BLOCK, left : left + _BLOCK].argmax()), _BLOCK)
+        line = top + row, left + column
+        near_zero = min(line[0], power.shape[0] - line[0]) < 2.0 * per_lag[0] and line[1] < 2.0 * per_lag[1]
+        strongest = float(power[line]) >= float(power[_around(power, line)[0]].max())  # blocks may share a line
+        if not near_zero and strongest and float(power[line]) > LINE * float(_around(power, line)[1]):
+            lines.append(line)
+    return lines
+
+
+def without_waves(image: torch.Tensor, lines: list[Line], padded: tuple[int, int]) -> torch.Tensor:
+    """A frame (H, W) less a sine wave for each line, amplitude, phase and frequency as they fit it best."""
+    for row, column in lines:
+        frequency = [(row / padded[0] + 0.5) % 1.0 - 0.5, column / padded[1]]
+        across = _wave(frequency[1], image.shape[1], image)
+        for _ in range(2):
+            frequency[0] = _strongest(torch.complex(image @ across.real, image @ across.imag), frequency[0])
+            down = _wave(frequency[0], image.shape[0], image)
+            frequency[1] = _strongest(torch.complex(down.real @ image, down.imag @ image), frequency[1])
+            across = _wave(frequency[1], image.shape[1], image)
+        amplitude = (torch.complex(down.real @ image, down.imag @ image) * across).sum() * (2.0 / image.numel())
+        image = image - ((amplitude * down.conj())[:, None] * across.conj()).real
+    return image
+
+
+def lower_lines(spectrum: torch.Tensor, power: torch.Tensor, lines: list[Line]) -> None:
+    """Lower what is left of lines in a frame's spectrum and its power to the level around them, in place."""
+    for line in lines:
+        (rows, columns), level, inner = _around(power, line)
+        around = power[rows, columns]
+        scale = torch.where(inner & (around > level), (level / around.clamp_min(1e-30)).sqrt(), torch.ones_like(around))
+        spectrum[rows, columns] *= scale
+        power[rows, columns] *= scale.square()
+
+
+def _around(power: torch.Tensor, line: Line) -> tuple[tuple[torch.Tensor, torch.Tensor], torch.Tensor, torch.Tensor]:
+    """Indices of the frequencies about one, the mean power of the outer of them, and which are the inner ones."""
+    apart = torch.arange(-_OUTER, _OUTER + 1, device=power.device)
+    columns = line[1] + apart
+    columns = columns[(columns >= 0) & (columns < power.shape[1])]
+    places = ((line[0] + apart) % power.shape[0])[:, None], columns
+    inner = (apart.abs() <= _INNER)[:, None] & ((columns - line[1]).abs() <= _INNER)
+    return places, power[places][~inner].mean(), inner
+
+
+def _wave(frequency: float, length: int, like: torch.Tensor) -> torch.Tensor:
+    """exp(-2 pi i f x), complex64 (length,)."""
+    phase = (-2.0 * math.pi * frequency) * torch.arange(length, dtype=torch.float64)
+    return torch.polar(torch.ones_like(phase), phase).to(device=like.device, dtype=torch.complex64)
+
+
+def _strongest(signal: torch.Tensor, frequency: float) -> float:
+    """Frequency near a given one at which the transform of a signal (length,) is largest."""
+    step = 0.3 / len(signal)
+    for _ in range(3):
+        places = (frequency - step, frequency, frequency + step)
+        before, here, after = (math.log(float((signal * _wave(f, len(signal), signal)).sum().abs()) + 1e-30) for f in places)
+        bend = before - 2.0 * here + after
+        if bend < 0.0:
+            frequency += step * max(-1.0, min(1.0, 0.5 * (before - after) / bend))
+        step *= 0.5
+    return frequency

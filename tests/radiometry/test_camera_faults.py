@@ -1,0 +1,136 @@
+"""Faults of cameras and lamps: found, replaced or subtracted, and nothing found where there is none."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.ndimage import gaussian_filter
+
+from radiometry.autocorrelation import autocorrelate, patch_grid, window_smooth
+from radiometry.estimation.pixel_faults import repair
+from radiometry.estimation.spectral_lines import find_lines, without_waves
+from radiometry.estimation.whole_frames import AutocorrelationEstimator, estimate_autocorrelation
+from radiometry.noise.level import RING
+
+PATCH = 131
+SHAPE = (5 * PATCH, 6 * PATCH)
+
+
+def speckle(rng: np.random.Generator, shape: tuple[int, int] = SHAPE, photons: float = 3.0) -> np.ndarray:
+    """Counted speckle of a rectangle of 9 x 21 lags, cropped from a wider period."""
+    rows, columns = shape[0] + 100, shape[1] + 100
+    field = rng.standard_normal((rows, columns)) + 1j * rng.standard_normal((rows, columns))
+    lag_rows, lag_columns = np.fft.fftfreq(rows) * PATCH, np.fft.fftfreq(columns) * PATCH
+    field *= (np.abs(lag_rows)[:, None] < 4.5) & (np.abs(lag_columns) < 10.5)
+    light = np.abs(np.fft.fft2(field)[: shape[0], : shape[1]]) ** 2
+    return rng.poisson(photons * light / light.mean()).astype(np.float32)
+
+
+@pytest.mark.parametrize("photons", [0.01, 0.3, 30.0])
+def test_whole_pixels_are_left_alone(rng, photons):
+    frame = torch.from_numpy(speckle(rng, photons=photons))
+    repaired, faults = repair(frame)
+    assert (faults.hot_pixels, faults.lines) == (0, 0)
+    assert torch.equal(repaired, frame)
+
+
+def test_hot_pixels_are_found_and_replaced(rng):
+    frame = speckle(rng)
+    where = rng.random(SHAPE) < 1e-4
+    hot = np.where(where, 300.0, frame).astype(np.float32)
+    repaired, faults = repair(torch.from_numpy(hot))
+    assert faults.hot_pixels == where.sum()
+    assert (repaired.numpy()[~where] == frame[~where]).all()
+    assert repaired.numpy()[where].max() < 30.0
+
+
+@pytest.mark.parametrize("value", [0.0, 40.0])
+def test_dead_and_hot_lines_are_found(rng, value):
+    frame = speckle(rng)
+    frame[200], frame[:, 333] = value, value
+    repaired, faults = repair(torch.from_numpy(frame))
+    assert faults.lines == 2
+    assert abs(repaired.numpy()[200].mean() / 3.0 - 1.0) < 0.3
+    assert abs(repaired.numpy()[:, 333].mean() / 3.0 - 1.0) < 0.3
+
+
+def test_saturation_is_seen(rng):
+    frame = speckle(rng, photons=100.0)
+    assert repair(torch.from_numpy(frame))[1].saturated < 1e-4
+    limit = np.quantile(frame, 0.97)
+    assert repair(torch.from_numpy(np.minimum(frame, limit)))[1].saturated == pytest.approx(0.03, abs=0.003)
+
+
+def spectrum_power(frame: np.ndarray) -> torch.Tensor:
+    padded = (SHAPE[0] + PATCH, SHAPE[1] + PATCH)
+    return torch.fft.rfft2(torch.from_numpy(frame - frame.mean()), s=padded).abs().square()
+
+
+PER_LAG = ((SHAPE[0] + PATCH) / PATCH, (SHAPE[1] + PATCH) / PATCH)
+
+
+def test_speckle_has_no_lines(rng):
+    for photons in (0.05, 3.0, 100.0):
+        assert find_lines(spectrum_power(speckle(rng, photons=photons)), PER_LAG) == []
+
+
+@pytest.mark.parametrize(("down", "right"), [(0.0213, 0.0371), (-0.1, 0.0452), (0.0, 0.031), (0.0291, 0.0)])
+def test_waves_are_found_and_subtracted(rng, down, right):
+    """Amplitude, phase and a frequency between those of the frame: what is left is the speckle, to a hundredth."""
+    frame = speckle(rng, photons=30.0)
+    row, column = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    wave = (30.0 * np.sin(2 * np.pi * (down * row + right * column) + 0.7)).astype(np.float32)
+    lines = find_lines(spectrum_power(frame + wave), PER_LAG)
+    assert len(lines) in (1, 2)
+    padded = (SHAPE[0] + PATCH, SHAPE[1] + PATCH)
+    left = without_waves(torch.from_numpy(frame + wave), lines, padded).numpy() - frame
+    assert left.var() < 0.01 * wave.var()
+
+
+def test_fringes_that_move_leave_the_estimate_as_it_is(rng):
+    """Lags of two frames with fringes that move, over those without: the same to the estimate's own noise."""
+    grid = patch_grid(SHAPE, PATCH)
+    frames = [speckle(rng), speckle(rng)]
+    column = np.arange(SHAPE[1])
+    fringed = [frame + 0.6 * np.sin(2 * np.pi * 0.243 * column + 2.0 * n).astype(np.float32) for n, frame in enumerate(frames)]
+    clean, _ = estimate_autocorrelation(frames, grid)
+    found, dof = estimate_autocorrelation(fringed, grid)
+    left = np.delete((found - clean) / clean, 63, axis=1)
+    assert left.std() < 0.5 / np.sqrt(dof)
+    assert abs(found / clean - 1.0).max() < 1.0
+    plain, _ = estimate_autocorrelation(fringed, grid, "pooled")
+    assert abs(plain / clean - 1.0).max() > 10.0
+
+
+def textured(rng: np.random.Generator, power: np.ndarray) -> np.ndarray:
+    """Light without a third moment, of the same power spectrum as a speckle frame."""
+    drawn = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(SHAPE)) * np.sqrt(power), s=SHAPE)
+    return drawn / drawn.std()
+
+
+@pytest.mark.parametrize("photons", [1.0, 30.0])
+def test_third_moment_tells_speckle_from_texture(rng, photons):
+    """A rectangle's speckle has the third moment of its triple correlation; texture of the same spectrum has none."""
+    albedo = np.zeros((64, 64), np.float32)
+    albedo[28:37, 20:41] = 1.0
+    weight = np.where((RING >= 2) & (RING < 24), 1.0, 0.0)
+    grid = patch_grid(SHAPE, PATCH)
+    frames = {"speckle": [speckle(rng, photons=photons) for _ in range(4)]}
+    level = gaussian_filter(np.abs(np.fft.rfft2(frames["speckle"][0] - photons)) ** 2, 3)
+    frames["texture"] = [rng.poisson(photons * np.clip(3.0 + 0.3 * textured(rng, level), 0.0, None)).astype(np.float32)
+                         for _ in range(4)]
+    found = {}
+    for kind, group in frames.items():
+        estimator = AutocorrelationEstimator(grid)
+        for frame in group:
+            estimator.add(frame)
+        lags = estimator.estimate()
+        floor = float(np.median(lags))
+        signal = lags - floor
+        known = window_smooth(autocorrelate(albedo))
+        power = float((weight * signal).sum() / (weight * known).sum())
+        found[kind] = estimator.filtered_frames().likeness(albedo, weight, np.ones_like(weight), signal, floor, power)
+    ratio, error = found["speckle"]
+    assert error < 0.15
+    assert abs(ratio - 1.0) < 4.0 * error + 0.05
+    ratio, error = found["texture"]
+    assert abs(ratio) < 4.0 * error + 0.05
