@@ -2,6 +2,7 @@
 
     inversion.py     all of it in one call
     capture.py       reads and checks the frames of a capture
+    corrections.py   dark frame, flat field, mask
     estimate.py      frames -> autocorrelation estimate, with what is known of the camera
     spectrum.py      noisy estimate -> noise level, detection, Fourier modulus
     methods.py       from a measurement to an albedo, by any method
@@ -27,8 +28,8 @@ import lazy_loader
 from radiometry.version import version
 
 if TYPE_CHECKING:
-    from invert.inversion import CameraFacts, Capture, Result, reconstruct
+    from invert.inversion import CameraFacts, Capture, Corrections, Result, reconstruct
 
-__all__ = ["CameraFacts", "Capture", "Result", "reconstruct"]
+__all__ = ["CameraFacts", "Capture", "Corrections", "Result", "reconstruct"]
 __version__ = version()
 __getattr__, __dir__, _ = lazy_loader.attach(__name__, submod_attrs={"inversion": __all__})

@@ -27,6 +27,9 @@ def parser() -> ArgumentParser:
                    help="what of the frames' mean is subtracted: what they show, nothing but each frame's own, what they share "
                         "at every lag, or as the paper does, on patches side by side")
     p.add_argument("--dark", type=Path, help="dark frame to subtract")
+    p.add_argument("--flat", type=Path, help="frame of even light to divide by")
+    p.add_argument("--mask", type=Path, help="picture whose zero pixels are left out")
+    p.add_argument("--blur-pixels", type=float, help="standard deviation of a known Gaussian blur, in pixels")
     p.add_argument("--truth", type=Path, help="known albedo (.npy or picture, one pixel a lag) to compare with")
     p.add_argument("--weights", type=Path, help="another network, .safetensors, for --method unet")
     p.add_argument("--seed", type=int, default=0)
@@ -39,6 +42,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     options = parser().parse_args(argv)
     patch = _check(options)
     from invert.capture import read_capture
+    from invert.corrections import Corrections
     from invert.estimate import estimate_from_frames, published_estimate
     from invert.result import check_truth_pitch, read_truth
     from radiometry.files.capture import CameraFacts
@@ -51,9 +55,10 @@ def main(argv: Sequence[str] | None = None) -> None:
         read_s = (time.perf_counter() - begin) / len(estimates)
     else:
         known = CameraFacts(options.wavelength_m, options.pixel_pitch_m, options.distance_m)
-        capture = read_capture(options.inputs, known, options.dark)
+        corrections = Corrections(options.dark, options.flat, options.mask)
+        capture = corrections.of(read_capture(options.inputs, known))
         read_s = time.perf_counter() - begin
-        estimates = [estimate_from_frames(capture, patch, options.device, options.mean)]
+        estimates = [estimate_from_frames(capture, patch, options.device, options.mean, options.blur_pixels)]
         if options.truth:
             check_truth_pitch(options.truth, estimates[0].pitches_m)
 
@@ -91,9 +96,10 @@ def _check(options) -> int | None:
     check_device(options.device)
     if options.weights is not None and options.method != "unet":
         raise InputError("--weights", "--method unet beside it", options.method, "leave it out")
-    if options.autocorrelation and (options.patch != "auto" or options.dark is not None):
-        raise InputError("--autocorrelation", "estimates as they are", "--patch or --dark, which go with frames",
-                         "leave them out")
+    if options.autocorrelation and (options.patch != "auto" or options.dark or options.flat or options.mask
+                                    or options.blur_pixels):
+        found = "--patch, --dark, --flat, --mask or --blur-pixels, which go with frames"
+        raise InputError("--autocorrelation", "estimates as they are", found, "leave them out")
     if options.patch == "auto":
         return None
     try:

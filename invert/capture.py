@@ -45,7 +45,7 @@ def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
     return files
 
 
-def read_capture(inputs: Sequence[str | Path], known: CameraFacts, dark: Path | None = None) -> Capture:
+def read_capture(inputs: Sequence[str | Path], known: CameraFacts) -> Capture:
     """Read all frames as one capture; options (`known`) win over file headers.
 
     Raises InputError for damaged, colour, constant, non-finite or differently sized frames, for
@@ -71,15 +71,6 @@ def read_capture(inputs: Sequence[str | Path], known: CameraFacts, dark: Path | 
                              f"another header in {file.name}", "invert the captures one by one")
         first = header if not frames else first
         frames.append(pixels)
-    if dark is not None:
-        if not dark.is_file():
-            raise InputError("--dark", "a dark frame", f"no {dark}", "check the path")
-        offset, _ = read_picture(dark)
-        if not np.isfinite(offset).all():
-            raise InputError("--dark", "finite pixels", f"NaN or infinity in {dark.name}", "give another")
-        if offset.shape != frames[0].shape:
-            raise InputError("--dark", f"a dark frame of the frames' size {frames[0].shape}", offset.shape, "give another")
-        frames = [frame - offset for frame in frames]
     given = {name: positive(name, value) for name, value in vars(known).items() if value is not None}
     if "pixel_pitch_m" in given:  # the header's angles went with its own pitch
         given = {"row_pitch_m": None, "column_pitch_m": None, **given}

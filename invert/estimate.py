@@ -11,12 +11,13 @@ import numpy as np
 
 from invert.capture import printable
 from radiometry.autocorrelation import LAGS, automatic_patch_size, patch_grid
+from radiometry.errors import positive
 from radiometry.estimation.published import PublishedEstimator
 from radiometry.estimation.third_moment import FilteredFrames
 from radiometry.estimation.whole_frames import AutocorrelationEstimator, Mean
-from radiometry.files.capture import Capture
+from radiometry.files.capture import CameraFacts, Capture
 from radiometry.files.pictures import read_autocorrelation
-from radiometry.transfer import lag_transfer
+from radiometry.transfer import gaussian_transfer, lag_transfer
 
 
 @dataclass(frozen=True)
@@ -50,13 +51,15 @@ def published_estimate(file: Path) -> Estimate:
     return Estimate(printable(file.name), lags, quantisation)
 
 
-def estimate_from_frames(capture: Capture, patch: int | None, device: str, mean: Mean = "auto") -> Estimate:
+def estimate_from_frames(capture: Capture, patch: int | None, device: str, mean: Mean = "auto",
+                         blur_pixels: float | None = None) -> Estimate:
     """Estimate r*r from frames.
 
     Args:
         mean: which mean of the frames is subtracted; see `radiometry.estimation.whole_frames`.
         patch: patch size in pixels; None chooses it from the lag pitch wanted (300 um), or takes an
             eighth of the frame where the camera is unknown.
+        blur_pixels: standard deviation of a Gaussian blur beyond pupil and pixel, where it is known.
     """
     begin = time.perf_counter()
     geometry = capture.camera.lag_geometry
@@ -69,7 +72,7 @@ def estimate_from_frames(capture: Capture, patch: int | None, device: str, mean:
     return Estimate(
         name=", ".join(capture.names) or f"{len(capture.frames)} frames",
         lags=lags,
-        transfer=_camera_transfer(capture, grid.patch_shape),
+        transfer=_transfer(capture, grid.patch_shape, blur_pixels),
         pitches_m=grid.lag_pitches_m(*geometry) if geometry else None,
         frame=capture.frames[0],
         facts={
@@ -83,8 +86,16 @@ def estimate_from_frames(capture: Capture, patch: int | None, device: str, mean:
     )
 
 
-def _camera_transfer(capture: Capture, patch_shape: tuple[int, int]) -> np.ndarray | None:
-    facts = capture.camera
+def _transfer(capture: Capture, patch_shape: tuple[int, int], blur_pixels: float | None) -> np.ndarray | None:
+    """H of pupil, pixel and blur, as far as they are known."""
+    camera = _camera_transfer(capture.camera, patch_shape)
+    if blur_pixels is None:
+        return camera
+    blur = gaussian_transfer(np.arange(-LAGS, LAGS + 1), patch_shape, positive("--blur-pixels", blur_pixels))
+    return blur if camera is None else camera * blur
+
+
+def _camera_transfer(facts: CameraFacts, patch_shape: tuple[int, int]) -> np.ndarray | None:
     if facts.lag_geometry is None or facts.pupil_diameter_m is None or facts.pupil_distance_m is None:
         return None
     return lag_transfer(np.arange(-LAGS, LAGS + 1), patch_shape, facts.pixel_pitch_m, facts.pupil_diameter_m,

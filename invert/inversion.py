@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from invert.capture import check_frame, read_capture
+from invert.corrections import Corrections
 from invert.estimate import Estimate, estimate_from_frames, published_estimate
 from invert.methods import Reconstruction, iterations, retrieve
 from invert.result import write_result
@@ -70,8 +71,8 @@ class Result:
 
 
 def reconstruct(source: Source, *, method: str = "unet", quality: str = "balanced", patch: int | None = None,
-                camera: CameraFacts | None = None, weights: str | Path | None = None, seed: int = 0,
-                device: str = "cpu", mean: Mean = "auto") -> Result:
+                camera: CameraFacts | None = None, corrections: Corrections | None = None, blur_pixels: float | None = None,
+                weights: str | Path | None = None, seed: int = 0, device: str = "cpu", mean: Mean = "auto") -> Result:
     """Reconstruct the hidden object's albedo.
 
     Args:
@@ -79,6 +80,8 @@ def reconstruct(source: Source, *, method: str = "unet", quality: str = "balance
             autocorrelation, a file or array of 127 x 127 lags.
         patch: size in pixels, chosen from the lag pitch where None.
         camera: facts for frames that carry none.
+        corrections: dark frame, flat field and mask.
+        blur_pixels: standard deviation of a known Gaussian blur of the frames.
         mean: of the frames, that is subtracted; see `radiometry.estimation.whole_frames`.
 
     Raises InputError for what cannot be inverted.
@@ -86,8 +89,10 @@ def reconstruct(source: Source, *, method: str = "unet", quality: str = "balance
     check_device(device)
     begin = time.perf_counter()
     capture = _as_capture(source, camera or CameraFacts())
+    if corrections is not None and isinstance(capture, Capture):
+        capture = corrections.of(capture)
     read_s = time.perf_counter() - begin
-    estimate = capture if isinstance(capture, Estimate) else estimate_from_frames(capture, patch, device, mean)
+    estimate = capture if isinstance(capture, Estimate) else estimate_from_frames(capture, patch, device, mean, blur_pixels)
     return retrieved(estimate, method=method, quality=quality, weights=weights, seed=seed, device=device, read_s=read_s)
 
 

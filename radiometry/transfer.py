@@ -41,3 +41,9 @@ def lag_transfer(lags: np.ndarray, patch_shape: tuple[int, int], pixel_pitch_m: 
     row, column = (lags / (pixels * pixel_pitch_m) for pixels in patch_shape)
     return amplitude_transfer(row[:, None], column[None, :], pixel_pitch_m, pupil_diameter_m, wavelength_m,
                               pupil_distance_m) ** 2
+
+
+def gaussian_transfer(lags: np.ndarray, patch_shape: tuple[int, int], blur_pixels: float) -> np.ndarray:
+    """H of a Gaussian blur of a standard deviation in pixels, shape (n, n) for lags (n,); see `lag_transfer`."""
+    row, column = (lags / pixels for pixels in patch_shape)
+    return np.exp(-((2.0 * np.pi * blur_pixels) ** 2) * (row[:, None] ** 2 + column[None, :] ** 2))

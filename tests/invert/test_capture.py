@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from invert.capture import find_frames, read_capture
+from invert.corrections import Corrections
 from radiometry.errors import InputError
 from radiometry.files.capture import CameraFacts
 from radiometry.files.frames import FrameHeader, write_frame
@@ -42,10 +43,37 @@ def test_options_win_over_headers_and_dark_frames_are_subtracted(tmp_path, rng):
     frame = rng.random((130, 130)).astype(np.float32)
     write_frame(tmp_path / "a.exr", frame, header())
     np.save(tmp_path / "dark.npy", np.full((130, 130), 0.25))
-    capture = read_capture([tmp_path / "a.exr"], CameraFacts(distance_m=2.5), tmp_path / "dark.npy")
+    capture = read_capture([tmp_path / "a.exr"], CameraFacts(distance_m=2.5))
+    capture = Corrections(tmp_path / "dark.npy").of(capture)
     wavelength_m, distance_m, pitches_m = capture.camera.lag_geometry
     assert (wavelength_m, distance_m, *pitches_m) == pytest.approx((532e-9, 2.5, 6.9e-6, 6.9e-6))
     np.testing.assert_allclose(capture.frames[0], frame - 0.25, atol=1e-6)
+
+
+def test_flat_field_and_mask(tmp_path, rng):
+    """(frame - dark) / (flat - dark), brightness kept; what is masked is the mean of the rest."""
+    light, sensitivity = rng.random((130, 140)), rng.uniform(0.5, 1.5, (130, 140))
+    mask = rng.random((130, 140)) < 0.9
+    for name, array in {"a": 3.0 * light * sensitivity + 2.0, "dark": np.full((130, 140), 2.0), "flat": 5.0 * sensitivity + 2.0,
+                        "mask": mask.astype(float)}.items():
+        np.save(tmp_path / f"{name}.npy", array)
+    corrections = Corrections(tmp_path / "dark.npy", tmp_path / "flat.npy", tmp_path / "mask.npy")
+    found = corrections.of(read_capture([tmp_path / "a.npy"], UNKNOWN)).frames[0]
+    expected = 3.0 * light * sensitivity.mean()
+    np.testing.assert_allclose(found[mask], expected[mask], rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(found[~mask], expected[mask].mean(), rtol=1e-5)
+    assert Corrections().of(read_capture([tmp_path / "a.npy"], UNKNOWN)).frames[0].max() > 5.0
+
+
+@pytest.mark.parametrize(("option", "array"), [
+    ("--flat", np.zeros((130, 140))), ("--mask", np.zeros((130, 140))), ("--mask", np.ones((140, 130))),
+    ("--flat", np.full((130, 140), np.nan)), ("--dark", np.ones((130, 139)))])
+def test_corrections_that_do_not_fit_are_refused(tmp_path, rng, option, array):
+    np.save(tmp_path / "a.npy", rng.random((130, 140)))
+    np.save(tmp_path / "other.npy", array)
+    corrections = Corrections(**{option[2:]: tmp_path / "other.npy"})
+    with pytest.raises(InputError, match=option):
+        corrections.of(read_capture([tmp_path / "a.npy"], UNKNOWN))
 
 
 def test_a_folder_stands_for_one_kind_of_file(tmp_path, rng):

@@ -4,10 +4,12 @@ import json
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 import invert
 from data_gen.letters import letter
 from invert.__main__ import main
+from invert.metrics import aligned_pearson
 
 PATCH, SHAPE = 257, (1028, 1100)
 
@@ -59,6 +61,18 @@ def test_one_frame_of_a_textured_wall_is_doubted_and_two_show_nothing(rng, tmp_p
         assert said["warnings"]
         assert err.startswith("warning: ")
     assert not invert.reconstruct(np.stack(frames), quality="fast", patch=PATCH).object_found
+
+
+def test_a_known_blur_is_undone(rng):
+    """Two pixels of blur: the estimate, divided by H, is that of the letter without it."""
+    light = [letter_light(rng) for _ in range(2)]
+    blurred = np.stack([rng.poisson(30.0 * gaussian_filter(one, 2.0, mode="wrap")) for one in light])
+    sharp = invert.reconstruct(np.stack([rng.poisson(30.0 * one) for one in light]), quality="fast", patch=PATCH)
+    undone = invert.reconstruct(blurred, quality="fast", patch=PATCH, blur_pixels=2.0)
+    left_alone = invert.reconstruct(blurred, quality="fast", patch=PATCH)
+    found = [aligned_pearson(result.albedo, sharp.albedo)[0] for result in (undone, left_alone)]
+    assert found[0] > 0.9
+    assert found[0] > found[1] + 0.02
 
 
 def test_the_same_speckle_twice_is_named(rng):
