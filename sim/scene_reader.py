@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from radiometry.autocorrelation import LAG_SIDE
-from radiometry.errors import InputError
+from radiometry.errors import InputError, memory_bytes
 from radiometry.throughput import LightPath, closed_form
 from sim.geometry import Geometry, Spot
 from sim.plugins.laser import Laser
@@ -23,6 +23,9 @@ from sim.transport.light_transport import LightTransport
 from sim.transport.monte_carlo import estimate_other_light
 from sim.transport.surfaces import check_energy, check_surfaces
 from sim.variant import check_compilable
+
+BYTES_PER_PIXEL = 64
+"""Memory of a simulation over the pixels of its film, as measured."""
 
 
 def fingerprint(scene: mi.Scene) -> int:
@@ -165,6 +168,9 @@ def _film_size(camera: SpeckleCamera) -> tuple[int, int]:
         raise InputError("film", "the whole film", f"a crop of {film.crop_size()}", "set width and height instead")
     if min(height, width) < LAG_SIDE:
         raise InputError("film", f"at least {LAG_SIDE} x {LAG_SIDE} pixels (one patch)", f"{width} x {height}", "enlarge it")
+    if height * width * BYTES_PER_PIXEL > memory_bytes():
+        raise InputError("film", f"a frame that fits into {memory_bytes() / 1e9:.1f} GB", f"{width} x {height} pixels, about "
+                         f"{height * width * BYTES_PER_PIXEL / 1e9:.3g} GB", "choose a smaller film")
     return height, width
 
 

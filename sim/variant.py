@@ -58,8 +58,23 @@ def _old_llvm() -> int | None:
     return major if major is not None and major < ENOUGH and mi.variant().startswith("llvm") else None
 
 
+DEEPEST = 40
+"""Elements of a scene file within one another."""
+
+
+def _depth(root: ElementTree.Element) -> int:
+    level, deep = [root], 0
+    while level:
+        level = [child for node in level for child in node]
+        deep += 1
+    return deep
+
+
 def check_loadable(root: ElementTree.Element) -> None:
-    """As `check_compilable`, for a scene's XML: loading a mesh computes smooth normals."""
+    """As `check_compilable`, for a scene's XML: loading a mesh computes smooth normals. Nor does Mitsuba come to an end with
+    plugins nested without end."""
+    if (depth := _depth(root)) > DEEPEST:
+        raise InputError("scene", f"elements nested up to {DEEPEST} deep", f"{depth}", "take some plugins out of one another")
     major = _old_llvm()
     for node in root.iter("shape"):
         flat = any(child.get("name") == "face_normals" and child.get("value") == "true" for child in node)

@@ -1,6 +1,7 @@
 """The edges of the commands: nothing lost, nothing half-written, nothing damaged taken for whole."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -129,6 +130,24 @@ def test_what_cannot_be_made_leaves_no_store(tmp_path, command, monkeypatch, ext
     assert err.count("\n") == 1
     assert len(err) < 600
     assert not Path("a.zarr").exists()
+
+
+@pytest.mark.parametrize(("name", "value", "words"), [
+    ("width", 60000, "film"), ("width", 2**31, "film"), ("width", 2**31 - 1, "film"), ("nested", 3000, "nested")])
+def test_films_beyond_memory_and_endless_nesting_are_refused(tmp_path, command, name, value, words):
+    """Both used to end or stop the process inside Mitsuba."""
+    from sim.__main__ import main as sim
+
+    text = SCENE.read_text().replace('"F.png"', f'"{SCENE.parent / "F.png"}"')
+    if name == "nested":
+        inner = '<bsdf type="diffuse"><spectrum name="reflectance" value="1"/></bsdf>'
+        text = text.replace(inner, '<bsdf type="twosided">' * value + inner + "</bsdf>" * value, 1)
+    else:
+        text = re.sub(r'(name="(?:width|height)" value=")[0-9]+', rf"\g<1>{value}", text)
+    (tmp_path / "scene.xml").write_text(text)
+    code, _, err = command(sim, tmp_path / "scene.xml", "--plan")
+    assert (code, err.count("\n")) == (2, 1)
+    assert words in err
 
 
 @pytest.mark.parametrize("damage", ["truncated", "checksum", "archive"])
