@@ -71,8 +71,11 @@ def _depth(root: ElementTree.Element) -> int:
 
 
 def check_loadable(root: ElementTree.Element) -> None:
-    """As `check_compilable`, for a scene's XML: loading a mesh computes smooth normals. Nor does Mitsuba come to an end with
-    plugins nested without end."""
+    """As `check_compilable`, for a scene's XML: loading a mesh computes smooth normals. Colours mean nothing to light of one
+    wavelength, and Mitsuba comes to no end with plugins nested without end."""
+    if (colour := next(root.iter("rgb"), None)) is not None:
+        raise InputError(f"rgb {colour.get('name')}", "a value at the laser's wavelength", f"the colour {colour.get('value')}",
+                         f'write <spectrum name="{colour.get("name")}" value="..."/>')
     if (depth := _depth(root)) > DEEPEST:
         raise InputError("scene", f"elements nested up to {DEEPEST} deep", f"{depth}", "take some plugins out of one another")
     major = _old_llvm()

@@ -133,14 +133,17 @@ def test_what_cannot_be_made_leaves_no_store(tmp_path, command, monkeypatch, ext
 
 
 @pytest.mark.parametrize(("name", "value", "words"), [
-    ("width", 60000, "film"), ("width", 2**31, "film"), ("width", 2**31 - 1, "film"), ("nested", 3000, "nested")])
-def test_films_beyond_memory_and_endless_nesting_are_refused(tmp_path, command, name, value, words):
-    """Both used to end or stop the process inside Mitsuba."""
+    ("width", 60000, "film"), ("width", 2**31, "film"), ("width", 2**31 - 1, "film"), ("nested", 3000, "nested"),
+    ("colour", 0, "rgb reflectance")])
+def test_what_mitsuba_takes_and_nobody_can_render_is_refused(tmp_path, command, name, value, words):
+    """Films and nesting used to end or stop the process inside Mitsuba; a colour was taken for its luminance."""
     from sim.__main__ import main as sim
 
     text = SCENE.read_text().replace('"F.png"', f'"{SCENE.parent / "F.png"}"')
-    if name == "nested":
-        inner = '<bsdf type="diffuse"><spectrum name="reflectance" value="1"/></bsdf>'
+    inner = '<bsdf type="diffuse"><spectrum name="reflectance" value="1"/></bsdf>'
+    if name == "colour":
+        text = text.replace(inner, '<bsdf type="diffuse"><rgb name="reflectance" value="0.2,0.9,0.4"/></bsdf>', 1)
+    elif name == "nested":
         text = text.replace(inner, '<bsdf type="twosided">' * value + inner + "</bsdf>" * value, 1)
     else:
         text = re.sub(r'(name="(?:width|height)" value=")[0-9]+', rf"\g<1>{value}", text)
