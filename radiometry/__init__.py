@@ -20,9 +20,15 @@ Everything else builds on this package; but for its commands (__main__.py, plan.
 """
 
 import os
+import sys
 from typing import TYPE_CHECKING
 
 import lazy_loader
+
+from radiometry.errors import exit_at_once_when_interrupted
+
+if sys.argv[0] == "-m":  # a command: while libraries load, Ctrl-C would end in their tracebacks
+    exit_at_once_when_interrupted()
 
 from radiometry.version import version
 

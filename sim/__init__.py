@@ -26,11 +26,7 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
-from radiometry.errors import InputError, exit_at_once_when_interrupted
-
-if sys.argv[0] == "-m":  # a command: loading Mitsuba takes a second in which Ctrl-C would end in its tracebacks
-    exit_at_once_when_interrupted()
-
+from radiometry.errors import InputError
 from radiometry.version import version
 from sim.variant import activate_variant
 
