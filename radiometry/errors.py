@@ -88,12 +88,28 @@ def check_device(device: str) -> None:
             raise InputError("--device", "a CUDA GPU and a torch build that uses it", "none", "use --device cpu")
 
 
+GRACE_S = 20.0
+"""Time that an interrupted command has to clean up."""
+
+
 class Interrupted(KeyboardInterrupt):
     """SIGINT or SIGTERM reached a command."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
         self.exit_code = 128 + number
+        self.told = False
+
+    def leave_in(self, seconds: float) -> None:
+        """End the process after so long, whatever a library then waits for."""
+        watch = threading.Timer(seconds, self._leave)
+        watch.daemon = True
+        watch.start()
+
+    def _leave(self) -> NoReturn:
+        if not self.told:
+            os.write(2, b"interrupted\n")
+        os._exit(self.exit_code)
 
 
 def exit_at_once_when_interrupted() -> None:
@@ -112,6 +128,7 @@ def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str
 
     def interrupt(number: int, _: Any) -> NoReturn:
         arrived.append(Interrupted(number))
+        arrived[0].leave_in(GRACE_S)
         raise arrived[0]
 
     main_thread = threading.current_thread() is threading.main_thread()
@@ -143,5 +160,8 @@ def _leave(line: str, code: int, arrived: Sequence[Interrupted]) -> NoReturn:
         line, code = "interrupted", arrived[0].exit_code
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)  # clean up undisturbed
-    print(line, file=sys.stderr)
+    print(line, file=sys.stderr, flush=True)
+    if arrived:
+        arrived[0].told = True
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # libraries that were stopped half-way complain at exit
     sys.exit(code)

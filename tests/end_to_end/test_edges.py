@@ -199,6 +199,25 @@ def test_an_interrupt_is_one_line_and_leaves_nothing_behind(tmp_path, number, af
     assert not left
 
 
+def test_an_interrupt_ends_what_waits_for_ever():
+    """A library that swallows the interrupt, or never comes back, is left after the time to clean up."""
+    program = """
+import os, threading, time
+import radiometry.errors as errors
+errors.GRACE_S = 1.0
+def main(argv):
+    threading.Timer(0.3, os.kill, (os.getpid(), 15)).start()
+    while True:
+        try:
+            time.sleep(60)
+        except KeyboardInterrupt:
+            pass
+errors.run_command(main, [])
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=30)
+    assert (done.returncode, done.stderr) == (143, "interrupted\n")
+
+
 def test_training_stores_that_are_not_there_are_one_line(tmp_path):
     with pytest.raises(InputError, match="warm starts"):
         load_warm_starts([str(tmp_path / "none.zarr")])
