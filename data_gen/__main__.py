@@ -47,8 +47,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     from data_gen.schedule import make_shards, predicted_seconds
     from data_gen.store import PAIR_BYTES, dataset_schema
     from radiometry.files.output import sole_writer
-    from radiometry.files.store import begin, missing_parts
+    from radiometry.files.store import begin, missing_parts, store_address
 
+    address = store_address(options.output)
     recipe, manifest = _recipe(options)
     if options.dry_run:
         pairs = recipe.measurement != "none"
@@ -57,10 +58,10 @@ def main(argv: Sequence[str] | None = None) -> None:
               f"about {predicted_seconds(recipe, options.workers):.0f} s with {options.workers} workers")
         return
     _try_out(recipe, options.scheduler)
-    with sole_writer(options.output, "dataset"):
-        group = begin(options.output, dataset_schema(recipe.measurement), manifest, recipe.count)
+    with sole_writer(address, "dataset"):
+        group = begin(address, dataset_schema(recipe.measurement), manifest, recipe.count)
         missing, started = missing_parts(group), time.perf_counter()
-        made = make_shards(options.output, recipe, missing, options.workers, options.scheduler)
+        made = make_shards(address, recipe, missing, options.workers, options.scheduler)
         seconds = time.perf_counter() - started
     print(f"{options.output}: {recipe.count} samples, {made} made now" + (f" ({made / seconds:.0f} a second)" if made else ""))
 

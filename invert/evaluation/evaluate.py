@@ -6,6 +6,7 @@ import hashlib
 import json
 import time
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -43,12 +44,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     from invert.evaluation.report import write_report
     from radiometry.files.output import output_folder, remove_leftovers, sole_writer
 
+    levels = _levels(options)
+    levels = chain([next(levels)], levels)  # what cannot be had is refused before a folder is made
     output = output_folder(options.output)
     with sole_writer(output):
         cells = output_folder(output / "cells")
         for folder in (output, cells):
             remove_leftovers(folder)
-        results = [_cell(cells, level, name, settings, options) for level in tqdm(_levels(options), unit="level", disable=None)
+        results = [_cell(cells, level, name, settings, options) for level in tqdm(levels, unit="level", disable=None)
                    for name, settings in methods.items()]
         write_report(output, results, cells)
     print(output / "table.md")

@@ -16,7 +16,7 @@ from invert.network.features import PICTURES
 from radiometry.autocorrelation import LAG_SIDE
 from radiometry.errors import ArgumentParser, InputError, check_seed
 from radiometry.files.output import sole_writer
-from radiometry.files.store import Schema, begin, missing_parts, open_whole, read_array, write_part
+from radiometry.files.store import Schema, begin, missing_parts, open_whole, read_array, store_address, write_part
 
 if TYPE_CHECKING:
     from invert.network.model import CorrelographyNet
@@ -54,8 +54,9 @@ def main(argv: Sequence[str] | None = None) -> None:
         raise InputError("--weights", "a network with a denoiser", f"the kind {card['network']}", "train --network unet")
     targets, _ = load_targets(options.targets)
     arguments = {"targets": options.targets, "seed": options.seed, "count": options.count, "denoiser": card["run"]}
-    with sole_writer(options.output, "warm starts"):
-        group = begin(options.output, SCHEMA, arguments, options.count)
+    address = store_address(options.output)
+    with sole_writer(address, "warm starts"):
+        group = begin(address, SCHEMA, arguments, options.count)
         missing = missing_parts(group)
         chunks = options.count // CHUNK
         for chunk in tqdm(missing, total=chunks, initial=chunks - len(missing), unit="chunk", disable=None):

@@ -47,6 +47,13 @@ class Schema:
         return {"made_by": f"{OWNER} {self.kind}", "format": self.version}
 
 
+def store_address(text: str) -> str:
+    """An address as the command line gives it: `file://` is a path, and memory is no place for a store."""
+    if text.startswith("memory:"):
+        raise InputError("store", "an address that other processes can open", text, "give a path")
+    return text.removeprefix("file://")
+
+
 def begin(address: str, schema: Schema, arguments: dict[str, Any], count: int) -> zarr.Group:
     """Open a store to go on with, or make an empty one where nothing is.
 

@@ -199,6 +199,30 @@ def test_an_interrupt_is_one_line_and_leaves_nothing_behind(tmp_path, number, af
     assert not left
 
 
+@pytest.mark.parametrize("address", ["memory://x", "http://127.0.0.1:9/x", "s3://nobody/x", "foo://x", "file:///proc/x"])
+def test_addresses_that_hold_no_store_are_one_line(command, address):
+    code, _, err = command(data_gen, address, "--source", "glyphs", "--count", 10, "--workers", 1)
+    assert (code, err.count("\n")) == (2, 1)
+    assert len(err) < 600
+
+
+def test_a_file_address_is_a_path(tmp_path, command):
+    assert command(data_gen, f"file://{tmp_path / 'a.zarr'}", "--source", "glyphs", "--count", 64, "--workers", 1)[0] == 0
+    assert (tmp_path / "a.zarr" / "zarr.json").is_file()
+
+
+def test_an_evaluation_of_nothing_leaves_nothing(tmp_path, command):
+    from invert.evaluation.evaluate import main as evaluate
+
+    (tmp_path / "images").mkdir()
+    Image.new("L", (300, 300), 7).save(tmp_path / "images" / "flat.png")
+    for arguments in (("--sets", "edges", "--images", tmp_path / "images"), ("--sets", "edges", "--images", tmp_path / "none"),
+                      ("--sets", "measured", "--measured", tmp_path)):
+        code, _, err = command(evaluate, "-o", tmp_path / "out", *arguments)
+        assert (code, err.count("\n")) == (2, 1)
+        assert not (tmp_path / "out").exists()
+
+
 def test_an_interrupt_ends_what_waits_for_ever():
     """A library that swallows the interrupt, or never comes back, is left after the time to clean up."""
     program = """
