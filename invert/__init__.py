@@ -2,7 +2,6 @@
 
     inversion.py     all of it in one call
     capture.py       reads and checks the frames of a capture
-    corrections.py   dark frame, flat field, mask
     estimate.py      frames -> autocorrelation estimate, with what is known of the camera
     spectrum.py      noisy estimate -> noise level, detection, Fourier modulus
     methods.py       from a measurement to an albedo, by any method

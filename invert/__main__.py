@@ -42,10 +42,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     options = parser().parse_args(argv)
     patch = _check(options)
     from invert.capture import read_capture
-    from invert.corrections import Corrections
     from invert.estimate import estimate_from_frames, published_estimate
     from invert.result import check_truth_pitch, read_truth
     from radiometry.files.capture import CameraFacts
+    from radiometry.files.corrections import Corrections
     from radiometry.files.output import output_folder, remove_leftovers, sole_writer
 
     begin = time.perf_counter()

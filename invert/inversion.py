@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from invert.capture import check_frame, read_capture
-from invert.corrections import Corrections
 from invert.estimate import Estimate, estimate_from_frames, published_estimate
 from invert.methods import Reconstruction, iterations, retrieve
 from invert.result import write_result
@@ -23,6 +22,7 @@ from radiometry.autocorrelation import LAG_SIDE
 from radiometry.errors import InputError, check_device
 from radiometry.estimation.whole_frames import Mean
 from radiometry.files.capture import CameraFacts, Capture
+from radiometry.files.corrections import Corrections
 
 Source = Capture | str | Path | np.ndarray | Sequence[np.ndarray]
 

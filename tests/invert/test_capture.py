@@ -8,9 +8,9 @@ import pytest
 from PIL import Image
 
 from invert.capture import find_frames, read_capture
-from invert.corrections import Corrections
 from radiometry.errors import InputError
 from radiometry.files.capture import CameraFacts
+from radiometry.files.corrections import Corrections
 from radiometry.files.frames import FrameHeader, write_frame
 from radiometry.files.pictures import read_autocorrelation
 
