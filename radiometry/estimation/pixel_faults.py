@@ -15,7 +15,7 @@ LINE_SIGMA = 12.0
 """Standard deviations, robustly estimated, of a line's mean from that of its neighbours."""
 
 SAMPLED = 200_000
-"""Pixels from which the tail is read."""
+"""Pixels from which the tail and saturation are read."""
 
 
 @dataclass(frozen=True)
@@ -31,30 +31,35 @@ def repair(image: torch.Tensor) -> tuple[torch.Tensor, PixelFaults]:
     """Replace a frame's (H, W) hot pixels by the median around them, and dead or hot lines by the lines beside them."""
     image, hot = _replace_hot_pixels(image)
     image, lines = _replace_lines(image)
-    largest = image.max()
-    at_largest = int((image == largest).sum()) / image.numel() if float(largest) > float(image[0, 0]) else 0.0
+    sampled = _sampled(image)
+    largest = sampled.max()
+    at_largest = float((sampled == largest).mean()) if largest > sampled.min() else 0.0
     return image, PixelFaults(hot, lines, at_largest)
+
+
+def _sampled(image: torch.Tensor) -> np.ndarray:
+    """Pixels at even steps, (about `SAMPLED`,)."""
+    return image.flatten()[:: max(1, image.numel() // SAMPLED)].cpu().numpy()
 
 
 def _replace_hot_pixels(image: torch.Tensor) -> tuple[torch.Tensor, int]:
     """Speckle's brightest tail is exponential: the last decade of pixels tells where it ends."""
-    step = max(1, image.numel() // SAMPLED)
-    sampled = image.flatten()[::step].cpu().numpy()
+    sampled = _sampled(image)
     places = [int(share * len(sampled)) for share in (0.5, 0.99, 0.999)]
     middle, hundredth, thousandth = (float(value) for value in np.partition(sampled, places)[places])
     decade = max(thousandth - hundredth, (thousandth - middle) / 3.0)
     if decade <= 0.0:
         return image, 0
     limit = thousandth + decade * (np.log10(image.numel()) - 3.0 + TAIL_DECADES)
-    hot = image > limit
-    if not (found := int(hot.sum())):
+    if float(image.max()) <= limit:
         return image, 0
+    hot = image > limit
     repaired = image.clone()
     height, width = image.shape
     for row, column in torch.nonzero(hot).tolist():
         rows, columns = slice(max(row - 2, 0), min(row + 3, height)), slice(max(column - 2, 0), min(column + 3, width))
         repaired[row, column] = image[rows, columns][~hot[rows, columns]].median() if not hot[rows, columns].all() else middle
-    return repaired, found
+    return repaired, int(hot.sum())
 
 
 def _replace_lines(image: torch.Tensor) -> tuple[torch.Tensor, int]:
