@@ -11,13 +11,16 @@ import numpy as np
 
 from invert.capture import printable
 from radiometry.autocorrelation import LAGS, automatic_patch_size, patch_grid
-from radiometry.errors import positive
+from radiometry.errors import InputError, positive
 from radiometry.estimation.published import PublishedEstimator
 from radiometry.estimation.third_moment import FilteredFrames
 from radiometry.estimation.whole_frames import AutocorrelationEstimator, Mean
 from radiometry.files.capture import CameraFacts, Capture
 from radiometry.files.pictures import read_autocorrelation
 from radiometry.transfer import gaussian_transfer, lag_transfer
+
+LARGEST_BELOW = 0.2
+"""Share of an estimate's power that lags below zero may have."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,20 @@ class Estimate:
 def published_estimate(file: Path) -> Estimate:
     """An autocorrelation picture or array, as it is."""
     lags, quantisation = read_autocorrelation(file)
-    return Estimate(printable(file.name), lags, quantisation)
+    name = printable(file.name)
+    check_power(lags, name)
+    return Estimate(name, lags, quantisation)
+
+
+def check_power(lags: np.ndarray, name: str) -> None:
+    """Refuse lags (127, 127) that are no power spectrum: negative ones as strong as others, not just noise about no floor."""
+    if not np.isfinite(lags).all():
+        raise InputError("autocorrelation", "finite lags", f"NaN or infinity in {name}", "leave it out")
+    scaled = lags.astype(np.float64) / max(float(np.abs(lags).max()), 1e-300)
+    below = float((scaled.clip(max=0.0) ** 2).sum())
+    if below > LARGEST_BELOW * float((scaled**2).sum()):
+        raise InputError("autocorrelation", "a power spectrum, zero or more at every lag",
+                         f"negative lags as strong as others in {name}", "give the estimate with its floor, as it was measured")
 
 
 def estimate_from_frames(capture: Capture, patch: int | None, device: str, mean: Mean = "auto",

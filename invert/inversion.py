@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from invert.capture import check_frame, read_capture
-from invert.estimate import Estimate, estimate_from_frames, published_estimate
+from invert.estimate import Estimate, check_power, estimate_from_frames, published_estimate
 from invert.methods import Reconstruction, iterations, retrieve
 from invert.result import write_result
 from invert.solvers.base import Progress
@@ -122,6 +122,7 @@ def _as_capture(source: Source, camera: CameraFacts) -> Capture | Estimate:
         return published_estimate(path) if path.is_file() and _is_published(path) else read_capture([path], camera)
     array = np.asarray(source)
     if array.ndim == 2 and array.shape == (LAG_SIDE, LAG_SIDE):
+        check_power(array, "the array")
         return Estimate("autocorrelation", np.asarray(array, np.float32))
     if array.ndim == 2:
         array = array[None]

@@ -65,7 +65,7 @@ def _whitened(seen: Observation) -> tuple[torch.Tensor, torch.Tensor, torch.Tens
     height = torch.maximum(near, 3.0 * floor * (freedom * 4.0).rsqrt()).clamp_min(1e-30)
     scale = height[:, None, None]
     significance = torch.asinh(signal * freedom.sqrt()[:, None, None] / filled.clamp_min(1e-3 * scale)) / 3.0
-    numbers = torch.stack((torch.log10(floor / height + 1e-3), 0.5 * torch.log10(freedom) - 1.0), 1)
+    numbers = torch.stack((torch.log10((floor / height).clamp_min(0.0) + 1e-3), 0.5 * torch.log10(freedom) - 1.0), 1)
     return signal / scale, significance, numbers, height
 
 

@@ -126,8 +126,8 @@ KINDS = ("poisson", "uniform", "gradient", "stripes", "spots", "zeros", "holes",
 
 
 @drawn(40)
-@given(kind=st.sampled_from(KINDS), count=st.integers(1, 3), height=st.integers(100, 420), width=st.integers(100, 420),
-       scale=st.sampled_from([1.0, 1e-12, 1e8, 1e30, -1.0]), patch=st.one_of(st.none(), st.integers(100, 300)),
+@given(kind=st.sampled_from(KINDS), count=st.integers(1, 3), height=st.integers(120, 600), width=st.integers(120, 600),
+       scale=st.sampled_from([1.0, 1e-12, 1e8, 1e30, -1.0]), patch=st.one_of(st.none(), st.integers(120, 300)),
        dtype=st.sampled_from(["f4", "f8", "u2", "i4"]), method=st.sampled_from(["classical", "hio", "unet"]),
        mean=st.sampled_from(["auto", "pooled", "fixed", "published"]), seed=st.integers(0, 99))
 def test_frames(kind, count, height, width, scale, patch, dtype, method, mean, seed):
