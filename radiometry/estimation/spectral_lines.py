@@ -12,6 +12,8 @@ import math
 import torch
 from torch.nn.functional import avg_pool2d, max_pool2d
 
+from radiometry.autocorrelation import LAGS
+
 LEAST_PATCHES = 16
 """In a frame, so that a lag holds several frequencies."""
 
@@ -33,13 +35,16 @@ def find_lines(power: torch.Tensor, per_lag: tuple[float, float]) -> list[Line]:
         per_lag: frequencies of the padded frame in one lag, along rows and columns. Lags next to zero, where smooth light is,
             are left out.
     """
-    height, width = (size // _BLOCK * _BLOCK for size in power.shape)
-    blocks = power[None, None, :height, :width]
-    mean = avg_pool2d(avg_pool2d(blocks, _BLOCK), 3, 1, 1, count_include_pad=False)
-    candidates = torch.nonzero((max_pool2d(blocks, _BLOCK) > 0.5 * LINE * mean)[0, 0]).tolist()
+    down, right = (min(int((LAGS + 1) * each) // _BLOCK + 1, size // way // _BLOCK) * _BLOCK
+                   for each, size, way in zip(per_lag, power.shape, (2, 1), strict=True))
+    candidates = []
+    for top in (0, power.shape[0] - down):  # the lags, positive and negative rows
+        blocks = power[None, None, top : top + down, :right]
+        mean = avg_pool2d(avg_pool2d(blocks, _BLOCK), 3, 1, 1, count_include_pad=False)
+        found = torch.nonzero((max_pool2d(blocks, _BLOCK) > 0.5 * LINE * mean)[0, 0]) * _BLOCK
+        candidates += [(top + row, column) for row, column in found.tolist()]
     lines = []
-    for block_row, block_column in candidates if len(candidates) <= _MOST else ():
-        top, left = block_row * _BLOCK, block_column * _BLOCK
+    for top, left in candidates if len(candidates) <= _MOST else ():
         row, column = divmod(int(power[top : top + _BLOCK, left : left + _BLOCK].argmax()), _BLOCK)
         line = top + row, left + column
         near_zero = min(line[0], power.shape[0] - line[0]) < 2.0 * per_lag[0] and line[1] < 2.0 * per_lag[1]

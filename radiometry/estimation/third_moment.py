@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from scipy.fft import next_fast_len
 
 from radiometry.autocorrelation import LAGS
 
@@ -84,15 +85,28 @@ def third_moment(spectra: Sequence[NarrowSpectrum], weight: np.ndarray) -> tuple
     """
     means = []
     for one in spectra:
-        down, right = (torch.from_numpy(_between_lags(lags)) for lags in (one.lag_rows, one.lag_columns))
-        fine = (down @ torch.from_numpy(weight.astype(np.float32)) @ right.T).to(one.values.device)
-        rows, columns = fine.shape[0], 2 * fine.shape[1] - 1
-        filtered = torch.fft.irfft2(one.values * fine, s=(rows, columns)) * (rows * columns / (one.padded[0] * one.padded[1]))
-        sides = [int(size * share) // _BLOCKS for size, share in zip((rows, columns), one.inside, strict=True)]
+        filtered = _filtered(one, weight)
+        sides = [int(size * share) // _BLOCKS for size, share in zip(filtered.shape, one.inside, strict=True)]
         cube = filtered[: sides[0] * _BLOCKS, : sides[1] * _BLOCKS] ** 3
         means.append(cube.reshape(_BLOCKS, sides[0], _BLOCKS, sides[1]).double().mean((1, 3)).flatten())
     blocks = torch.cat(means)
     return float(blocks.mean()), float(blocks.std() / len(blocks) ** 0.5)
+
+
+def _filtered(one: NarrowSpectrum, weight: np.ndarray) -> torch.Tensor:
+    """J of one frame, sampled at three times its largest frequency: the cube then has no alias at zero."""
+    reach = [int(np.abs(np.argwhere(weight)[:, axis] - LAGS).max()) + 1 for axis in (0, 1)]
+    rows, columns = np.abs(one.lag_rows) < reach[0], one.lag_columns < reach[1]
+    sides = [min(next_fast_len(int(3 * far / step) + 2, real=True), size) for far, step, size
+             in zip(reach, (one.lag_rows[1], one.lag_columns[1]), one.padded, strict=True)]
+    down, right = (torch.from_numpy(_between_lags(lags)) for lags in (one.lag_rows[rows], one.lag_columns[columns]))
+    fine = (down @ torch.from_numpy(weight.astype(np.float32)) @ right.T).to(one.values.device)
+    spectrum = torch.zeros((sides[0], sides[1] // 2 + 1), dtype=torch.complex64, device=one.values.device)
+    values = one.values[torch.from_numpy(np.flatnonzero(rows)), : int(columns.sum())] * fine
+    ahead = int((one.lag_rows[rows] >= 0.0).sum())
+    spectrum[:ahead, : values.shape[1]] = values[:ahead]
+    spectrum[sides[0] - len(values) + ahead :, : values.shape[1]] = values[ahead:]
+    return torch.fft.irfft2(spectrum, s=sides) * (sides[0] * sides[1] / (one.padded[0] * one.padded[1]))
 
 
 def shot_noise_part(weight: np.ndarray, signal: np.ndarray, floor: float, level: float, patch_pixels: int) -> float:

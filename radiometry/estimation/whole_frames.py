@@ -68,6 +68,7 @@ class AutocorrelationEstimator:
         self._padded = (next_fast_len(grid.frame_shape[0] + self._patch[0] - 1),
                         next_fast_len(grid.frame_shape[1] + self._patch[1] - 1, real=True))
         self._first = self._sum = self._power = torch.empty(0)
+        self._first_lags: np.ndarray | None = None
         self._levels: list[float] = []
         self._uneven = False
         self._narrow: list[NarrowSpectrum] = []
@@ -165,9 +166,10 @@ class AutocorrelationEstimator:
         if self.mean != "auto":
             return spectrum
         cross = self._first.real * spectrum.real + self._first.imag * spectrum.imag
-        power = self._first.real.square() + self._first.imag.square()
-        shared, both = self._at_lags(cross), self._at_lags(power)
-        if not shared_lags(shared, both, 2.0 * degrees_of_freedom(1, self.grid.frame_shape, self._patch)).any():
+        if self._first_lags is None:
+            self._first_lags = self._at_lags(self._first.real.square() + self._first.imag.square())
+        dof = 2.0 * degrees_of_freedom(1, self.grid.frame_shape, self._patch)
+        if not shared_lags(self._at_lags(cross), self._first_lags, dof).any():
             return spectrum
         shift = shift_between(self._first, spectrum, self._padded)
         self.facts["shift_pixels"] = max(shift, self.facts.get("shift_pixels", (0, 0)), key=lambda way: math.hypot(*way))
