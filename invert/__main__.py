@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     from invert.result import check_truth_pitch, read_truth
     from radiometry.files.capture import CameraFacts
     from radiometry.files.corrections import Corrections
-    from radiometry.files.output import output_folder, remove_leftovers, sole_writer
+    from radiometry.files.output import output_folder, sole_writer
 
     begin = time.perf_counter()
     truth = read_truth(options.truth) if options.truth else None
@@ -63,10 +63,9 @@ def main(argv: Sequence[str] | None = None) -> None:
             check_truth_pitch(options.truth, estimates[0].pitches_m)
 
     output = output_folder(options.output)
-    with sole_writer(output):
-        for estimate in estimates:
-            folder = output if len(estimates) == 1 else output_folder(output / Path(estimate.name).stem)
-            remove_leftovers(folder)
+    for estimate in estimates:
+        folder = output if len(estimates) == 1 else output_folder(output / Path(estimate.name).stem)
+        with sole_writer(folder):
             _invert(estimate, truth, read_s, folder, options)
 
 
@@ -97,7 +96,7 @@ def _check(options) -> int | None:
     if options.weights is not None and options.method != "unet":
         raise InputError("--weights", "--method unet beside it", options.method, "leave it out")
     if options.autocorrelation and (options.patch != "auto" or options.dark or options.flat or options.mask
-                                    or options.blur_pixels):
+                                    or options.blur_pixels is not None):
         found = "--patch, --dark, --flat, --mask or --blur-pixels, which go with frames"
         raise InputError("--autocorrelation", "estimates as they are", found, "leave them out")
     if options.patch == "auto":

@@ -30,11 +30,18 @@ def main(argv: Sequence[str] | None = None) -> None:
     check_seed(options.seed)
     if options.measured is not None and not options.measured.is_dir():
         raise InputError("--measured", "a folder of autocorrelation pictures", options.measured, "check the path")
-    from radiometry.files.output import output_folder, remove_leftovers, save_json
-    from scenes import scene_path
+    from radiometry.files.output import output_folder, sole_writer
 
     folder = output_folder(options.output)
-    remove_leftovers(folder)
+    with sole_writer(folder):
+        _validate(folder, options)
+
+
+def _validate(folder: Path, options: Any) -> None:
+    from radiometry.files.output import save_json
+    from radiometry.validation.figures import draw_budget, draw_floor, draw_statistics
+    from scenes import scene_path
+
     renderer = Renderer(options.scene or scene_path("corner_letter"), options.seed)
     series = {"rendered": {"exposure": renderer.over_exposure(), "patches": renderer.over_patches()}}
     if options.measured is not None:
@@ -55,8 +62,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         result["lab_floor"] = lab_floor(options.measured)
         result["ideal_shot_floor_s"] = renderer.shot_floor_s()
     save_json(folder / "validation.json", result)
-    from radiometry.validation.figures import draw_budget, draw_floor, draw_statistics
-
     draw_statistics(folder / "noise_statistics.png", result)
     draw_budget(folder / "photon_budget.png", renderer.budgets())
     if "lab_floor" in result:

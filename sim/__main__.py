@@ -77,14 +77,14 @@ def _render(scene, plan, content, options) -> None:
 
     from radiometry.files.capture_folder import frame_path, replace_capture, staged
     from radiometry.files.frames import write_frame
-    from radiometry.files.output import output_folder, save_array, save_json, sole_writer
+    from radiometry.files.output import output_folder, save_array, save_json
     from sim.scene import draw, header, lag_grid_albedo, record, saturation
 
     folder = output_folder(options.output)
     begin = time.perf_counter()
     truth, pitches_m = lag_grid_albedo(plan.geometry, options.truth_patch)
     write_s = saturated = 0.0
-    with sole_writer(folder), staged(folder) as staging:
+    with staged(folder) as staging:
         drawn = draw(plan, options.frames, options.seed, mean=options.mean, device=options.device)
         prepared = time.perf_counter()
         for number, frame in enumerate(tqdm(drawn, total=options.frames, desc="frames", unit="frame", disable=None)):

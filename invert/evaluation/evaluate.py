@@ -42,15 +42,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     from tqdm import tqdm
 
     from invert.evaluation.report import write_report
-    from radiometry.files.output import output_folder, remove_leftovers, sole_writer
+    from radiometry.files.output import output_folder, sole_writer
 
     levels = _levels(options)
     levels = chain([next(levels)], levels)  # what cannot be had is refused before a folder is made
     output = output_folder(options.output)
-    with sole_writer(output):
-        cells = output_folder(output / "cells")
-        for folder in (output, cells):
-            remove_leftovers(folder)
+    cells = output_folder(output / "cells")
+    with sole_writer(output), sole_writer(cells):
         results = [_cell(cells, level, name, settings, options) for level in tqdm(levels, unit="level", disable=None)
                    for name, settings in methods.items()]
         write_report(output, results, cells)
@@ -79,7 +77,8 @@ def _cell(cells: Path, level: Any, name: str, settings: dict[str, Any], options:
     from radiometry.files.output import save_array, save_json
 
     file = cells / "".join(letter if letter.isalnum() else "-" for letter in f"{level.test_set} {level.label} {name}")
-    file = file.with_name(f"{file.name}-{hashlib.sha256(name.encode()).hexdigest()[:8]}")  # names may differ in signs alone
+    # names may differ in punctuation alone
+    file = file.with_name(f"{file.name}-{hashlib.sha256(name.encode()).hexdigest()[:8]}")
     asked = {"set": level.test_set, "level": level.label, "seed": options.seed, "cases": [case.name for case in level.cases],
              **{key: str(value) for key, value in settings.items()}, "method": name, "data": _digest(level, settings)}
     if file.with_suffix(".json").is_file() and file.with_suffix(".npy").is_file():

@@ -18,7 +18,7 @@ from invert.network.checkpoints import NETWORKS
 from invert.training.losses import LOSSES
 from invert.training.training_run import Training
 from radiometry.errors import ArgumentParser, InputError, check_count, check_device, check_seed, memory_bytes
-from radiometry.files.output import remove_leftovers, sole_writer
+from radiometry.files.output import sole_writer
 
 MOST = {"steps": 10**8, "batch": 65536, "width": 512, "checkpoint_every": 10**8}
 
@@ -61,8 +61,6 @@ def _train(options: Any, rank: int, world: int) -> None:
     from data_gen.dataset import load_targets, manifest
 
     targets, held_out = load_targets(options.dataset)
-    if rank == 0:
-        remove_leftovers(options.output.parent, of=options.output.stem)
     training = Training(options, rank, world)
     training.resume()
     validation = training.validation(held_out)

@@ -48,8 +48,9 @@ def find_lines(power: torch.Tensor, per_lag: tuple[float, float]) -> list[Line]:
         row, column = divmod(int(power[top : top + _BLOCK, left : left + _BLOCK].argmax()), _BLOCK)
         line = top + row, left + column
         near_zero = min(line[0], power.shape[0] - line[0]) < 2.0 * per_lag[0] and line[1] < 2.0 * per_lag[1]
-        strongest = float(power[line]) >= float(power[_around(power, line)[0]].max())  # blocks may share a line
-        if not near_zero and strongest and float(power[line]) > LINE * float(_around(power, line)[1]):
+        places, level, _ = _around(power, line)
+        strongest = float(power[line]) >= float(power[places].max())  # blocks may share a line
+        if not near_zero and strongest and float(power[line]) > LINE * float(level):
             lines.append(line)
     return lines
 

@@ -12,16 +12,15 @@ while E[J^2] is the sum over lags of w^2 (r*r). Shot noise adds its own part, wh
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from scipy.fft import next_fast_len
 
-from radiometry.autocorrelation import LAGS
+from radiometry.autocorrelation import LAGS, autocorrelate
 
-_PADDED = 128
 _BLOCKS = 8
 """Along each side of a frame, whose scatter gives the error."""
 
@@ -29,39 +28,28 @@ MOST_FRAMES = 8
 """Frames whose spectra are kept."""
 
 
-@dataclass(frozen=True)
-class NarrowSpectrum:
-    """Spectrum of a padded frame at the frequencies of the lags.
-
-    Attributes:
-        values: complex64 (rows, columns), rows as `torch.fft` orders them, columns from zero.
-        lag_rows, lag_columns: lag of each.
-        padded: size of the padded frame. inside: share of it that the frame fills.
-    """
-
-    values: torch.Tensor
-    lag_rows: np.ndarray
-    lag_columns: np.ndarray
-    padded: tuple[int, int]
-    inside: tuple[float, float]
-
-
-def narrow(spectrum: torch.Tensor, padded: tuple[int, int], frame: tuple[int, int], patch: tuple[int, int]) -> NarrowSpectrum:
-    """Keep of a frame's spectrum (rows, columns // 2 + 1) what the lags hold."""
+def narrow(spectrum: torch.Tensor, padded: tuple[int, int], patch: tuple[int, int]) -> torch.Tensor:
+    """Keep of a padded frame's spectrum (rows, columns // 2 + 1) the frequencies of the lags: an odd number of rows, as
+    `torch.fft` orders them, and columns from zero."""
     rows, columns = (min(int((LAGS + 1) * side / size), side // 2 - 1) for side, size in zip(padded, patch, strict=True))
-    values = torch.cat((spectrum[: rows + 1, : columns + 1], spectrum[-rows:, : columns + 1]))
-    order = np.concatenate((np.arange(rows + 1), np.arange(-rows, 0)))
-    return NarrowSpectrum(values.contiguous(), order * (patch[0] / padded[0]), np.arange(columns + 1) * (patch[1] / padded[1]),
-                          padded, (frame[0] / padded[0], frame[1] / padded[1]))
+    return torch.cat((spectrum[: rows + 1, : columns + 1], spectrum[-rows:, : columns + 1]))
 
 
 @dataclass(frozen=True)
 class FilteredFrames:
-    """Frames as far as lags hold them: their spectra, mean level, and the pixels of a patch."""
+    """Frames as far as lags hold them.
 
-    spectra: tuple[NarrowSpectrum, ...]
+    Attributes:
+        spectra: of each frame, as `narrow` gives them, complex64 (rows, columns).
+        padded, frame, patch: sizes in pixels, rows and columns.
+        level: mean of the frames.
+    """
+
+    spectra: tuple[torch.Tensor, ...]
+    padded: tuple[int, int]
+    frame: tuple[int, int]
+    patch: tuple[int, int]
     level: float
-    patch_pixels: int
 
     def likeness(self, albedo: np.ndarray, weight: np.ndarray, amplitude: np.ndarray, signal: np.ndarray, floor: float,
                  power: float) -> tuple[float, float]:
@@ -71,42 +59,43 @@ class FilteredFrames:
             weight: w (127, 127). amplitude: of the camera's transfer, root of H (127, 127).
             signal, floor: of the estimate as measured. power: that the albedo's r*r is to be multiplied with.
         """
-        measured, error = third_moment(self.spectra, weight)
-        measured -= shot_noise_part(weight, signal, floor, self.level, self.patch_pixels)
-        expected = expected_third_moment(albedo, weight * amplitude, power, self.patch_pixels)
+        pixels = math.prod(self.patch)
+        measured, error = self.third_moment(weight)
+        measured -= shot_noise_part(weight, signal, floor, self.level, pixels)
+        expected = expected_third_moment(albedo, weight * amplitude, power, pixels)
         return (measured / expected, error / expected) if expected > 0.0 else (0.0, np.inf)
 
+    def third_moment(self, weight: np.ndarray) -> tuple[float, float]:
+        """Mean of J^3 over frames, in frame units cubed, and its standard error.
 
-def third_moment(spectra: Sequence[NarrowSpectrum], weight: np.ndarray) -> tuple[float, float]:
-    """Mean of J^3 over frames, in frame units cubed, and its standard error.
+        J is sampled at three times its largest frequency: its cube then has no alias at zero.
 
-    Args:
-        weight: w (127, 127), even, zero lag at [63, 63].
-    """
-    means = []
-    for one in spectra:
-        filtered = _filtered(one, weight)
-        sides = [int(size * share) // _BLOCKS for size, share in zip(filtered.shape, one.inside, strict=True)]
-        cube = filtered[: sides[0] * _BLOCKS, : sides[1] * _BLOCKS] ** 3
-        means.append(cube.reshape(_BLOCKS, sides[0], _BLOCKS, sides[1]).double().mean((1, 3)).flatten())
-    blocks = torch.cat(means)
-    return float(blocks.mean()), float(blocks.std() / len(blocks) ** 0.5)
-
-
-def _filtered(one: NarrowSpectrum, weight: np.ndarray) -> torch.Tensor:
-    """J of one frame, sampled at three times its largest frequency: the cube then has no alias at zero."""
-    reach = [int(np.abs(np.argwhere(weight)[:, axis] - LAGS).max()) + 1 for axis in (0, 1)]
-    rows, columns = np.abs(one.lag_rows) < reach[0], one.lag_columns < reach[1]
-    sides = [min(next_fast_len(int(3 * far / step) + 2, real=True), size) for far, step, size
-             in zip(reach, (one.lag_rows[1], one.lag_columns[1]), one.padded, strict=True)]
-    down, right = (torch.from_numpy(_between_lags(lags)) for lags in (one.lag_rows[rows], one.lag_columns[columns]))
-    fine = (down @ torch.from_numpy(weight.astype(np.float32)) @ right.T).to(one.values.device)
-    spectrum = torch.zeros((sides[0], sides[1] // 2 + 1), dtype=torch.complex64, device=one.values.device)
-    values = one.values[torch.from_numpy(np.flatnonzero(rows)), : int(columns.sum())] * fine
-    ahead = int((one.lag_rows[rows] >= 0.0).sum())
-    spectrum[:ahead, : values.shape[1]] = values[:ahead]
-    spectrum[sides[0] - len(values) + ahead :, : values.shape[1]] = values[ahead:]
-    return torch.fft.irfft2(spectrum, s=sides) * (sides[0] * sides[1] / (one.padded[0] * one.padded[1]))
+        Args:
+            weight: w (127, 127), even, zero lag at [63, 63].
+        """
+        steps = [size / side for size, side in zip(self.patch, self.padded, strict=True)]
+        reach = [int(np.abs(np.argwhere(weight)[:, axis] - LAGS).max()) + 1 for axis in (0, 1)]
+        sides = [min(next_fast_len(int(3 * far / step) + 2, real=True), side)
+                 for far, step, side in zip(reach, steps, self.padded, strict=True)]
+        height, width = self.spectra[0].shape
+        lag_rows, lag_columns = np.fft.fftfreq(height, 1.0 / height) * steps[0], np.arange(width) * steps[1]
+        rows, columns = np.flatnonzero(np.abs(lag_rows) < reach[0]), np.flatnonzero(lag_columns < reach[1])
+        down, right = _between_lags(lag_rows[rows]), _between_lags(lag_columns[columns])
+        device = self.spectra[0].device
+        fine = torch.from_numpy(down @ weight.astype(np.float32) @ right.T).to(device)
+        fine *= math.prod(sides) / math.prod(self.padded)
+        kept, ahead = torch.from_numpy(rows).to(device), int((lag_rows[rows] >= 0.0).sum())
+        blocks = [int(side * full / whole) // _BLOCKS for side, full, whole in zip(sides, self.frame, self.padded, strict=True)]
+        means = []
+        for values in self.spectra:
+            seen = values[kept, : len(columns)] * fine
+            spectrum = torch.zeros((sides[0], sides[1] // 2 + 1), dtype=torch.complex64, device=device)
+            spectrum[:ahead, : len(columns)] = seen[:ahead]
+            spectrum[sides[0] - len(seen) + ahead :, : len(columns)] = seen[ahead:]
+            cube = torch.fft.irfft2(spectrum, s=sides)[: blocks[0] * _BLOCKS, : blocks[1] * _BLOCKS] ** 3
+            means.append(cube.reshape(_BLOCKS, blocks[0], _BLOCKS, blocks[1]).double().mean((1, 3)).flatten())
+        every = torch.cat(means)
+        return float(every.mean()), float(every.std() / len(every) ** 0.5)
 
 
 def shot_noise_part(weight: np.ndarray, signal: np.ndarray, floor: float, level: float, patch_pixels: int) -> float:
@@ -116,12 +105,9 @@ def shot_noise_part(weight: np.ndarray, signal: np.ndarray, floor: float, level:
         weight: w (127, 127). signal, floor: of the estimate, signal (127, 127). level: mean of the frames.
         patch_pixels: pixels of a patch.
     """
-    padded = np.zeros((2 * _PADDED, 2 * _PADDED))
-    padded[: 2 * LAGS + 1, : 2 * LAGS + 1] = weight
-    pairs = np.fft.fftshift(np.fft.ifft2(np.abs(np.fft.fft2(padded)) ** 2).real)
-    around = pairs[_PADDED - LAGS : _PADDED + LAGS + 1, _PADDED - LAGS : _PADDED + LAGS + 1]
+    pairs = autocorrelate(weight)[LAGS:-LAGS, LAGS:-LAGS]
     gain = floor / level if level > 0.0 else 0.0
-    return float(gain * (weight * around * (3.0 * signal + floor)).sum()) / patch_pixels**2
+    return float(gain * (weight * pairs * (3.0 * signal + floor)).sum()) / patch_pixels**2
 
 
 def expected_third_moment(albedo: np.ndarray, weight: np.ndarray, power: float, patch_pixels: int) -> float:

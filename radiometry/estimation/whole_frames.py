@@ -29,7 +29,7 @@ from radiometry.estimation.mean_model import flatten, shared_lags, shift_between
 from radiometry.estimation.pixel_faults import PixelFaults, repair
 from radiometry.estimation.published import PublishedEstimator
 from radiometry.estimation.spectral_lines import LEAST_PATCHES, find_lines, lower_lines, without_waves
-from radiometry.estimation.third_moment import MOST_FRAMES, FilteredFrames, NarrowSpectrum, narrow
+from radiometry.estimation.third_moment import MOST_FRAMES, FilteredFrames, narrow
 
 Mean = Literal["auto", "pooled", "fixed", "published"]
 
@@ -71,7 +71,7 @@ class AutocorrelationEstimator:
         self._first_lags: np.ndarray | None = None
         self._levels: list[float] = []
         self._uneven = False
-        self._narrow: list[NarrowSpectrum] = []
+        self._narrow: list[torch.Tensor] = []
         self._faults: list[PixelFaults] = []
         self._lines = 0
 
@@ -94,7 +94,7 @@ class AutocorrelationEstimator:
                 lower_lines(spectrum, power, lines)
                 self._lines += len(lines)
         if len(self._narrow) < MOST_FRAMES:
-            self._narrow.append(narrow(spectrum, self._padded, self.grid.frame_shape, self._patch))
+            self._narrow.append(narrow(spectrum, self._padded, self._patch))
         if self.frames == 0:
             self._first = self._sum = spectrum
             self._power = power
@@ -110,7 +110,8 @@ class AutocorrelationEstimator:
 
     def filtered_frames(self) -> FilteredFrames:
         """What of the frames the third moment needs."""
-        return FilteredFrames(tuple(self._narrow), float(np.mean(self._levels)), math.prod(self._patch))
+        level = float(np.mean(self._levels))
+        return FilteredFrames(tuple(self._narrow), self._padded, self.grid.frame_shape, self._patch, level)
 
     @property
     def dof(self) -> float:

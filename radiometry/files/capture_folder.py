@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from radiometry.errors import InputError
-from radiometry.files.output import PARTIAL, remove_leftovers
+from radiometry.files.output import PARTIAL, sole_writer
 
 MOVING = ".capture-is-being-moved"
 """Stands in a folder while a finished capture moves into place; what a killed run leaves there is neither old nor new."""
@@ -29,14 +29,14 @@ def frame_path(folder: Path, number: int) -> Path:
 
 @contextmanager
 def staged(folder: Path) -> Iterator[Path]:
-    """A fresh hidden folder inside `folder`, gone afterwards; those that killed runs left are removed."""
-    remove_leftovers(folder)
-    staging = folder / f"{PARTIAL}{os.getpid()}"
-    staging.mkdir()
-    try:
-        yield staging
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
+    """A fresh hidden folder inside `folder`, gone afterwards, for the only process that writes there."""
+    with sole_writer(folder):
+        staging = folder / f"{PARTIAL}{os.getpid()}"
+        staging.mkdir()
+        try:
+            yield staging
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
 
 
 def replace_capture(staging: Path, folder: Path) -> None:

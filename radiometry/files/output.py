@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import getpass
 import hashlib
 import io
 import json
@@ -32,7 +31,7 @@ def output_folder(path: str | Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / f"{PARTIAL}{os.getpid()}-probe"
         probe.touch()
-        probe.unlink()
+        probe.unlink(missing_ok=True)
     except OSError as error:
         raise InputError("output folder", "a folder that can be written to", f"{folder} ({error.strerror})",
                          "choose another with -o") from None
@@ -41,7 +40,7 @@ def output_folder(path: str | Path) -> Path:
 
 @contextmanager
 def sole_writer(output: str | Path, name: str = "output folder") -> Iterator[None]:
-    """Keep other processes of this machine from writing the same output; those of a killed process hold nothing.
+    """Keep other processes of this machine from writing the same folder or file, and remove what killed ones left half-written.
 
     Raises InputError where another process is writing it. Addresses of other machines are not guarded.
     """
@@ -50,18 +49,25 @@ def sole_writer(output: str | Path, name: str = "output folder") -> Iterator[Non
     if "://" in str(output):
         yield
         return
-    key = hashlib.sha256(f"{getpass.getuser()} {Path(output).resolve()}".encode("utf-8", "surrogateescape")).hexdigest()[:32]
+    path = Path(output).resolve()
+    key = hashlib.sha256(f"{os.getuid()} {path}".encode("utf-8", "surrogateescape")).hexdigest()[:32]
+    lock = FileLock(Path(tempfile.gettempdir()) / f"correlograph-{key}.lock", timeout=0)
     try:
-        with FileLock(Path(tempfile.gettempdir()) / f"correlograph-{key}.lock", timeout=0):
-            yield
+        lock.acquire()
     except Timeout:
         raise InputError(name, "one that no other process is writing", f"{output}, which one is",
                          "wait until it has ended, or choose another name") from None
+    try:
+        _remove_leftovers(path)
+        yield
+    finally:
+        lock.release()
 
 
-def remove_leftovers(folder: Path, of: str = "") -> None:
-    """Remove what killed runs left half-written in a folder; with `of`, only of files whose names begin so."""
-    for left in folder.glob(f"{PARTIAL}*"):
+def _remove_leftovers(path: Path) -> None:
+    """Remove what killed runs left half-written in a folder, or beside a file of that name."""
+    of = "" if path.is_dir() else f"{path.stem}."
+    for left in (path if path.is_dir() else path.parent).glob(f"{PARTIAL}*"):
         if left.is_dir() and not of:
             shutil.rmtree(left)
         elif left.is_file() and left.name.removeprefix(PARTIAL).partition("-")[2].startswith(of):
