@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -10,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from radiometry.errors import ArgumentParser, InputError, check_count, check_seed, positive, run_command
+from radiometry.workers import check_scheduler, check_workers
 
 PACKAGES = ("correlograph", "matplotlib", "mitsuba", "numpy", "pillow", "scikit-image", "scipy", "torch", "zarr")
 """What a dataset's bytes depend on beside its arguments."""
 
 
 LARGEST_COUNT = 10**9
-MOST_WORKERS = 256
 
 
 def parser() -> ArgumentParser:
@@ -83,16 +82,11 @@ def _check(options: Any) -> None:
     for name, bounds in (("--floor-over-peak", options.floor_over_peak), ("--dof", options.dof)):
         if bounds and positive(name, bounds[0]) > positive(name, bounds[1]):
             raise InputError(name, "LOW up to HIGH", bounds, "swap them")
-    if options.scheduler and options.workers is not None:
-        raise InputError("--scheduler", "no --workers beside it", options.workers, "leave one of them out")
-    if options.workers is None:
-        options.workers = os.cpu_count() or 1
-    check_count("--workers", options.workers, MOST_WORKERS)
+    options.workers = check_workers(options.workers, options.scheduler)
 
 
 def _try_out(recipe: Any, scheduler: str | None) -> None:
     """Refuse what cannot be made before a store is begun: a dark scene, photographs without targets, a silent scheduler."""
-    from data_gen.schedule import check_scheduler
     from data_gen.targets import draw_block
     from data_gen.work import measure
 

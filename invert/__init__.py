@@ -11,6 +11,7 @@
     registration.py  shift and twin image; registered mean of many starts
     speckle_test.py  whether the light is speckle of the reconstruction
     trust.py         confidence and warnings that follow
+    captures.py      captures among the inputs of the command; one inverted (many_captures.py: all, on workers)
     metrics.py       scores against a truth; agreement without one
     result.py        the files of a result (report.py: its picture)
     training/        how the network is trained: train.py, warm_starts.py, calibrate.py are its commands

@@ -1,20 +1,22 @@
-"""`python -m invert`: frames or autocorrelations to albedo, report.png and result.json."""
+"""`python -m invert`: frames or autocorrelations to albedo, report.png and result.json; of many captures, a table as well."""
 
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from radiometry.errors import ArgumentParser, InputError, check_device, run_command
+from radiometry.errors import ArgumentParser, InputError, check_device, check_seed, run_command
+from radiometry.workers import check_scheduler, check_workers
 
 METHOD_CHOICES = ("unet", "classical", "hio", "raar", "er", "altmin", "twf", "taf", "mtwf", "admm-tv")
 
 
 def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m invert", description="Reconstruct a hidden object's albedo.")
-    p.add_argument("inputs", nargs="+", help="frames of one capture, a folder of them, or autocorrelation pictures")
+    p.add_argument("inputs", nargs="+",
+                   help="frames of one capture, a folder of them, folders of captures, or autocorrelation pictures")
     p.add_argument("-o", "--output", required=True, help="folder for albedo, report.png and result.json")
     p.add_argument("--method", choices=METHOD_CHOICES, default="unet")
     p.add_argument("--quality", choices=("fast", "balanced", "best"), default="balanced")
@@ -33,78 +35,80 @@ def parser() -> ArgumentParser:
     p.add_argument("--truth", type=Path, help="known albedo (.npy or picture, one pixel a lag) to compare with")
     p.add_argument("--weights", type=Path, help="another network, .safetensors, for --method unet")
     p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--workers", type=int, help="processes for many captures; as many as the machine has cores")
+    p.add_argument("--scheduler", help="address of a running Dask scheduler instead")
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     return p
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Read, estimate, then retrieve and report each estimate."""
+    """Find the captures; invert one, or all of them on workers."""
     options = parser().parse_args(argv)
-    patch = _check(options)
-    from invert.capture import read_capture
-    from invert.estimate import estimate_from_frames, published_estimate
-    from invert.result import check_truth_pitch, read_truth
-    from radiometry.files.capture import CameraFacts
-    from radiometry.files.corrections import Corrections
+    _check(options)
+    from invert.captures import find_captures
     from radiometry.files.output import output_folder, sole_writer
 
-    begin = time.perf_counter()
-    truth = read_truth(options.truth) if options.truth else None
-    if options.autocorrelation:
-        estimates = [published_estimate(Path(item)) for item in options.inputs]
-        read_s = (time.perf_counter() - begin) / len(estimates)
-    else:
-        known = CameraFacts(options.wavelength_m, options.pixel_pitch_m, options.distance_m)
-        corrections = Corrections(options.dark, options.flat, options.mask)
-        capture = corrections.of(read_capture(options.inputs, known))
-        read_s = time.perf_counter() - begin
-        estimates = [estimate_from_frames(capture, patch, options.device, options.mean, options.blur_pixels)]
-        if options.truth:
-            check_truth_pitch(options.truth, estimates[0].pitches_m)
+    captures = find_captures(options.inputs, options.autocorrelation)
+    if len(captures) == 1:
+        _invert_one(_request(options), *captures.values(), Path(options.output))
+        return
+    from invert.many_captures import invert_captures
 
     output = output_folder(options.output)
-    for estimate in estimates:
-        folder = output if len(estimates) == 1 else output_folder(output / Path(estimate.name).stem)
-        with sole_writer(folder):
-            _invert(estimate, truth, read_s, folder, options)
+    with sole_writer(output):
+        invert_captures(_request(options), captures, output, options.workers, options.scheduler)
+    print(f"{len(captures)} captures: {output / 'table.md'}")
 
 
-def _invert(estimate, truth, read_s: float, folder: Path, options) -> None:
-    """Read the noise, retrieve the albedo, write the result."""
+def _invert_one(request: Any, files: Sequence[Path], output: Path) -> None:
     from tqdm import tqdm
 
-    from invert.inversion import retrieved, steps
+    from invert.captures import invert_capture
+    from invert.inversion import steps
 
-    with tqdm(total=steps(options.method, options.quality), desc=options.method, unit="it", disable=None, leave=False) as bar:
-        result = retrieved(estimate, method=options.method, quality=options.quality, weights=options.weights,
-                           seed=options.seed, device=options.device, read_s=read_s, progress=bar.update)
-    summary = result.save(folder, truth)
-    for warning in result.warnings:
+    with tqdm(total=steps(request.method, request.quality), desc=request.method, unit="it", disable=None, leave=False) as bar:
+        summary = invert_capture(request, files, output, bar.update)
+    for warning in summary["warnings"]:
         print(f"warning: {warning}", file=sys.stderr)
-    print(f"{'object found' if summary['object_found'] else 'no object found'}: {folder / 'report.png'}")
+    print(f"{'object found' if summary['object_found'] else 'no object found'}: {output / 'report.png'}")
 
 
-def _check(options) -> int | None:
-    """Check options that argparse cannot; returns the patch size, None for auto."""
-    if not 0 <= options.seed < 2**63:
-        raise InputError("--seed", "a whole number, zero or more", options.seed, "choose another")
-    names = [Path(item).stem for item in options.inputs]
-    if options.autocorrelation and len(set(names)) != len(names):
-        raise InputError("inputs", "autocorrelations of different names", "one name twice",
-                         "rename one; results go to folders of these names")
+def _request(options: Any) -> Any:
+    from invert.captures import Request
+    from radiometry.files.capture import CameraFacts
+    from radiometry.files.corrections import Corrections
+
+    dark, flat, mask, weights, truth = (path and path.resolve() for path in (options.dark, options.flat, options.mask,
+                                                                             options.weights, options.truth))
+    known = CameraFacts(options.wavelength_m, options.pixel_pitch_m, options.distance_m)
+    return Request(options.autocorrelation, known, Corrections(dark, flat, mask), _patch(options.patch), options.mean,
+                   options.blur_pixels, options.method, options.quality, weights, truth, options.seed, options.device)
+
+
+def _check(options: Any) -> None:
+    """Check options that argparse cannot."""
+    check_seed(options.seed)
+    _patch(options.patch)
     check_device(options.device)
+    options.workers = check_workers(options.workers, options.scheduler)
+    if options.scheduler is not None:
+        check_scheduler(options.scheduler)
     if options.weights is not None and options.method != "unet":
         raise InputError("--weights", "--method unet beside it", options.method, "leave it out")
     if options.autocorrelation and (options.patch != "auto" or options.dark or options.flat or options.mask
                                     or options.blur_pixels is not None):
         found = "--patch, --dark, --flat, --mask or --blur-pixels, which go with frames"
         raise InputError("--autocorrelation", "estimates as they are", found, "leave them out")
-    if options.patch == "auto":
+
+
+def _patch(text: str) -> int | None:
+    """Patch size in pixels, None for auto."""
+    if text == "auto":
         return None
     try:
-        return int(options.patch)
+        return int(text)
     except ValueError:
-        raise InputError("--patch", "a number of pixels or auto", options.patch, "choose another") from None
+        raise InputError("--patch", "a number of pixels or auto", text, "choose another") from None
 
 
 if __name__ == "__main__":

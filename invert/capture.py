@@ -22,6 +22,9 @@ SMALLEST_PIXEL = 1e-9
 OWN_RESULTS = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "truth.npy"}
 """Files that this program writes beside frames, never frames themselves."""
 
+CONTACT_SHEET = "contact_sheet"
+"""Begins the names of sheets of many captures."""
+
 
 def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
     """Frame files of the inputs in order; a folder stands for the frames in it."""
@@ -29,10 +32,7 @@ def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
     for item in map(Path, inputs):
         if item.is_dir():
             check_whole(item)
-            inside = sorted(path for path in item.iterdir() if path.is_file() and not path.name.startswith(".")
-                            and path.name not in OWN_RESULTS)
-            kinds = [[path for path in inside if path.suffix.lower() == kind] for kind in FRAME_KINDS]
-            found = next((paths for paths in kinds if paths), [])
+            found = frames_inside(item)
             if not found:
                 raise InputError("frames", f"a folder with frames ({', '.join(FRAME_KINDS)})", f"none in {item}",
                                  "check the folder")
@@ -43,6 +43,14 @@ def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
         else:
             raise InputError("frames", "a file or folder", f"no {item}", "check the path")
     return files
+
+
+def frames_inside(folder: Path) -> list[Path]:
+    """Frame files of a folder in order, all of one kind."""
+    inside = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")
+                    and path.name not in OWN_RESULTS and not path.name.startswith(CONTACT_SHEET))
+    kinds = ([path for path in inside if path.suffix.lower() == kind] for kind in FRAME_KINDS)
+    return next((paths for paths in kinds if paths), [])
 
 
 def read_capture(inputs: Sequence[str | Path], known: CameraFacts) -> Capture:

@@ -60,12 +60,17 @@ class Result:
     def object_found(self) -> bool:
         return self.reconstruction.object_found
 
-    def save(self, folder: str | Path, truth: np.ndarray | None = None) -> dict[str, Any]:
-        """Write what `python -m invert` writes; returns the content of result.json."""
+    def save(self, folder: str | Path, truth: np.ndarray | None = None, request_sha256: str | None = None) -> dict[str, Any]:
+        """Write what `python -m invert` writes; returns the content of result.json.
+
+        Args:
+            request_sha256: of all that the result follows from, by which a later run knows it.
+        """
         from radiometry.files.output import output_folder
 
         test = self.speckle_test
-        said = {"warnings": list(self.warnings), "speckle_test": None if test is None else test.as_dict()}
+        said = {"warnings": list(self.warnings), "speckle_test": None if test is None else test.as_dict(),
+                "request_sha256": request_sha256}
         return write_result(output_folder(folder), self.estimate, self.measurement, self.reconstruction, truth,
                             self.settings | said, self.seconds)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -50,5 +51,22 @@ def save_report(path: Path, *, frame: np.ndarray | None, estimate: np.ndarray, a
         axes.set_xticks([])
         axes.set_yticks([])
     figure.supxlabel("\n".join(numbers), fontsize=9, parse_math=False)  # names of files may hold any sign
+    with atomic(path) as partial:
+        figure.savefig(partial, format="png", dpi=110)
+
+
+def save_contact_sheet(path: Path, albedos: Sequence[np.ndarray], titles: Sequence[str]) -> None:
+    """Draw reconstructions (64, 64) side by side, ten a row, each below its title."""
+    from matplotlib.figure import Figure
+
+    columns = min(10, len(albedos))
+    rows = -(-len(albedos) // columns)
+    figure = Figure(figsize=(1.5 * columns, 1.85 * rows), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in grid:
+        axes.set_axis_off()
+    for axes, albedo, title in zip(grid, albedos, titles, strict=False):
+        axes.imshow(albedo, cmap="gray", interpolation="nearest", vmin=0.0, vmax=float(albedo.max()) or 1.0)
+        axes.set_title(title, fontsize=7, parse_math=False)
     with atomic(path) as partial:
         figure.savefig(partial, format="png", dpi=110)

@@ -14,6 +14,7 @@
     files/              frames, captures, pictures, results
     validate.py         rendered and lab noise against prediction (validation/)
     errors.py           InputError: name, expected, found, remedy
+    workers.py          Dask workers, here or on a cluster
     cli.py              the `correlograph` command (doctor.py: what a machine lacks)
 
 Everything else builds on this package; but for its commands (__main__.py, plan.py, validate.py) it imports none of the others.

@@ -13,6 +13,7 @@ import time
 import uuid
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("mitsuba")
@@ -26,7 +27,7 @@ STOPS = int(os.environ.get("FUZZ_KILLS", "2"))
 EACH = 5
 """Stops before a run is let to its end."""
 SEED = int(os.environ.get("FUZZ_SEED", "0"))
-COMMANDS = ("sim", "data_gen", "invert", "invert.train", "invert.warm_starts", "invert.evaluate")
+COMMANDS = ("sim", "data_gen", "invert", "invert of many captures", "invert.train", "invert.warm_starts", "invert.evaluate")
 
 pytestmark = pytest.mark.slow
 
@@ -55,11 +56,23 @@ def arguments(name: str, output: Path, dataset: Path, capture: Path) -> list[str
         "data_gen": [output, "--source", "mixed", "--count", 5000, "--workers", 2,
                      "--measurement", "noise-model"],
         "invert": [capture, "-o", output],
+        "invert of many captures": [several(capture), "-o", output, "--quality", "fast", "--workers", 2],
         "invert.train": [dataset, "-o", output / "w.safetensors", "--width", 32, "--steps", 8, "--batch", 2,
                          "--checkpoint-every", 2],
         "invert.warm_starts": [dataset, "-o", output, "--weights", SHIPPED, "--count", 64],
         "invert.evaluate": ["-o", output, "--sets", "shapes", "--methods", "er:fast", "hio:fast", "--count", 2, "--levels", 3],
     }[name]
+
+
+def several(capture: Path) -> Path:
+    """A folder of six captures, of one frame each."""
+    folder = capture.parent / "several"
+    for number in range(6):
+        (folder / str(number)).mkdir(parents=True, exist_ok=True)
+        frame = read_frame(capture / "frame_0000.exr")[0]
+        if not (folder / str(number) / "frame.npy").exists():
+            np.save(folder / str(number) / "frame.npy", np.roll(frame, 7 * number, 1))
+    return folder
 
 
 def result(output: Path) -> dict[str, object]:
@@ -88,8 +101,9 @@ def timeless(content):
 
 def start(name: str, given: list, run: str) -> subprocess.Popen:
     """A command of its own, its whole family to be known by a variable of its environment."""
-    return subprocess.Popen([sys.executable, "-m", name, *map(str, given)], cwd=ROOT, text=True, stdout=subprocess.DEVNULL,
-                            stderr=subprocess.PIPE, env={**os.environ, "TEST_RUN": run})
+    command = [sys.executable, "-m", name.split()[0], *map(str, given)]
+    return subprocess.Popen(command, cwd=ROOT, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+                            env={**os.environ, "TEST_RUN": run})
 
 
 def run_to_its_end(name: str, given: list) -> None:

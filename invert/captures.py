@@ -1,0 +1,117 @@
+"""Captures among the inputs, how they are to be inverted, and one of them inverted into its folder of results."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from invert.capture import find_frames, frames_inside, printable, read_capture
+from invert.estimate import Estimate, estimate_from_frames, published_estimate
+from invert.inversion import retrieved
+from invert.network.checkpoints import load_network
+from invert.result import check_truth_pitch, read_truth
+from invert.solvers.base import Progress
+from radiometry.errors import InputError
+from radiometry.estimation.whole_frames import Mean
+from radiometry.files.capture import CameraFacts
+from radiometry.files.corrections import Corrections
+from radiometry.files.output import output_folder, sole_writer
+from radiometry.version import version
+
+Captures = dict[str, tuple[Path, ...]]
+"""Files of each capture, by the name that its folder of results gets."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """How captures are to be inverted; as the options of `python -m invert` say."""
+
+    autocorrelation: bool = False
+    known: CameraFacts = field(default_factory=CameraFacts)
+    corrections: Corrections = field(default_factory=Corrections)
+    patch: int | None = None
+    mean: Mean = "auto"
+    blur_pixels: float | None = None
+    method: str = "unet"
+    quality: str = "balanced"
+    weights: Path | None = None
+    truth: Path | None = None
+    seed: int = 0
+    device: str = "cpu"
+
+    def sha256(self, files: Sequence[Path]) -> str:
+        """Of the version, the options, and the bytes of all files that a result depends on."""
+        corrections = self.corrections
+        whole = hashlib.sha256()
+        for file in (*files, corrections.dark, corrections.flat, corrections.mask, self.weights, self.truth):
+            whole.update(hashlib.sha256(file.read_bytes()).digest() if file else b"none")
+        options = replace(self, corrections=Corrections(), weights=None, truth=None, device="any")
+        return hashlib.sha256(f"{version()} {options}".encode() + whole.digest()).hexdigest()
+
+
+def find_captures(inputs: Sequence[str], autocorrelation: bool) -> Captures:
+    """Captures among inputs: all files given are one; a folder of frames is one; of a folder of such folders each is one.
+
+    Published autocorrelations are one each. Raises InputError for what is not there, and for two of one name.
+    """
+    if autocorrelation:
+        return _named((Path(item).stem, (Path(item).resolve(),)) for item in inputs)
+    folders = [Path(item) for item in inputs if Path(item).is_dir()]
+    if len(folders) < len(inputs):
+        if folders:
+            raise InputError("inputs", "frames of one capture, or folders of captures", "files and folders mixed",
+                             "give the one or the other")
+        return {"frames": tuple(map(Path, inputs))}
+    found = []
+    for folder in folders:
+        inside = [] if frames_inside(folder) else sorted(one for one in folder.iterdir() if one.is_dir() and frames_inside(one))
+        found += [(one.resolve().name, (one.resolve(),)) for one in inside or [folder]]
+    return _named(found)
+
+
+def _named(found: Iterable[tuple[str, tuple[Path, ...]]]) -> Captures:
+    captures: Captures = {}
+    for name, files in found:
+        if printable(name) in captures:
+            raise InputError("inputs", "captures of different names", f"{printable(name)} twice",
+                             "rename one; results go to folders of these names")
+        captures[printable(name)] = files
+    return captures
+
+
+def check_request(request: Request) -> None:
+    """Refuse files that options name and that cannot be used, before any capture is read."""
+    if request.truth:
+        read_truth(request.truth)
+    if request.weights:
+        load_network(request.weights, "cpu")
+    for name, file in vars(request.corrections).items():
+        if file and not file.is_file():
+            raise InputError(f"--{name}", "a picture of the frames' size", f"no {file}", "check the path")
+
+
+def invert_capture(request: Request, files: Sequence[Path], folder: Path, progress: Progress = lambda: None) -> dict[str, Any]:
+    """Invert one capture and write its results into a folder; returns the content of result.json."""
+    truth = read_truth(request.truth) if request.truth else None
+    estimate, read_s = _estimate(request, files)
+    if request.truth and not request.autocorrelation:
+        check_truth_pitch(request.truth, estimate.pitches_m)
+    with sole_writer(output_folder(folder)):
+        result = retrieved(estimate, method=request.method, quality=request.quality, weights=request.weights,
+                           seed=request.seed, device=request.device, read_s=read_s, progress=progress)
+        return result.save(folder, truth, request.sha256(find_frames(files)))
+
+
+def _estimate(request: Request, files: Sequence[Path]) -> tuple[Estimate, float]:
+    """The estimate, and the seconds that reading took."""
+    begin = time.perf_counter()
+    if request.autocorrelation:
+        estimate = published_estimate(files[0])
+        return estimate, time.perf_counter() - begin
+    capture = request.corrections.of(read_capture(files, request.known))
+    read_s = time.perf_counter() - begin
+    return estimate_from_frames(capture, request.patch, request.device, request.mean, request.blur_pixels), read_s
