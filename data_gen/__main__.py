@@ -8,14 +8,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from radiometry.errors import ArgumentParser, InputError, check_count, check_seed, positive, run_command
+from radiometry.errors import ArgumentParser, InputError, run_command
+from radiometry.ranges import SEED, SI, WORKERS, Range
 from radiometry.workers import check_scheduler, check_workers
 
 PACKAGES = ("correlograph", "matplotlib", "mitsuba", "numpy", "pillow", "scikit-image", "scipy", "torch", "zarr")
 """What a dataset's bytes depend on beside its arguments."""
 
 
-LARGEST_COUNT = 10**9
 
 
 def parser() -> ArgumentParser:
@@ -24,16 +24,16 @@ def parser() -> ArgumentParser:
     p.add_argument("--images", type=Path, help="folder of photographs whose Canny edges are targets")
     p.add_argument("--source", choices=("edges", "glyphs", "strokes", "shapes", "mixed"),
                    help="what targets are; edges where --images is given (mixed then takes edges too)")
-    p.add_argument("--count", type=int, required=True)
-    p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--count", type=Range(1, 10**9), required=True)
+    p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("--measurement", choices=("none", "noise-model", "render"), default="none",
                    help="none: targets only, for noise drawn while training")
     p.add_argument("--scene", type=Path,
                    help="scene to render, or whose noise the model takes; targets stand in for its hidden object")
     bounds = ("LOW", "HIGH")
-    p.add_argument("--floor-over-peak", type=float, nargs=2, metavar=bounds, help="range of the noise model (0.01 0.7)")
-    p.add_argument("--dof", type=float, nargs=2, metavar=bounds, help="range of the noise model (4 1000)")
-    p.add_argument("--workers", type=int, help="processes on this machine; as many as it has cores")
+    p.add_argument("--floor-over-peak", type=SI, nargs=2, metavar=bounds, help="range of the noise model (0.01 0.7)")
+    p.add_argument("--dof", type=SI, nargs=2, metavar=bounds, help="range of the noise model (4 1000)")
+    p.add_argument("--workers", type=WORKERS, help="processes on this machine; as many as it has cores")
     p.add_argument("--scheduler", help="address of a running Dask scheduler instead")
     p.add_argument("--dry-run", action="store_true", help="say count, bytes and predicted time, and write nothing")
     return p
@@ -66,8 +66,6 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def _check(options: Any) -> None:
-    check_count("--count", options.count, LARGEST_COUNT)
-    check_seed(options.seed)
     if options.images is None and options.source is None:
         raise InputError("targets", "--images FOLDER or --source NAME", "neither", "add one")
     if options.images is not None and options.source not in (None, "edges", "mixed"):
@@ -80,7 +78,7 @@ def _check(options: Any) -> None:
         raise InputError("--floor-over-peak, --dof", "the noise model without a scene", f"--measurement {options.measurement}"
                          f"{' --scene' if options.scene else ''}", "leave them out")
     for name, bounds in (("--floor-over-peak", options.floor_over_peak), ("--dof", options.dof)):
-        if bounds and positive(name, bounds[0]) > positive(name, bounds[1]):
+        if bounds and bounds[0] > bounds[1]:
             raise InputError(name, "LOW up to HIGH", bounds, "swap them")
     options.workers = check_workers(options.workers, options.scheduler)
 

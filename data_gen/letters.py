@@ -14,8 +14,9 @@ from PIL import Image, ImageDraw
 from scipy.ndimage import distance_transform_edt
 
 from data_gen.fonts import dejavu_sans
-from radiometry.errors import ArgumentParser, InputError, positive, run_command
+from radiometry.errors import ArgumentParser, InputError, run_command
 from radiometry.files.output import atomic, output_folder
+from radiometry.ranges import SI
 
 BITMAP_SIDE = 256
 FILL = 0.2
@@ -69,10 +70,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = ArgumentParser(prog="python -m data_gen.letters", description="Draw characters as albedo bitmaps.")
     parser.add_argument("folder")
     parser.add_argument("characters", nargs="+", help="one character each")
-    parser.add_argument("--mesh-depth-m", type=float, help="write solid letters of this depth, G.ply, instead of bitmaps")
+    parser.add_argument("--mesh-depth-m", type=SI, help="write solid letters of this depth, G.ply, instead of bitmaps")
     options = parser.parse_args(argv)
-    if options.mesh_depth_m is not None:
-        positive("--mesh-depth-m", options.mesh_depth_m)
     for character in options.characters:
         if len(character) != 1 or not character.isalnum():
             raise InputError("characters", "single letters or digits", character, "separate them by blanks")

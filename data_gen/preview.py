@@ -11,6 +11,7 @@ import torch
 from radiometry.errors import ArgumentParser, InputError, run_command
 from radiometry.files.output import atomic
 from radiometry.noise.level import centre_dimmed
+from radiometry.ranges import Range
 
 COLUMNS = 8
 
@@ -19,10 +20,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = ArgumentParser(prog="python -m data_gen.preview", description="Draw a contact sheet of a dataset.")
     parser.add_argument("dataset")
     parser.add_argument("-o", "--output", type=Path, help="picture; DATASET.preview.png by default")
-    parser.add_argument("--rows", type=int, default=3)
+    parser.add_argument("--rows", type=Range(1, 50), default=3)
     options = parser.parse_args(argv)
-    if not 1 <= options.rows <= 50:
-        raise InputError("--rows", "1 to 50", options.rows, "choose another")
     from data_gen.dataset import dataset_schema_of, open_dataset
     from radiometry.files.store import read_rows
     from radiometry.noise.model import window_smoothed

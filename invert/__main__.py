@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from radiometry.errors import ArgumentParser, InputError, check_device, check_seed, run_command
+from radiometry.errors import ArgumentParser, InputError, check_device, run_command
+from radiometry.ranges import SEED, SI, WORKERS
 from radiometry.workers import check_scheduler, check_workers
 
 METHOD_CHOICES = ("unet", "classical", "hio", "raar", "er", "altmin", "twf", "taf", "mtwf", "admm-tv")
@@ -21,9 +22,9 @@ def parser() -> ArgumentParser:
     p.add_argument("--method", choices=METHOD_CHOICES, default="unet")
     p.add_argument("--quality", choices=("fast", "balanced", "best"), default="balanced")
     p.add_argument("--autocorrelation", action="store_true", help="inputs are 127 x 127 estimates, one result each")
-    p.add_argument("--pixel-pitch-m", type=float, help="pixel pitch on the wall; wanted for lengths in metres only")
-    p.add_argument("--wavelength-m", type=float)
-    p.add_argument("--distance-m", type=float, help="hidden object to wall")
+    p.add_argument("--pixel-pitch-m", type=SI, help="pixel pitch on the wall; wanted for lengths in metres only")
+    p.add_argument("--wavelength-m", type=SI)
+    p.add_argument("--distance-m", type=SI, help="hidden object to wall")
     p.add_argument("--patch", default="auto", help="patch size in pixels, or auto (300 um a lag, or an eighth of the frame)")
     p.add_argument("--mean", choices=("auto", "pooled", "fixed", "published"), default="auto",
                    help="what of the frames' mean is subtracted: what they show, nothing but each frame's own, what they share "
@@ -31,11 +32,11 @@ def parser() -> ArgumentParser:
     p.add_argument("--dark", type=Path, help="dark frame to subtract")
     p.add_argument("--flat", type=Path, help="frame of even light to divide by")
     p.add_argument("--mask", type=Path, help="picture whose zero pixels are left out")
-    p.add_argument("--blur-pixels", type=float, help="standard deviation of a known Gaussian blur, in pixels")
+    p.add_argument("--blur-pixels", type=SI, help="standard deviation of a known Gaussian blur, in pixels")
     p.add_argument("--truth", type=Path, help="known albedo (.npy or picture, one pixel a lag) to compare with")
     p.add_argument("--weights", type=Path, help="another network, .safetensors, for --method unet")
-    p.add_argument("--seed", type=int, default=0)
-    p.add_argument("--workers", type=int, help="processes for many captures; as many as the machine has cores")
+    p.add_argument("--seed", type=SEED, default=0)
+    p.add_argument("--workers", type=WORKERS, help="processes for many captures; as many as the machine has cores")
     p.add_argument("--scheduler", help="address of a running Dask scheduler instead")
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     return p
@@ -87,7 +88,6 @@ def _request(options: Any) -> Any:
 
 def _check(options: Any) -> None:
     """Check options that argparse cannot."""
-    check_seed(options.seed)
     _patch(options.patch)
     check_device(options.device)
     options.workers = check_workers(options.workers, options.scheduler)

@@ -14,6 +14,7 @@
     files/              frames, captures, pictures, results
     validate.py         rendered and lab noise against prediction (validation/)
     errors.py           InputError: name, expected, found, remedy
+    ranges.py           ranges of numbers, for options and arguments alike
     workers.py          Dask workers, here or on a cluster
     cli.py              the `correlograph` command (doctor.py: what a machine lacks)
 

@@ -7,16 +7,17 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from radiometry.errors import ArgumentParser, InputError, check_seed, run_command
+from radiometry.errors import ArgumentParser, InputError, run_command
+from radiometry.ranges import FRAMES, SEED
 
 
 def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m radiometry", description="Light budget and noise of a scene.")
     p.add_argument("scene", help="Mitsuba scene file (XML)")
     p.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="scene parameter")
-    p.add_argument("--frames", type=int, default=2, help="frames of the capture, for the degrees of freedom")
+    p.add_argument("--frames", type=FRAMES, default=2, help="frames of the capture, for the degrees of freedom")
     p.add_argument("--samples", type=int, default=2**20, help="light paths of the Monte Carlo estimate")
-    p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("--json", action="store_true", help="print JSON")
     return p
 
@@ -24,9 +25,6 @@ def parser() -> ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> None:
     """Load, account, print."""
     options = parser().parse_args(argv)
-    if not 1 <= options.frames <= 10**6:
-        raise InputError("--frames", "1 to 1000000", options.frames, "choose another number")
-    check_seed(options.seed)
     from sim.plan import check
     from sim.scene_file import load_scene, parse_definitions
     from sim.scene_reader import read_geometry

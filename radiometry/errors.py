@@ -60,23 +60,9 @@ def positive(name: str, value: float, *, zero_allowed: bool = False) -> float:
     raise InputError(name, kind, value, f"correct {name}")
 
 
-def check_count(name: str, count: int, most: int) -> int:
-    """A whole number from 1 to `most`."""
-    if not 1 <= count <= most:
-        raise InputError(name, f"a whole number from 1 to {most}", f"{count!s:.20}", "choose another")
-    return count
-
-
 def memory_bytes() -> float:
     """Memory of this machine, free or not."""
     return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
-
-
-def check_seed(seed: int) -> int:
-    """Seeds fit the frame header's 32-bit integer."""
-    if not 0 <= seed < 2**31:
-        raise InputError("--seed", "a whole number from 0 to 2147483647", f"{seed!s:.20}", "choose another")
-    return seed
 
 
 def check_device(device: str) -> None:

@@ -7,18 +7,19 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from radiometry.errors import ArgumentParser, InputError, check_seed, run_command
+from radiometry.errors import ArgumentParser, run_command
+from radiometry.ranges import SEED, SI, Range
 
 
 def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m radiometry.plan", description="Divide a photon budget into frames and patches.")
     p.add_argument("scene", help="Mitsuba scene file (XML)")
     p.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="scene parameter")
-    p.add_argument("--budget-s", type=float, required=True, help="seconds of exposure in all")
-    p.add_argument("--resolution-m", type=float, default=300e-6, help="coarsest object pitch of a lag that will do")
-    p.add_argument("--check", type=int, default=0, metavar="FRAMES",
+    p.add_argument("--budget-s", type=SI, required=True, help="seconds of exposure in all")
+    p.add_argument("--resolution-m", type=SI, default=300e-6, help="coarsest object pitch of a lag that will do")
+    p.add_argument("--check", type=Range(0, 10**6), default=0, metavar="FRAMES",
                    help="render every division of at most FRAMES frames and measure its error")
-    p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("-o", "--output", default="out/plan", help="folder for plan.json and plan.png")
     return p
 
@@ -26,9 +27,6 @@ def parser() -> ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> None:
     """Predict the error of every division, choose, check by rendering if asked, draw the curve."""
     options = parser().parse_args(argv)
-    check_seed(options.seed)
-    if options.check < 0:
-        raise InputError("--check", "a number of frames, zero or more", options.check, "choose another")
     from radiometry.exposure_planner import best, divide
     from radiometry.files.output import output_folder, save_json
     from sim.plan import check

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from radiometry.errors import ArgumentParser, InputError, check_seed, run_command
+from radiometry.errors import ArgumentParser, InputError, run_command
+from radiometry.ranges import SEED
 from radiometry.validation.lab_series import corner, lab_floor, lab_over_exposure, lab_over_patches, slope
 
 EXPOSURES_S = (1 / 512, 1 / 128, 1 / 32, 1 / 8, 1 / 4, 1 / 2, 1.0)
@@ -20,14 +21,13 @@ def parser() -> ArgumentParser:
     p.add_argument("-o", "--output", default="out/validation", help="folder for validation.json and the figures")
     p.add_argument("--scene", help="scene file (default: corner_letter)")
     p.add_argument("--measured", type=Path, help="folder of published autocorrelations (PNG)")
-    p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--seed", type=SEED, default=0)
     return p
 
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Render series over exposure and patches, read the lab's, fit both, draw."""
     options = parser().parse_args(argv)
-    check_seed(options.seed)
     if options.measured is not None and not options.measured.is_dir():
         raise InputError("--measured", "a folder of autocorrelation pictures", options.measured, "check the path")
     from radiometry.files.output import output_folder, sole_writer

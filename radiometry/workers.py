@@ -8,18 +8,15 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from radiometry.errors import InputError, check_count
-
-MOST_WORKERS = 256
+from radiometry.errors import InputError
+from radiometry.ranges import WORKERS
 
 
 def check_workers(workers: int | None, scheduler: str | None) -> int:
     """The number of workers asked for, or as many as this machine has cores; beside a scheduler there is none to ask for."""
     if scheduler is not None and workers is not None:
         raise InputError("--scheduler", "no --workers beside it", workers, "leave one of them out")
-    count = workers if workers is not None else min(os.cpu_count() or 1, MOST_WORKERS)
-    check_count("--workers", count, MOST_WORKERS)
-    return count
+    return workers if workers is not None else min(os.cpu_count() or 1, int(WORKERS.most))
 
 
 def check_scheduler(address: str) -> None:

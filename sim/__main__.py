@@ -7,7 +7,8 @@ import sys
 import time
 from collections.abc import Sequence
 
-from radiometry.errors import ArgumentParser, InputError, check_device, check_seed, positive, run_command
+from radiometry.errors import ArgumentParser, InputError, check_device, run_command
+from radiometry.ranges import FRAMES, SEED, SI
 
 KERNELS = ("fraunhofer", "fresnel", "nufft", "direct")
 SATURATION_WORTH_A_WARNING = 1e-3
@@ -18,8 +19,8 @@ def parser() -> ArgumentParser:
     p.add_argument("scene", help="Mitsuba scene file (XML), or the name of a shipped scene")
     p.add_argument("-o", "--output", help="folder for frame_0000.exr..., truth.npy and sim.json")
     p.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="scene parameter")
-    p.add_argument("--frames", type=int, default=2)
-    p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--frames", type=FRAMES, default=2)
+    p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("--plan", action="store_true",
                    help="print what would be modelled, and render nothing: a page on a terminal, JSON elsewhere")
     p.add_argument("--json", action="store_true", help="print the plan as JSON on a terminal, too")
@@ -29,7 +30,7 @@ def parser() -> ArgumentParser:
     p.add_argument("--accuracy", choices=("statistical", "field"), default="statistical",
                    help="what the tolerance bounds: the expected autocorrelation, or this realisation's field")
     p.add_argument("--propagator", choices=("auto", *KERNELS), default="auto")
-    p.add_argument("--tolerance", type=float, default=1e-2, help="relative error allowed")
+    p.add_argument("--tolerance", type=SI, default=1e-2, help="relative error allowed")
     p.add_argument("--precision", choices=("float32", "float64"), help="of the propagation; whatever the tolerance needs")
     p.add_argument("--effect", dest="effects", action="append", default=[], metavar="NAME=on|off|auto",
                    help="model an effect, or leave it out, whatever the plan says")
@@ -62,10 +63,6 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def _check(options) -> None:
-    if options.frames < 1:
-        raise InputError("--frames", "at least 1", options.frames, "ask for more frames")
-    check_seed(options.seed)
-    positive("--tolerance", options.tolerance)
     if options.output is None and not options.plan:
         raise InputError("-o", "an output folder", "none", "add -o DIR, or --plan to render nothing")
     check_device(options.device)

@@ -10,17 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
-from radiometry.errors import ArgumentParser, InputError, positive, run_command
+from radiometry.errors import ArgumentParser, InputError, run_command
 from radiometry.files.output import atomic
+from radiometry.ranges import SI
 
 
 def main(argv: Sequence[str] | None = None) -> None:
     parser = ArgumentParser(prog="python -m sim.mesh", description="Convert a mesh to PLY, in metres, for a scene.")
     parser.add_argument("input", type=Path)
     parser.add_argument("output", type=Path)
-    parser.add_argument("--unit-m", type=float, default=1.0, help="metres per unit of the input (0.001 for millimetres)")
+    parser.add_argument("--unit-m", type=SI, default=1.0, help="metres per unit of the input (0.001 for millimetres)")
     options = parser.parse_args(argv)
-    unit_m = positive("--unit-m", options.unit_m)
     if options.output.suffix.lower() != ".ply":
         raise InputError("output", "a name that ends in .ply", options.output, "rename it")
     if not options.input.is_file():
@@ -29,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
     try:
         mesh = trimesh.load(options.input, force="mesh")
-        mesh.apply_scale(unit_m)
+        mesh.apply_scale(options.unit_m)
     except Exception as error:  # every loader raises its own kinds
         raise InputError("input", "a mesh that can be read", f"{options.input} ({type(error).__name__})",
                          "export it again") from None

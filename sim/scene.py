@@ -11,10 +11,11 @@ import mitsuba as mi
 import numpy as np
 import torch
 
-from radiometry.errors import InputError, check_device, check_seed
+from radiometry.errors import InputError, check_device
 from radiometry.files.capture import CameraFacts, Capture
 from radiometry.files.frames import FrameHeader
 from radiometry.prediction import patches_of
+from radiometry.ranges import FRAMES, SEED
 from radiometry.version import version
 from sim.frame import Simulation
 from sim.geometry import Geometry
@@ -182,7 +183,6 @@ def saturation(plan: Plan, frames: list[np.ndarray]) -> float:
 
 
 def _check(frames: int, seed: int, device: str) -> None:
-    if frames < 1:
-        raise InputError("frames", "at least 1", frames, "ask for more frames")
-    check_seed(seed)
+    FRAMES.check("frames", frames)
+    SEED.check("seed", seed)
     check_device(device)

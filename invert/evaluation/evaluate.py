@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import time
 from collections.abc import Iterator, Sequence
 from itertools import chain
@@ -12,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from radiometry.errors import ArgumentParser, InputError, check_count, check_seed
+from invert.evaluation.cells import Cell, read_cell, write_cell
+from radiometry.errors import ArgumentParser, InputError
+from radiometry.ranges import SEED, Range
 
 SETS = ("edges", "shapes", "rendered", "measured")
 CHARACTER_SETS = ("rendered", "measured 7", "measured letters")
@@ -28,9 +29,9 @@ def parser() -> ArgumentParser:
     p.add_argument("--weights", nargs="*", default=[], metavar="NAME=FILE", help="further networks, at quality fast")
     p.add_argument("--images", type=Path, help="folder of photographs for the set of edges")
     p.add_argument("--measured", type=Path, help="folder of published autocorrelations for the measured set")
-    p.add_argument("--levels", type=int, help="only the first levels of each set")
-    p.add_argument("--count", type=int, default=16, help="images a level (rendered: captures a letter)")
-    p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--levels", type=Range(1, 1000), help="only the first levels of each set")
+    p.add_argument("--count", type=Range(1, 100_000), default=16, help="images a level (rendered: captures a letter)")
+    p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     return p
 
@@ -51,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     with sole_writer(output), sole_writer(cells):
         results = [_cell(cells, level, name, settings, options) for level in tqdm(levels, unit="level", disable=None)
                    for name, settings in methods.items()]
-        write_report(output, results, cells)
+        write_report(output, results)
     print(output / "table.md")
 
 
@@ -68,61 +69,40 @@ def _levels(options: Any) -> Iterator:
         yield from islice(levels, options.levels)
 
 
-def _cell(cells: Path, level: Any, name: str, settings: dict[str, Any], options: Any) -> dict[str, Any]:
+def _cell(cells: Path, level: Any, name: str, settings: dict[str, Any], options: Any) -> Cell:
     """One method on one level: read from an earlier run of the same arguments, or computed and written."""
+    asked = {"set": level.test_set, "level": level.label, "seed": options.seed, "cases": [case.name for case in level.cases],
+             **{key: str(value) for key, value in settings.items()}, "method": name, "data": _digest(level, settings)}
+    known = read_cell(cells, asked)
+    if known is not None:
+        return known
+    found = [_scored(level, case, settings, options) for case in level.cases]
+    cell = Cell(asked, [row for row, _ in found], np.stack([albedo for _, albedo in found]),
+                np.stack([case.truth for case in level.cases]))
+    write_cell(cells, cell)
+    return cell
+
+
+def _scored(level: Any, case: Any, settings: dict[str, Any], options: Any) -> tuple[dict[str, Any], np.ndarray]:
+    """Scores of one case, and its albedo."""
     from invert.evaluation.identification import identify
     from invert.likelihood import nats_over
     from invert.methods import retrieve
     from invert.metrics import agreement, score
-    from radiometry.files.output import save_array, save_json
 
-    file = cells / "".join(letter if letter.isalnum() else "-" for letter in f"{level.test_set} {level.label} {name}")
-    # names may differ in punctuation alone
-    file = file.with_name(f"{file.name}-{hashlib.sha256(name.encode()).hexdigest()[:8]}")
-    asked = {"set": level.test_set, "level": level.label, "seed": options.seed, "cases": [case.name for case in level.cases],
-             **{key: str(value) for key, value in settings.items()}, "method": name, "data": _digest(level, settings)}
-    if file.with_suffix(".json").is_file() and file.with_suffix(".npy").is_file():
-        known = _known(file, asked)
-        if known is not None:
-            return known
-    rows, albedos = [], []
-    for case in level.cases:
-        begin = time.perf_counter()
-        found = retrieve(case.measurement, seed=options.seed, device=options.device, **settings)
-        row: dict[str, Any] = {"seconds": time.perf_counter() - begin, "found": found.object_found,
-                               "confidence": found.confidence, **score(found.albedo, case.truth).as_dict()}
-        noise = case.measurement.noise
-        row["agreement"] = agreement(found.albedo, case.measurement.estimate, noise.floor, noise.signal_ring)
-        if case.others and found.object_found:
-            row["nats_each"] = nats_over(case.truth, found.albedo, case.others)
-            row["nats"] = float(np.mean(row["nats_each"]))
-        if level.test_set in CHARACTER_SETS:
-            ranking = identify(found.albedo, mirrored=level.test_set.startswith("measured"))
-            row["recognised"] = ranking[0][0] == case.name
-        rows.append(row)
-        albedos.append(found.albedo)
-    save_array(file.with_suffix(".npy"), np.stack(albedos))
-    save_array(_truth_file(file), np.stack([case.truth for case in level.cases]))
-    content = {"asked": asked, "file": file.name, "rows": rows}
-    save_json(file.with_suffix(".json"), content)
-    return content
-
-
-def _known(file: Path, asked: dict[str, Any]) -> dict[str, Any] | None:
-    """An earlier cell, if it is whole and answers the same; else it is computed again."""
-    try:
-        known = json.loads(file.with_suffix(".json").read_text())
-        albedos = [np.load(name, allow_pickle=False) for name in (file.with_suffix(".npy"), _truth_file(file))]
-        cases = len(asked["cases"])
-        whole = (known["asked"] == asked and len(known["rows"]) == cases
-                 and all(part.shape == (cases, 64, 64) for part in albedos))
-    except (OSError, ValueError, KeyError, TypeError, EOFError):
-        return None
-    return known if whole else None
-
-
-def _truth_file(file: Path) -> Path:
-    return file.with_name(file.name + "-truth").with_suffix(".npy")
+    begin = time.perf_counter()
+    found = retrieve(case.measurement, seed=options.seed, device=options.device, **settings)
+    row: dict[str, Any] = {"seconds": time.perf_counter() - begin, "found": found.object_found,
+                           "confidence": found.confidence, **score(found.albedo, case.truth).as_dict()}
+    noise = case.measurement.noise
+    row["agreement"] = agreement(found.albedo, case.measurement.estimate, noise.floor, noise.signal_ring)
+    if case.others and found.object_found:
+        row["nats_each"] = nats_over(case.truth, found.albedo, case.others)
+        row["nats"] = float(np.mean(row["nats_each"]))
+    if level.test_set in CHARACTER_SETS:
+        ranking = identify(found.albedo, mirrored=level.test_set.startswith("measured"))
+        row["recognised"] = ranking[0][0] == case.name
+    return row, found.albedo
 
 
 def _digest(level: Any, settings: dict[str, Any]) -> str:
@@ -143,10 +123,6 @@ def _check(options: Any) -> dict[str, dict[str, Any]]:
     """Check options; returns the settings of each method by name."""
     from invert.solvers.registry import METHODS, QUALITIES
 
-    check_seed(options.seed)
-    check_count("--count", options.count, 100_000)
-    if options.levels is not None:
-        check_count("--levels", options.levels, 1000)
     if "edges" in options.sets and options.images is None:
         raise InputError("--images", "a folder of photographs for the set of edges", "none", "add --images FOLDER")
     if "measured" in options.sets and options.measured is None:

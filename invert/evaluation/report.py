@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from invert.evaluation.cells import Cell
 from invert.metrics import bootstrap_error
 from radiometry.files.output import atomic, save_json
 
@@ -17,21 +18,21 @@ COMPARED = ("pearson", "ssim", "iou")
 """Scores whose lead of the first method over the others is reported."""
 
 
-def write_report(output: Path, results: list[dict[str, Any]], cells: Path) -> None:
+def write_report(output: Path, results: list[Cell]) -> None:
     """Write table.md, results.json, one picture a test set and pareto.png."""
     summary, leads = [_summary(result) for result in results], _leads(results)
     with atomic(output / "table.md") as partial:
         partial.write_text(_tables(summary, leads))
     for test_set in dict.fromkeys(entry["set"] for entry in summary):
-        chosen = [result for result in results if result["asked"]["set"] == test_set]
-        _save_panels(output / f"{test_set.replace(' ', '_')}.png", chosen, cells)
+        chosen = [result for result in results if result.asked["set"] == test_set]
+        _save_panels(output / f"{test_set.replace(' ', '_')}.png", chosen)
     _save_pareto(output / "pareto.png", summary)
     save_json(output / "results.json", {"summary": summary, "leads": leads})
 
 
-def _summary(result: dict[str, Any]) -> dict[str, Any]:
+def _summary(result: Cell) -> dict[str, Any]:
     """Means over the cases of a cell, each with its bootstrap error (None of a single case)."""
-    rows, asked = result["rows"], result["asked"]
+    rows, asked = result.rows, result.asked
     scores = {}
     for name in SCORES:
         if all(name in row for row in rows):
@@ -42,10 +43,10 @@ def _summary(result: dict[str, Any]) -> dict[str, Any]:
             "seconds": float(np.median([row["seconds"] for row in rows])), **scores}
 
 
-def _leads(results: list[dict[str, Any]]) -> list[dict[str, Any]]:
+def _leads(results: list[Cell]) -> list[dict[str, Any]]:
     """How far the first method is ahead of each other one, image by image: images differ far more than methods do."""
-    rows = {(result["asked"]["set"], result["asked"]["level"], result["asked"]["method"]): result["rows"] for result in results}
-    first = results[0]["asked"]["method"]
+    rows = {(result.asked["set"], result.asked["level"], result.asked["method"]): result.rows for result in results}
+    first = results[0].asked["method"]
     leads = []
     for (test_set, level, method), others in rows.items():
         if method == first or len(others) == 1:
@@ -98,29 +99,29 @@ def _tables(summary: list[dict[str, Any]], leads: list[dict[str, Any]]) -> str:
     return "\n".join(parts)
 
 
-def _save_panels(path: Path, results: list[dict[str, Any]], cells: Path) -> None:
+def _save_panels(path: Path, results: list[Cell]) -> None:
     """The first case of each level: truth above, one row a method."""
     from matplotlib.figure import Figure
 
     from invert.metrics import aligned_pearson
 
-    levels = list(dict.fromkeys(result["asked"]["level"] for result in results))
-    methods = list(dict.fromkeys(result["asked"]["method"] for result in results))
+    levels = list(dict.fromkeys(result.asked["level"] for result in results))
+    methods = list(dict.fromkeys(result.asked["method"] for result in results))
     figure = Figure(figsize=(1.5 * len(levels) + 0.4, 1.6 * (len(methods) + 1)), layout="constrained")
     grid = figure.subplots(len(methods) + 1, len(levels), squeeze=False)
     for axes in grid.flat:
         axes.set_xticks([])
         axes.set_yticks([])
     for result in results:
-        column, row = levels.index(result["asked"]["level"]), methods.index(result["asked"]["method"]) + 1
-        truth = np.load(cells / f"{result['file']}-truth.npy", allow_pickle=False)[0]
-        pearson, moved = aligned_pearson(np.load(cells / f"{result['file']}.npy", allow_pickle=False)[0], truth)
+        column, row = levels.index(result.asked["level"]), methods.index(result.asked["method"]) + 1
+        truth = result.truths[0]
+        pearson, moved = aligned_pearson(result.albedos[0], truth)
         grid[0, column].imshow(truth, cmap="gray", interpolation="nearest")
-        grid[0, column].set_title(result["asked"]["level"], fontsize=8)
+        grid[0, column].set_title(result.asked["level"], fontsize=8)
         grid[row, column].imshow(moved, cmap="gray", interpolation="nearest", vmin=0.0)
         grid[row, column].set_xlabel(f"{pearson:.2f}", fontsize=8)
-        grid[row, 0].set_ylabel(result["asked"]["method"], fontsize=8)
-    grid[0, 0].set_ylabel("reference" if results[0]["asked"]["set"].startswith("measured") else "truth", fontsize=8)
+        grid[row, 0].set_ylabel(result.asked["method"], fontsize=8)
+    grid[0, 0].set_ylabel("reference" if results[0].asked["set"].startswith("measured") else "truth", fontsize=8)
     with atomic(path) as partial:
         figure.savefig(partial, format="png", dpi=100)
 

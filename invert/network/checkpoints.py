@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from functools import lru_cache
 from pathlib import Path
@@ -24,9 +25,10 @@ NETWORKS: dict[str, type[nn.Module]] = {"unet": CorrelographyNet, "paper": Paper
 
 def save_weights(path: Path, tensors: dict[str, torch.Tensor], card: dict[str, Any]) -> None:
     """Write tensors with a card (strict JSON) in the header, whole or not at all."""
-    text = json.dumps(card, allow_nan=False)
+    tensors = {name: value.contiguous() for name, value in tensors.items()}
+    metadata = {"card": json.dumps(card, allow_nan=False), "sha256": _sha256(tensors)}
     with atomic(path) as partial:
-        save_file({name: value.contiguous() for name, value in tensors.items()}, partial, metadata={"card": text})
+        save_file(tensors, partial, metadata=metadata)
         partial.chmod(0o644)  # safetensors writes for the owner alone
 
 
@@ -36,14 +38,25 @@ def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
         raise InputError("--weights", "a .safetensors file", f"no {path}", "check the path")
     try:
         with safe_open(path, framework="pt") as stored:
-            card = json.loads((stored.metadata() or {})["card"])
+            metadata = stored.metadata() or {}
+            card = json.loads(metadata["card"])
             if not isinstance(card, dict):
                 raise ValueError("no card")
             tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118 - no mapping
+            if metadata.get("sha256", _sha256(tensors)) != _sha256(tensors):  # files of older versions have none
+                raise ValueError("changed")
     except (SafetensorError, KeyError, ValueError, OSError) as error:
         raise InputError("--weights", "weights that python -m invert.train wrote", f"{path} ({type(error).__name__})",
                          "train again or use the shipped ones") from None
     return tensors, card
+
+
+def _sha256(tensors: dict[str, torch.Tensor]) -> str:
+    whole = hashlib.sha256()
+    for name, value in sorted(tensors.items()):
+        whole.update(f"{name} {value.dtype} {tuple(value.shape)}".encode())
+        whole.update(value.detach().cpu().contiguous().flatten().view(torch.uint8).numpy().data)
+    return whole.hexdigest()
 
 
 @lru_cache(maxsize=4)

@@ -15,7 +15,8 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from invert.network.confidence import confidence
-from radiometry.errors import ArgumentParser, InputError, check_seed
+from radiometry.errors import ArgumentParser, InputError
+from radiometry.ranges import SEED, Range
 
 RIDGE = 1e-2
 
@@ -24,10 +25,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = ArgumentParser(prog="python -m invert.calibrate", description="Calibrate the confidence of a network.")
     parser.add_argument("weights", type=Path)
     parser.add_argument("targets", help="dataset made by python -m data_gen")
-    parser.add_argument("--count", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--count", type=Range(1, 100_000), default=200)
+    parser.add_argument("--seed", type=SEED, default=0)
     options = parser.parse_args(argv)
-    check_seed(options.seed)
     if not 20 <= options.count <= 100_000:
         raise InputError("--count", "20 to 100000", f"{options.count!s:.20}", "choose another")
     from data_gen.dataset import load_targets

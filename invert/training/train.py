@@ -17,10 +17,9 @@ import torch
 from invert.network.checkpoints import NETWORKS
 from invert.training.losses import LOSSES
 from invert.training.training_run import Training
-from radiometry.errors import ArgumentParser, InputError, check_count, check_device, check_seed, memory_bytes
+from radiometry.errors import ArgumentParser, InputError, check_device, memory_bytes
 from radiometry.files.output import sole_writer
-
-MOST = {"steps": 10**8, "batch": 65536, "width": 512, "checkpoint_every": 10**8}
+from radiometry.ranges import SEED, Range
 
 BYTES_PER_CHANNEL = 3e5
 """Activations of a sample and its gradients, over the width: measured at 9 to 12 MB a sample of width 40."""
@@ -31,17 +30,17 @@ def parser() -> ArgumentParser:
     p.add_argument("dataset", help="dataset made by python -m data_gen; only its targets are used")
     p.add_argument("-o", "--output", required=True, type=Path, help="weights, .safetensors; a checkpoint is kept beside them")
     p.add_argument("--network", choices=tuple(NETWORKS), default="unet")
-    p.add_argument("--width", type=int, help="channels of the widest picture: 40, and 64 for the paper's network")
+    p.add_argument("--width", type=Range(8, 512, 8), help="channels of the widest picture: 40, and 64 for the paper's network")
     p.add_argument("--part", choices=("denoiser", "sketch", "fusion"), default="denoiser", help="of the default network")
     p.add_argument("--loss", choices=tuple(LOSSES), default="registered", help="of pictures; the denoiser has its own")
     p.add_argument("--noise", choices=("varied", "paper"), default="varied")
     p.add_argument("--warm", nargs="+", help="stores of python -m invert.warm_starts, for the fusion")
     p.add_argument("--start-from", type=Path, help="weights of an earlier run to begin with")
-    p.add_argument("--steps", type=int, default=6000)
-    p.add_argument("--checkpoint-every", type=int, default=250, metavar="STEPS")
-    p.add_argument("--batch", type=int, default=32)
-    p.add_argument("--learning-rate", type=float, default=1e-3)
-    p.add_argument("--seed", type=int, default=0)
+    p.add_argument("--steps", type=Range(1, 10**8), default=6000)
+    p.add_argument("--checkpoint-every", type=Range(1, 10**8), default=250, metavar="STEPS")
+    p.add_argument("--batch", type=Range(1, 65536), default=32)
+    p.add_argument("--learning-rate", type=Range(1e-12, 1.0), default=1e-3)
+    p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     return p
 
@@ -89,14 +88,9 @@ def _join_processes(device: str) -> tuple[int, int]:
 
 
 def _check(options: Any) -> None:
-    check_seed(options.seed)
     check_device(options.device)
     if options.width is None:
         options.width = 40 if options.network == "unet" else 64
-    for name, most in MOST.items():
-        check_count(f"--{name.replace('_', '-')}", getattr(options, name), most)
-    if not 0.0 < options.learning_rate <= 1.0:
-        raise InputError("--learning-rate", "a number above 0, up to 1", options.learning_rate, "choose another")
     wanted = options.batch * options.width * BYTES_PER_CHANNEL
     if wanted > memory_bytes():
         raise InputError("--batch, --width", f"activations that fit into {memory_bytes() / 1e9:.1f} GB",
@@ -106,8 +100,6 @@ def _check(options: Any) -> None:
         raise InputError("--part fusion", "--warm STORES, --start-from WEIGHTS and --noise varied beside it",
                          f"--part {options.part}, {options.warm}, {options.start_from}, {options.noise}",
                          "train denoiser and sketch, each from the last, then the fusion")
-    if options.width % 8:
-        raise InputError("--width", "a multiple of 8", options.width, "choose another")
     if options.output.suffix != ".safetensors":
         raise InputError("-o", "a name that ends in .safetensors", options.output, "rename it")
     if not options.output.parent.is_dir():

@@ -14,9 +14,10 @@ import torch
 
 from invert.network.features import PICTURES
 from radiometry.autocorrelation import LAG_SIDE
-from radiometry.errors import ArgumentParser, InputError, check_seed
+from radiometry.errors import ArgumentParser, InputError
 from radiometry.files.output import sole_writer
 from radiometry.files.store import Schema, begin, missing_parts, open_whole, read_array, store_address, write_part
+from radiometry.ranges import SEED, Range
 
 if TYPE_CHECKING:
     from invert.network.model import CorrelographyNet
@@ -37,12 +38,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("targets", help="dataset made by python -m data_gen")
     parser.add_argument("-o", "--output", required=True)
     parser.add_argument("--weights", required=True, type=Path, help="a trained denoiser, .safetensors")
-    parser.add_argument("--count", type=int, default=12800)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--count", type=Range(CHUNK, 10**8, CHUNK), default=12800)
+    parser.add_argument("--seed", type=SEED, default=0)
     options = parser.parse_args(argv)
-    check_seed(options.seed)
-    if not CHUNK <= options.count <= 10**8 or options.count % CHUNK:
-        raise InputError("--count", f"a multiple of {CHUNK} up to {10**8}", f"{options.count!s:.20}", "choose another")
     from tqdm import tqdm
 
     from data_gen.dataset import load_targets

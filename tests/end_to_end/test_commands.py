@@ -217,7 +217,7 @@ def photograph(folder: Path) -> Path:
     (lambda f, c: [saved(f, a=NOISE * 1e30)], "pixels up to"),
     (lambda f, c: [saved(f, a=NOISE[:127, :254])], "--autocorrelation"),
     (lambda f, c: ["--autocorrelation", c], "a folder"),
-    (lambda f, c: [c, "--distance-m", "-1"], "distance_m"),
+    (lambda f, c: [c, "--distance-m", "-1"], "--distance-m"),
     (lambda f, c: [c, "--truth", f / "none.npy"], "--truth"),
     (lambda f, c: ["--autocorrelation", c / "truth.npy"], "127 x 127"),
     (lambda f, c: [c, "--method", "magic"], "magic"),

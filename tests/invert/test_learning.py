@@ -216,14 +216,18 @@ def test_weights_keep_their_card_and_refuse_what_is_not_theirs(tmp_path):
     assert card["width"] == 32
     torch.testing.assert_close(network.state_dict()["denoiser.unet.stem.weight"], state["denoiser.unet.stem.weight"])
     (tmp_path / "torn.safetensors").write_bytes(path.read_bytes()[:5000])
+    content = bytearray(path.read_bytes())
+    content[-7] ^= 1
+    (tmp_path / "changed.safetensors").write_bytes(content)
     (tmp_path / "pickle.safetensors").write_bytes(pickle.dumps({"weights": [1.0]}))
     torch.save(state, tmp_path / "torch.safetensors")
     save_weights(tmp_path / "other.safetensors", state, {"network": "unet", "width": 64})
     save_weights(tmp_path / "kind.safetensors", state, {"network": "oracle", "width": 32})
     name = "fusion.judge.0.bias"
     save_weights(tmp_path / "nan.safetensors", {**state, name: state[name] * float("nan")}, {"network": "unet", "width": 32})
-    for name, text in (("torn", "invert.train"), ("pickle", "invert.train"), ("torch", "invert.train"), ("absent", "no "),
-                       ("other", "of this version"), ("kind", "oracle"), ("nan", "NaN")):
+    for name, text in (("torn", "invert.train"), ("changed", "invert.train"), ("pickle", "invert.train"),
+                       ("torch", "invert.train"), ("absent", "no "), ("other", "of this version"), ("kind", "oracle"),
+                       ("nan", "NaN")):
         with pytest.raises(InputError, match=text):
             load_network(tmp_path / f"{name}.safetensors")
 

@@ -1,0 +1,67 @@
+"""A cell of an evaluation on disk: scores, albedos and truths of one method on one level; read only if whole."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from radiometry.files.output import save_array, save_json
+
+FORMAT = 2
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What was asked, a row of scores a case, and pictures (cases, 64, 64)."""
+
+    asked: dict[str, Any]
+    rows: list[dict[str, Any]]
+    albedos: np.ndarray
+    truths: np.ndarray
+
+
+def write_cell(folder: Path, cell: Cell) -> None:
+    """Write arrays first and the JSON, which holds their SHA-256, last."""
+    file = _stem(folder, cell.asked)
+    for name, array in _arrays(cell).items():
+        save_array(_array_file(file, name), array)
+    digests = {name: _sha256(array) for name, array in _arrays(cell).items()}
+    save_json(file.with_suffix(".json"), {"format": FORMAT, "asked": cell.asked, "rows": cell.rows, "sha256": digests})
+
+
+def read_cell(folder: Path, asked: dict[str, Any]) -> Cell | None:
+    """The cell that answers `asked`; None where there is none, or where it is damaged, of another format or asked otherwise."""
+    file = _stem(folder, asked)
+    try:
+        known = json.loads(file.with_suffix(".json").read_text())
+        arrays = {name: np.load(_array_file(file, name), allow_pickle=False) for name in ("albedos", "truths")}
+        cell = Cell(known["asked"], known["rows"], **arrays)
+        whole = (known["format"] == FORMAT and cell.asked == asked and len(cell.rows) == len(asked["cases"])
+                 and known["sha256"] == {name: _sha256(array) for name, array in arrays.items()})
+    except (OSError, ValueError, KeyError, TypeError, EOFError):
+        return None
+    return cell if whole else None
+
+
+def _stem(folder: Path, asked: dict[str, Any]) -> Path:
+    """Name without suffix; the method's may differ from another's in punctuation alone, hence the digest."""
+    name = asked["method"]
+    plain = "".join(letter if letter.isalnum() else "-" for letter in f"{asked['set']} {asked['level']} {name}")
+    return folder / f"{plain}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+
+
+def _arrays(cell: Cell) -> dict[str, np.ndarray]:
+    return {"albedos": cell.albedos, "truths": cell.truths}
+
+
+def _array_file(file: Path, name: str) -> Path:
+    return file.with_name(file.name + {"albedos": ".npy", "truths": "-truth.npy"}[name])
+
+
+def _sha256(array: np.ndarray) -> str:
+    return hashlib.sha256(f"{array.dtype} {array.shape}".encode() + array.tobytes()).hexdigest()
