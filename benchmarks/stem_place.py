@@ -1,18 +1,22 @@
-"""`python -m benchmarks.stem_place [--count 16 | --measured PNG...]`: how well noise lets a stem on a bar be located.
+"""`python -m benchmarks.stem_place [--count 16] [--rendered] [--measured PNG...]`: how well noise lets a stem on a bar be located.
 
 An object like the lab's 7 over floors from a quarter to four times the largest lag of the signal. What an estimate holds at
 best: the nats by which the object is likelier than the bar alone, and than the stem in the nearest other place (divergences of
 the noise model), and how often an observer who knows bar and stem picks the right one of five places. Beside
-it, what the default draws from the same estimates, and which of the five is nearest to that. Or, with files of the lab's 7,
-what the same observer sees in these.
+it, what the default draws from the same estimates, and which of the five is nearest to that. Estimates are the noise
+model's (K 64); or, with --rendered, of two rendered frames of the reference scene, exposed for the floor said. Or, with
+files of the lab's 7, what the same observer sees in these.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import torch
+from scipy.optimize import brentq
 from tqdm import tqdm
 
 from invert.likelihood import log_likelihoods
@@ -59,6 +63,35 @@ def divergences(floor: float) -> tuple[float, float]:
     return float(nats[0] - nats[-1]), float(nats[0] - nats[1:-1].max())
 
 
+def modelled(floor: float, count: int) -> Iterator[Measurement]:
+    """Measurements from the noise model."""
+    for number in range(count):
+        yield read_measurement(draw_estimate(floor + signal(), DOF, torch.Generator().manual_seed(number)).float().numpy())
+
+
+def rendered(floor: float, count: int) -> Iterator[Measurement]:
+    """Measurements of two rendered frames each."""
+    from radiometry.estimation.whole_frames import estimate_autocorrelation
+    from radiometry.prediction import predict
+    from scenes import scene_path
+    from sim.frame import Simulation
+    from sim.scene_file import load_scene
+    from sim.scene_reader import read_geometry
+
+    geometry = read_geometry(load_scene(scene_path("corner_letter"))[0])
+    geometry = geometry.showing(CANDIDATES[0].numpy(), predict(geometry).pitches_m)
+    prediction = predict(geometry)
+
+    def excess(power: float) -> float:
+        return (prediction.exposed(10.0**power).terms.floor_over_peak() or np.inf) / prediction.signal[63, 64] - floor
+
+    exposure_s = geometry.electronics.exposure_s * 10.0 ** brentq(excess, -5.0, 2.0)
+    simulation = Simulation(geometry.exposed(exposure_s))
+    for seed in range(count):
+        lags, _ = estimate_autocorrelation((simulation.frame(seed, number) for number in range(2)), prediction.grid)
+        yield read_measurement(lags, transfer=prediction.transfer)
+
+
 def observe(file: Path) -> str:
     """Nats of each place of the stem over the bar alone in a published autocorrelation, as a table row."""
     *places, none = log_likelihoods(CANDIDATES, read_measurement(*read_autocorrelation(file))).tolist()
@@ -69,6 +102,7 @@ def main() -> None:
     """Print a table, one row a floor or a file."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=16, help="estimates a floor")
+    parser.add_argument("--rendered", action="store_true", help="estimates from two rendered frames each")
     parser.add_argument("--measured", type=Path, nargs="+", help="published autocorrelations of such an object, instead")
     options = parser.parse_args()
     if options.measured:
@@ -81,9 +115,8 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|")
     for floor in FLOORS:
         observed, likeness = [], []
-        for number in tqdm(range(count), desc=f"floor {floor:g}", disable=None):
-            estimate = draw_estimate(floor + signal(), DOF, torch.Generator().manual_seed(number))
-            measurement = read_measurement(estimate.float().numpy())
+        measurements = (rendered if options.rendered else modelled)(floor, count)
+        for number, measurement in enumerate(tqdm(measurements, total=count, desc=f"floor {floor:g}", disable=None)):
             observed.append(int(log_likelihoods(CANDIDATES[:-1], measurement).argmax()))
             result = retrieve(measurement, "unet", "balanced", number, "cpu")
             if result.object_found:

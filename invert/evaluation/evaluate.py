@@ -13,9 +13,9 @@ import numpy as np
 
 from invert.evaluation.cells import Cell, read_cell, write_cell
 from radiometry.errors import ArgumentParser, InputError
-from radiometry.ranges import SEED, Range
+from radiometry.ranges import FRAMES, SEED, Range
 
-SETS = ("edges", "shapes", "rendered", "measured")
+SETS = ("edges", "shapes", "rendered", "rendered-edges", "measured")
 CHARACTER_SETS = ("rendered", "measured 7", "measured letters")
 """Test sets whose truths are upright characters, which a reconstruction should be recognised as."""
 
@@ -27,10 +27,13 @@ def parser() -> ArgumentParser:
     p.add_argument("--methods", nargs="+", default=["unet", "classical", "hio"], metavar="NAME[:QUALITY]",
                    help="methods as python -m invert knows them, e.g. unet:fast classical:best hio")
     p.add_argument("--weights", nargs="*", default=[], metavar="NAME=FILE", help="further networks, at quality fast")
-    p.add_argument("--images", type=Path, help="folder of photographs for the set of edges")
+    p.add_argument("--images", type=Path, help="folder of photographs for the sets of edges")
     p.add_argument("--measured", type=Path, help="folder of published autocorrelations for the measured set")
     p.add_argument("--levels", type=Range(1, 1000), help="only the first levels of each set")
     p.add_argument("--count", type=Range(1, 100_000), default=16, help="images a level (rendered: captures a letter)")
+    p.add_argument("--frames", type=FRAMES, default=2, help="frames of a rendered capture")
+    p.add_argument("--means", nargs="+", choices=("auto", "pooled", "fixed", "published"), default=["auto"],
+                   help="estimates made from each rendered capture, as python -m invert --mean says")
     p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     return p
@@ -64,9 +67,12 @@ def _levels(options: Any) -> Iterator:
     for name in options.sets:
         levels = {"edges": lambda: sets.edges(options.images, options.count, options.seed),
                   "shapes": lambda: sets.shapes(options.count, options.seed),
-                  "rendered": lambda: sets.rendered(options.count, options.seed),
+                  "rendered": lambda: sets.rendered(options.count, options.seed, options.frames, options.means),
+                  "rendered-edges": lambda: sets.rendered_edges(options.images, options.count, options.seed, options.frames,
+                                                                options.means),
                   "measured": lambda: sets.measured(options.measured)}[name]()
-        yield from islice(levels, options.levels)
+        each = len(options.means) if name.startswith("rendered") else 1
+        yield from islice(levels, options.levels and options.levels * each)
 
 
 def _cell(cells: Path, level: Any, name: str, settings: dict[str, Any], options: Any) -> Cell:
@@ -99,7 +105,7 @@ def _scored(level: Any, case: Any, settings: dict[str, Any], options: Any) -> tu
     if case.others and found.object_found:
         row["nats_each"] = nats_over(case.truth, found.albedo, case.others)
         row["nats"] = float(np.mean(row["nats_each"]))
-    if level.test_set in CHARACTER_SETS:
+    if level.test_set.split(",")[0] in CHARACTER_SETS:
         ranking = identify(found.albedo, mirrored=level.test_set.startswith("measured"))
         row["recognised"] = ranking[0][0] == case.name
     return row, found.albedo
@@ -123,8 +129,8 @@ def _check(options: Any) -> dict[str, dict[str, Any]]:
     """Check options; returns the settings of each method by name."""
     from invert.solvers.registry import METHODS, QUALITIES
 
-    if "edges" in options.sets and options.images is None:
-        raise InputError("--images", "a folder of photographs for the set of edges", "none", "add --images FOLDER")
+    if options.images is None and {"edges", "rendered-edges"} & set(options.sets):
+        raise InputError("--images", "a folder of photographs for the sets of edges", "none", "add --images FOLDER")
     if "measured" in options.sets and options.measured is None:
         raise InputError("--measured", "a folder of published autocorrelations", "none", "add --measured FOLDER")
     methods: dict[str, dict[str, Any]] = {}

@@ -25,7 +25,7 @@ def write_report(output: Path, results: list[Cell]) -> None:
         partial.write_text(_tables(summary, leads))
     for test_set in dict.fromkeys(entry["set"] for entry in summary):
         chosen = [result for result in results if result.asked["set"] == test_set]
-        _save_panels(output / f"{test_set.replace(' ', '_')}.png", chosen)
+        _save_panels(output / f"{test_set.replace(',', '').replace(' ', '_')}.png", chosen)
     _save_pareto(output / "pareto.png", summary)
     save_json(output / "results.json", {"summary": summary, "leads": leads})
 

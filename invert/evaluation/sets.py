@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,13 +12,16 @@ import torch
 from invert.methods import retrieve
 from invert.spectrum import Measurement, read_measurement
 from invert.training.data import at_noise
+from radiometry.autocorrelation import OBJECT_SIDE
 from radiometry.errors import InputError
+from radiometry.estimation.whole_frames import Mean
 from radiometry.files.pictures import read_autocorrelation
 
 NOISE_LEVELS = ((80.0, 64.0), (80.0, 16.0), (80.0, 256.0), (80.0, 1e4), (5.0, 64.0), (5.0, 1e4), (200.0, 64.0), (200.0, 256.0))
 """Floor (of 255 at the largest lag but zero) and K; the authors' training point first."""
 
 EXPOSURES_S = tuple(2.0**-power for power in range(2, 10))
+EDGE_EXPOSURES_S = (1 / 8, 1 / 32, 1 / 128)
 JUDGES_S = 0.5
 """Shortest exposure that judges reconstructions from others."""
 
@@ -48,6 +51,10 @@ class Level:
 
 def edges(images: Path, count: int, seed: int) -> Iterator[Level]:
     """Canny edges of photographs, one crop each, with noise drawn from the noise model."""
+    yield from _modelled("edges", _edge_targets(images, count, seed), seed)
+
+
+def _edge_targets(images: Path, count: int, seed: int) -> np.ndarray:
     from data_gen.edges import edge_targets, find_photographs, read_luminance
 
     rng = np.random.default_rng(seed)
@@ -61,7 +68,7 @@ def edges(images: Path, count: int, seed: int) -> Iterator[Level]:
             truths.append(found[0].astype(np.float32) / np.float32(255.0))
     if not truths:
         raise InputError("--images", "photographs with edges", f"none in {images}", "give another folder")
-    yield from _modelled("edges", np.stack(truths), seed)
+    return np.stack(truths)
 
 
 def shapes(count: int, seed: int) -> Iterator[Level]:
@@ -82,28 +89,56 @@ def _modelled(name: str, truths: np.ndarray, seed: int) -> Iterator[Level]:
                      for number, (estimate, truth) in enumerate(zip(batch.seen.estimate, truths, strict=True))])
 
 
-def rendered(count: int, seed: int) -> Iterator[Level]:
-    """Two rendered frames of `scenes/corner_letter` with each of its letters, over exposures; `count` captures each."""
-    from radiometry.estimation.whole_frames import estimate_autocorrelation
-    from radiometry.prediction import predict
+def rendered(count: int, seed: int, frames: int, means: Sequence[Mean]) -> Iterator[Level]:
+    """Rendered frames of `scenes/corner_letter` with each of its letters, over exposures; `count` captures each.
+
+    Estimates with each of the means are made from the same frames.
+    """
     from scenes import scene_path
-    from sim.frame import Simulation
     from sim.scene_file import load_scene
     from sim.scene_reader import read_geometry
 
     geometries = {letter: read_geometry(load_scene(scene_path("corner_letter"), {"albedo": f"{letter}.png"})[0])
                   for letter in LETTERS}
     for exposure_s in EXPOSURES_S:
-        cases = []
-        for letter, geometry in geometries.items():
-            prediction = predict(geometry)
-            simulation = Simulation(geometry.exposed(exposure_s))
-            truth = geometry.hidden_object.cell_means(prediction.pitches_m, 64)
-            for repeat in range(count):
-                frames = (simulation.frame(seed + repeat, number) for number in range(2))
-                lags, _ = estimate_autocorrelation((frame.numpy() for frame in frames), prediction.grid)
-                cases.append(Case(letter, read_measurement(lags, transfer=prediction.transfer), truth))
-        yield Level("rendered", f"1/{1.0 / exposure_s:.0f} s", cases)
+        yield from _over_means("rendered", exposure_s, frames, means, (
+            (letter, geometry.exposed(exposure_s), None, seed + repeat) for letter, geometry in geometries.items()
+            for repeat in range(count)))
+
+
+def rendered_edges(images: Path, count: int, seed: int, frames: int, means: Sequence[Mean]) -> Iterator[Level]:
+    """Rendered frames of Canny edges of photographs, one lag wide, in the place of the reference scene's letter."""
+    from scenes import scene_path
+    from sim.scene_file import load_scene
+    from sim.scene_reader import read_geometry
+
+    truths = _edge_targets(images, count, seed)
+    geometry = read_geometry(load_scene(scene_path("corner_letter"))[0])
+    for exposure_s in EDGE_EXPOSURES_S:
+        yield from _over_means("rendered edges", exposure_s, frames, means, (
+            (str(number), geometry.exposed(exposure_s), truth, seed + number) for number, truth in enumerate(truths)))
+
+
+def _over_means(name: str, exposure_s: float, frames: int, means: Sequence[Mean], captures: Iterable[tuple]) -> Iterator[Level]:
+    """One level a mean: cases of (name, geometry, albedo in place of its object or None, seed)."""
+    from radiometry.estimation.whole_frames import estimate_autocorrelation
+    from radiometry.prediction import predict
+    from sim.frame import Simulation
+
+    cases: dict[Mean, list[Case]] = {mean: [] for mean in means}
+    for case, geometry, albedo, seed in captures:
+        prediction, simulation = predict(geometry), Simulation(geometry)
+        if albedo is None:
+            albedo = geometry.hidden_object.cell_means(prediction.pitches_m, OBJECT_SIDE)
+        else:
+            simulation = simulation.showing(albedo, prediction.pitches_m)
+        drawn = [simulation.frame(seed, number).numpy() for number in range(frames)]
+        for mean in means:
+            lags, _ = estimate_autocorrelation(drawn, prediction.grid, mean)
+            cases[mean].append(Case(case, read_measurement(lags, transfer=prediction.transfer), albedo))
+    for mean in means:
+        label = name if mean == "auto" else f"{name}, mean {mean}"
+        yield Level(label if frames == 2 else f"{label}, frames {frames}", f"1/{1.0 / exposure_s:.0f} s", cases[mean])
 
 
 def measured(folder: Path) -> Iterator[Level]:
