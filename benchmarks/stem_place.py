@@ -1,4 +1,4 @@
-"""`python -m benchmarks.stem_place [--count 16] [--rendered] [--measured PNG...]`: how well noise lets a stem on a bar be located.
+"""`python -m benchmarks.stem_place [--count 16] [--rendered] [--measured PNG...]`: how well noise lets a stem be located.
 
 An object like the lab's 7 over floors from a quarter to four times the largest lag of the signal. What an estimate holds at
 best: the nats by which the object is likelier than the bar alone, and than the stem in the nearest other place (divergences of
