@@ -26,25 +26,59 @@ _PROFILE = torch.exp(-0.5 * (torch.arange(-LAGS, LAGS + 1).double() / PEDESTAL_L
 _PEDESTAL = torch.outer(_PROFILE, _PROFILE)[_USED]
 
 
-def log_likelihoods(albedo: torch.Tensor, measurement: Measurement) -> torch.Tensor:
-    """Log-likelihood of a measurement if its object looked like each albedo (n, 64, 64), up to an additive constant; (n,).
+class NoiseLikelihood:
+    """Log-likelihood of one measurement as a function of its object; differentiable.
 
     The noise model's: Gamma of shape K with mean S = a H (r*r) + c p + b, with b and K as they were read (b at least
     `LEAST_FLOOR`, K 1 where there is no noise, which leaves the order) and p a wide pedestal; a and c, zero or more, are the
     likeliest for each (weighted least squares, weights 1 / S^2, repeated). Where lags correlate, K counts less by the inflation
     of their sums.
+
+    Args:
+        kind: of the numbers it is computed in.
     """
-    used, pedestal = _USED.to(albedo.device), _PEDESTAL.to(albedo.device)
-    estimate = torch.from_numpy(measurement.estimate).to(albedo.device).double()[used]
-    height = estimate.abs().amax().clamp_min(1e-300)
-    estimate, floor = estimate / height, max(measurement.noise.floor / float(height), LEAST_FLOOR)
-    signal = window_smoothed(albedo.double())[:, used]
-    signal = signal / signal.amax(1, keepdim=True).clamp_min(1e-300)
-    expected = torch.full_like(signal, floor)
-    for _ in range(8):
-        bright, faint = _brightnesses(signal, pedestal, estimate - floor, expected.square().reciprocal())
-        expected = floor + bright[:, None] * signal + faint[:, None] * pedestal
-    return -((measurement.noise.dof or 1.0) / measurement.noise.inflation) * (expected.log() + estimate / expected).sum(1)
+
+    def __init__(self, measurement: Measurement, device: torch.device | str = "cpu", kind: torch.dtype = torch.float64) -> None:
+        self._used, self._pedestal = _USED.to(device), _PEDESTAL.to(device, kind)
+        estimate = torch.from_numpy(measurement.estimate).to(device, kind)[self._used]
+        tiny = torch.finfo(kind).tiny
+        height = estimate.abs().amax().clamp_min(tiny)
+        self._estimate, self._floor = estimate / height, max(measurement.noise.floor / float(height), LEAST_FLOOR)
+        self.inflation = measurement.noise.inflation
+        self._dof = (measurement.noise.dof or 1.0) / self.inflation
+
+    @property
+    def lags(self) -> int:
+        """How many lags are used: one of every pair."""
+        return len(self._estimate)
+
+    def __call__(self, albedo: torch.Tensor) -> torch.Tensor:
+        """Log-likelihood of each albedo (n, 64, 64), up to an additive constant; (n,)."""
+        return self.by_lag(albedo).sum(1)
+
+    def by_lag(self, albedo: torch.Tensor, weight: torch.Tensor | None = None) -> torch.Tensor:
+        """What each used lag adds to the log-likelihood of each albedo, (n, lags).
+
+        Args:
+            weight: of each lag, (lags,) or (n, lags), in the fit of the brightnesses; a lag of weight zero has no say in it.
+        """
+        weight = torch.ones_like(self._estimate) if weight is None else weight
+        signal = window_smoothed(albedo.to(self._estimate.dtype))[:, self._used]
+        signal = signal / signal.detach().amax(1, keepdim=True).clamp_min(torch.finfo(signal.dtype).tiny)
+        with torch.no_grad():  # the likeliest brightnesses do not change to first order
+            expected = torch.full_like(signal, self._floor)
+            for _ in range(8):
+                bright, faint = _brightnesses(signal, self._pedestal, self._estimate - self._floor,
+                                              weight * expected.square().reciprocal())
+                expected = self._floor + bright[:, None] * signal + faint[:, None] * self._pedestal
+        expected = self._floor + bright[:, None] * signal + faint[:, None] * self._pedestal
+        return -self._dof * (expected.log() + self._estimate / expected)
+
+
+@torch.no_grad()
+def log_likelihoods(albedo: torch.Tensor, measurement: Measurement) -> torch.Tensor:
+    """Log-likelihood of a measurement if its object looked like each albedo (n, 64, 64), up to an additive constant; (n,)."""
+    return NoiseLikelihood(measurement, albedo.device)(albedo)
 
 
 def nats_over(reference: np.ndarray, albedo: np.ndarray, captures: Sequence[Measurement]) -> list[float]:

@@ -11,6 +11,7 @@ import torch
 from invert.network.checkpoints import SHIPPED, load_network
 from invert.network.confidence import UNCALIBRATED, confidence
 from invert.network.inference import reconstruct_by_network, retrieval_options
+from invert.refinement import refined
 from invert.registration import OBJECT, centred, consensus
 from invert.solvers.base import Progress
 from invert.solvers.registry import method_options, solve
@@ -71,7 +72,10 @@ def _by_network(measurement: Measurement, quality: str, seed: int, device: str, 
     trust = float(confidence(card.get("calibration", {}).get(quality, UNCALIBRATED), answer.features))
     if trust < BELIEVED:
         return replace(NOTHING, confidence=trust)
-    return _normalised(answer.image, trust, None, answer.transfer)
+    found = _normalised(answer.image, trust, None, answer.transfer)
+    if quality == "fast" or not found.object_found:
+        return found
+    return replace(found, albedo=refined(torch.from_numpy(found.albedo), measurement).numpy())
 
 
 def _normalised(image: torch.Tensor, confidence: float, residual: float | None,

@@ -1,0 +1,53 @@
+"""Likelihood ascent: gains what other captures confirm, and leaves alone what noise does not let be judged."""
+
+import pytest
+import torch
+
+from invert.likelihood import NoiseLikelihood, nats_over
+from invert.refinement import refined
+from invert.registration import on_grid, registered
+from invert.spectrum import Measurement, read_measurement
+from radiometry.noise.model import draw_estimate, window_smoothed
+from tests.invert.steps import RIGHT
+
+
+def measured(floor: float, dof: float, seed: int) -> Measurement:
+    signal = window_smoothed(RIGHT.double())
+    estimate = draw_estimate(floor + signal / signal[63, 64], dof, torch.Generator().manual_seed(seed))
+    return read_measurement(estimate.float().numpy())
+
+
+def likeness(albedo: torch.Tensor) -> float:
+    return float(registered(on_grid(RIGHT.numpy())[None], on_grid(albedo.numpy()))[1])
+
+
+BLURRED = torch.nn.functional.avg_pool2d(torch.nn.functional.pad(RIGHT, (1, 1, 1, 1))[None], 3, 1)[0]
+
+
+@pytest.mark.parametrize(("floor", "dof", "gain"),
+                         [(0.02, 1e4, 0.03), (0.2, 1e4, 0.02), (0.02, 256.0, 0.01), (0.2, 256.0, -0.005)])
+def test_where_noise_is_low_it_follows_the_data(floor, dof, gain):
+    """A blurred start comes nearer to the object, and another capture of it becomes likelier."""
+    start = BLURRED / BLURRED.max()
+    found = refined(start, measured(floor, dof, 0))
+    assert float(found.max()) == pytest.approx(1.0)
+    assert likeness(found) > likeness(start) + gain
+    assert nats_over(start.numpy(), found.numpy(), [measured(floor, dof, 1)])[0] > 30.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_where_noise_is_high_it_stays(seed):
+    """From the object itself there is nothing to gain: what one half of the lags gains, the other half does not confirm."""
+    torch.testing.assert_close(refined(RIGHT, measured(4.0, 64.0, seed)), RIGHT)
+
+
+def test_slope_of_the_likelihood():
+    """Against differences, with brightness and pedestal fitted anew."""
+    likelihood = NoiseLikelihood(measured(0.2, 64.0, 2))
+    rng = torch.Generator().manual_seed(3)
+    albedo = (RIGHT.double() + 0.3 * torch.rand(64, 64, generator=rng, dtype=torch.float64)).requires_grad_()
+    way = torch.randn(64, 64, generator=rng, dtype=torch.float64)
+    (slope,) = torch.autograd.grad(likelihood(albedo[None]).sum(), albedo)
+    with torch.no_grad():
+        ahead, behind = (float(likelihood((albedo + step * way)[None])[0]) for step in (1e-4, -1e-4))
+    assert float((slope * way).sum()) == pytest.approx((ahead - behind) / 2e-4, rel=1e-3)
