@@ -10,10 +10,8 @@ from scipy.ndimage import uniform_filter
 from invert.estimate import Estimate
 from invert.spectrum import Measurement
 from radiometry.autocorrelation import autocorrelate, window_smooth
+from radiometry.estimation.third_moment import LEAST_SHARE
 from radiometry.noise.level import RING
-
-LEAST_SHARE = 0.2
-"""Of signal in a lag that is used."""
 
 
 @dataclass(frozen=True)

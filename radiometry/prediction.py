@@ -20,8 +20,10 @@ from radiometry.autocorrelation import (
     peak_of_cell_means,
     window_smooth,
 )
+from radiometry.estimation.third_moment import LEAST_SHARE, drawn_third_moment
 from radiometry.estimation.whole_frames import degrees_of_freedom
 from radiometry.noise.budget import NoiseTerms
+from radiometry.noise.level import RING
 from radiometry.photons import grain_area
 from radiometry.throughput import light_budget
 from radiometry.transfer import lag_transfer
@@ -38,6 +40,7 @@ class Prediction:
         pitches_m: object distance of one lag down and right.
         signal: H (r*r), window-smoothed, (127, 127), in units of (r*r)(0).
         transfer: H per lag (127, 127), times the factor M of motion at each lag over that at zero lag.
+        cells: the albedo (64, 64), one cell a lag. polarisations: incoherent patterns that share the light.
         shot_floor_over_peak: one over the photoelectrons per coherence area; None without light.
     """
 
@@ -46,6 +49,8 @@ class Prediction:
     pitches_m: tuple[float, float]
     signal: np.ndarray
     transfer: np.ndarray
+    cells: np.ndarray
+    polarisations: int
 
     @property
     def pitch_m(self) -> float:
@@ -65,6 +70,25 @@ class Prediction:
         terms = self.terms
         longer = replace(terms, signal=terms.signal * factor, dark=terms.dark * factor, ambient=terms.ambient * factor)
         return replace(self, terms=longer)
+
+    def third_moment_signal_to_noise(self, frames: int) -> float | None:
+        """Third moment of filtered frames over its standard error, by which `invert` tells speckle from texture; None where no
+        lag holds a fifth of signal."""
+        floor = self.terms.floor_over_peak()
+        if floor is None:
+            return None
+        weight = self.signal / (self.signal + floor)
+        weight[(weight < LEAST_SHARE) | (RING < 2)] = 0.0
+        if not weight.any():
+            return None
+        terms = self.terms
+        # Patches are drawn in pixels as wide as their lags need, each of several of the camera's.
+        pixels = math.prod(self.grid.patch_shape) / (LAGS + 1) ** 2 / 4.0
+        peak, white = terms.signal**2 * terms.grain_pixels * pixels, (terms.ambient + terms.dark) * pixels
+        mean, deviation = drawn_third_moment(self.cells, weight, self.transfer, peak, white, terms.read * pixels,
+                                             polarisations=self.polarisations)
+        patches = frames * math.prod(self.grid.frame_shape) / math.prod(self.grid.patch_shape)
+        return max(0.0, mean) / deviation * patches**0.5
 
     def signal_to_noise(self, frames: int) -> float | None:
         """Signal over standard deviation, averaged (by signal) over the lags of the object; None without light."""
@@ -131,4 +155,6 @@ def predict(geometry: Any, patch: int | None = None) -> Prediction:
     peak = peak_of_cell_means(lags)
     signal = window_smooth(lags / peak if peak > 0.0 else lags, CELLS_PER_LAG) * transfer
     terms = noise_terms(geometry, albedo, cell[0] * cell[1] * hidden.axes.cell, peak)
-    return Prediction(terms, grid, pitches_m, signal, transfer)
+    middle = [slice(size // 2 - 32 * CELLS_PER_LAG, size // 2 + 32 * CELLS_PER_LAG) for size in albedo.shape]
+    cells = albedo[tuple(middle)].reshape(64, CELLS_PER_LAG, 64, CELLS_PER_LAG).mean((1, 3))
+    return Prediction(terms, grid, pitches_m, signal, transfer, cells, 2 if geometry.depolarised else 1)

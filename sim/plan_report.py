@@ -56,6 +56,7 @@ def as_json(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> d
         "monte_carlo": monte_carlo and monte_carlo.as_dict(),
         "ideal_floor_over_peak": plan.prediction.shot_floor_over_peak,
         "signal_to_noise": plan.prediction.signal_to_noise(frames),
+        "third_moment_signal_to_noise": plan.prediction.third_moment_signal_to_noise(frames),
         "other_light_share": geometry.other_light_share,
     }
 
@@ -114,7 +115,7 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
     grid, pitches = prediction.grid, prediction.pitches_m
     grain = [geometry.wavelength_m * geometry.distance_m / (extent * pitch)
              for extent, pitch in zip(geometry.hidden_object.extent_m, geometry.seen_pitch_m, strict=True)]
-    dof, ratio = prediction.dof(frames), content["signal_to_noise"]
+    dof, ratio, third = prediction.dof(frames), content["signal_to_noise"], content["third_moment_signal_to_noise"]
     floor, budget = prediction.terms.floor_over_peak(), light_budget(geometry.light_path)
     lines = [
         "{} x {} pixels, ".format(*geometry.frame_shape) + f"{frames} frames of {geometry.electronics.exposure_s:g} s",
@@ -125,7 +126,7 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
         f"estimate        {grid.rows} x {grid.columns} patches of {grid.patch_shape[0]} x {grid.patch_shape[1]} pixels, "
         f"{pitches[0] * 1e6:.0f} x {pitches[1] * 1e6:.0f} um a lag, K {dof:.3g}",
         f"noise           floor over peak {'none' if floor is None else f'{floor:.3g}'}, signal to noise "
-        f"{'none' if ratio is None else f'{ratio:.2g}'}"
+        f"{'none' if ratio is None else f'{ratio:.2g}'}, of the third moment {'none' if third is None else f'{third:.2g}'}"
         + (f"; {advice(plan, frames)}" if ratio is not None and ratio < WORTH_SEEING else ""),
         f"propagation     {kernel.propagator} in {kernel.precision}, {plan.settings.accuracy} error "
         f"{kernel.predicted_error:.2g} of {plan.settings.tolerance:g} allowed, {content['scatterers']} scatterers, about "
