@@ -50,8 +50,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     from radiometry.files.output import output_folder, sole_writer
 
     captures = find_captures(options.inputs, options.autocorrelation)
-    if len(captures) == 1:
-        _invert_one(_request(options), *captures.values(), Path(options.output))
+    if "" in captures:
+        _invert_one(_request(options), captures[""], Path(options.output))
         return
     from invert.many_captures import invert_captures
 

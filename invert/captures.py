@@ -23,7 +23,7 @@ from radiometry.files.output import output_folder, sole_writer
 from radiometry.version import version
 
 Captures = dict[str, tuple[Path, ...]]
-"""Files of each capture, by the name that its folder of results gets."""
+"""Files of each capture, by the name that its folder of results gets: an empty one for a capture given alone."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,8 @@ def find_captures(inputs: Sequence[str], autocorrelation: bool) -> Captures:
 
     Published autocorrelations are one each. Raises InputError for what is not there, and for two of one name.
     """
+    if len(inputs) == 1 and autocorrelation:
+        return {"": (Path(inputs[0]),)}
     if autocorrelation:
         return _named((Path(item).stem, (Path(item).resolve(),)) for item in inputs)
     folders = [Path(item) for item in inputs if Path(item).is_dir()]
@@ -65,10 +67,12 @@ def find_captures(inputs: Sequence[str], autocorrelation: bool) -> Captures:
         if folders:
             raise InputError("inputs", "frames of one capture, or folders of captures", "files and folders mixed",
                              "give the one or the other")
-        return {"frames": tuple(map(Path, inputs))}
+        return {"": tuple(map(Path, inputs))}
     found = []
     for folder in folders:
         inside = [] if frames_inside(folder) else sorted(one for one in folder.iterdir() if one.is_dir() and frames_inside(one))
+        if not inside and len(folders) == 1:
+            return {"": (folder,)}
         found += [(one.resolve().name, (one.resolve(),)) for one in inside or [folder]]
     return _named(found)
 

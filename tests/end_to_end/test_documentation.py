@@ -22,7 +22,8 @@ COMMANDS = [line.split("  #")[0].strip() for page in PAGES for line in page.read
             if re.match(r"    (?:correlograph|python -m) ", line)]
 
 SMALLER = {"200000": "1024", "--count 1000": "--count 2", "--sets shapes rendered": "--sets shapes --count 1 --levels 1",
-           "[--json]": "--json", "-o WEIGHTS.safetensors": "-o WEIGHTS.safetensors --width 8 --steps 2 --batch 2"}
+           "[--json]": "--json", "--workers 8": "--workers 1 --quality fast",
+           "-o WEIGHTS.safetensors": "-o WEIGHTS.safetensors --width 8 --steps 2 --batch 2"}
 
 
 def environment() -> dict[str, str]:
@@ -65,6 +66,7 @@ def test_commands_run_as_they_stand(tmp_path):
         ran += 1
         if command.startswith("python -m sim ") and not any(shots.iterdir()):
             _as_camera_files(tmp_path / "capture", shots)
+            _as_camera_files(tmp_path / "capture", tmp_path / "captures" / "first")
             Image.open(sorted(lab.glob("F_*n50*.png"))[0] if lab.is_dir() else _autocorrelation(tmp_path)).save(
                 tmp_path / "estimate.png")
         if "noise-model" in command:
@@ -75,6 +77,7 @@ def test_commands_run_as_they_stand(tmp_path):
 def _as_camera_files(capture: Path, shots: Path) -> None:
     from radiometry.files.frames import read_frame
 
+    shots.mkdir(parents=True, exist_ok=True)
     for number, file in enumerate(sorted(capture.glob("*.exr"))):
         counts = np.clip(read_frame(file)[0] * 40.0 + 100.0, 0.0, 65535.0).astype(np.uint16)
         Image.fromarray(counts).save(shots / f"shot_{number}.png")

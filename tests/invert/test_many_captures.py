@@ -89,9 +89,11 @@ def test_options_are_refused_before_anything_is_written(captures, tmp_path):
 def test_what_is_a_capture(captures, tmp_path):
     """A folder of frames, a folder of such folders, several of either; all files given together."""
     assert list(find_captures([str(captures)], False)) == ["day 1", "day 2"]
-    assert list(find_captures([str(captures / "day 2")], False)) == ["day 2"]
+    assert list(find_captures([str(captures / "day 2")], False)) == [""]
+    assert list(find_captures([str(captures / "day 1"), str(captures / "day 2")], False)) == ["day 1", "day 2"]
     (tmp_path / "more" / "day 3").mkdir(parents=True)
     np.save(tmp_path / "more" / "day 3" / "0.npy", speckle(9))
+    assert list(find_captures([str(tmp_path / "more")], False)) == ["day 3"]
     assert list(find_captures([str(captures), str(tmp_path / "more")], False)) == ["day 1", "day 2", "day 3"]
     files = [str(file) for file in sorted((captures / "day 1").iterdir())]
     assert [len(paths) for paths in find_captures(files, False).values()] == [2]
