@@ -23,7 +23,7 @@ OWN_RESULTS = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", 
 """Files that this program writes beside frames, never frames themselves."""
 
 CONTACT_SHEET = "contact_sheet"
-"""Begins the names of sheets of many captures."""
+"""Prefix of the contact sheets' file names."""
 
 
 def find_frames(inputs: Sequence[str | Path]) -> list[Path]:

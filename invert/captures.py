@@ -12,18 +12,22 @@ from typing import Any
 from invert.capture import find_frames, frames_inside, printable, read_capture
 from invert.estimate import Estimate, estimate_from_frames, published_estimate
 from invert.inversion import retrieved
-from invert.network.checkpoints import load_network
+from invert.network.checkpoints import SHIPPED, load_network
 from invert.result import check_truth_pitch, read_truth
 from invert.solvers.base import Progress
 from radiometry.errors import InputError
 from radiometry.estimation.whole_frames import Mean
 from radiometry.files.capture import CameraFacts
+from radiometry.files.capture_folder import check_whole
 from radiometry.files.corrections import Corrections
 from radiometry.files.output import output_folder, sole_writer
 from radiometry.version import version
 
+REVISION = 1
+"""To be raised when the same request gives another result."""
+
 Captures = dict[str, tuple[Path, ...]]
-"""Files of each capture, by the name that its folder of results gets: an empty one for a capture given alone."""
+"""Files of each capture, keyed by the name of its folder of results; the key is empty for a capture given alone."""
 
 
 @dataclass(frozen=True)
@@ -46,35 +50,47 @@ class Request:
     def sha256(self, files: Sequence[Path]) -> str:
         """Of the version, the options, and the bytes of all files that a result depends on."""
         corrections = self.corrections
+        weights = self.weights or SHIPPED if self.method == "unet" else None
         whole = hashlib.sha256()
-        for file in (*files, corrections.dark, corrections.flat, corrections.mask, self.weights, self.truth):
+        for file in (*files, corrections.dark, corrections.flat, corrections.mask, weights, self.truth):
             whole.update(hashlib.sha256(file.read_bytes()).digest() if file else b"none")
         options = replace(self, corrections=Corrections(), weights=None, truth=None, device="any")
-        return hashlib.sha256(f"{version()} {options}".encode() + whole.digest()).hexdigest()
+        return hashlib.sha256(f"{version()} {REVISION} {options}".encode() + whole.digest()).hexdigest()
 
 
 def find_captures(inputs: Sequence[str], autocorrelation: bool) -> Captures:
     """Captures among inputs: all files given are one; a folder of frames is one; of a folder of such folders each is one.
 
-    Published autocorrelations are one each. Raises InputError for what is not there, and for two of one name.
+    Published autocorrelations are one each. Raises InputError for what is not there, for folders that are both, and for two
+    captures of one name.
     """
-    if len(inputs) == 1 and autocorrelation:
-        return {"": (Path(inputs[0]),)}
+    paths = [Path(item) for item in inputs]
+    for path in paths:
+        if not path.exists():
+            raise InputError("inputs", "files or folders", f"no {path}", "check the path")
+    folders = [path for path in paths if path.is_dir()]
     if autocorrelation:
-        return _named((Path(item).stem, (Path(item).resolve(),)) for item in inputs)
-    folders = [Path(item) for item in inputs if Path(item).is_dir()]
-    if len(folders) < len(inputs):
-        if folders:
-            raise InputError("inputs", "frames of one capture, or folders of captures", "files and folders mixed",
-                             "give the one or the other")
-        return {"": tuple(map(Path, inputs))}
-    found = []
-    for folder in folders:
-        inside = [] if frames_inside(folder) else sorted(one for one in folder.iterdir() if one.is_dir() and frames_inside(one))
-        if not inside and len(folders) == 1:
-            return {"": (folder,)}
-        found += [(one.resolve().name, (one.resolve(),)) for one in inside or [folder]]
-    return _named(found)
+        return {"": (paths[0],)} if len(paths) == 1 else _named((path.stem, (path.resolve(),)) for path in paths)
+    if 0 < len(folders) < len(paths):
+        raise InputError("inputs", "frames of one capture, or folders of captures", "files and folders mixed",
+                         "give the one or the other")
+    if not folders:
+        return {"": tuple(paths)}
+    inside = [_captures_inside(folder) for folder in folders]
+    if inside == [[]]:
+        return {"": (folders[0],)}
+    return _named((one.resolve().name, (one.resolve(),)) for folder, found in zip(folders, inside, strict=True)
+                  for one in found or [folder])
+
+
+def _captures_inside(folder: Path) -> list[Path]:
+    """Folders of frames in a folder that holds none itself."""
+    check_whole(folder)
+    found = sorted(one for one in folder.iterdir() if one.is_dir() and not one.name.startswith(".") and frames_inside(one))
+    if found and frames_inside(folder):
+        raise InputError("inputs", "a folder of frames, or of captures", f"both in {folder}",
+                         f"move the frames beside {found[0].name} elsewhere")
+    return found
 
 
 def _named(found: Iterable[tuple[str, tuple[Path, ...]]]) -> Captures:
@@ -100,6 +116,7 @@ def check_request(request: Request) -> None:
 
 def invert_capture(request: Request, files: Sequence[Path], folder: Path, progress: Progress = lambda: None) -> dict[str, Any]:
     """Invert one capture and write its results into a folder; returns the content of result.json."""
+    asked = request.sha256(find_frames(files))
     truth = read_truth(request.truth) if request.truth else None
     estimate, read_s = _estimate(request, files)
     if request.truth and not request.autocorrelation:
@@ -107,7 +124,7 @@ def invert_capture(request: Request, files: Sequence[Path], folder: Path, progre
     with sole_writer(output_folder(folder)):
         result = retrieved(estimate, method=request.method, quality=request.quality, weights=request.weights,
                            seed=request.seed, device=request.device, read_s=read_s, progress=progress)
-        return result.save(folder, truth, request.sha256(find_frames(files)))
+        return result.save(folder, truth, asked)
 
 
 def _estimate(request: Request, files: Sequence[Path]) -> tuple[Estimate, float]:

@@ -64,7 +64,7 @@ class Result:
         """Write what `python -m invert` writes; returns the content of result.json.
 
         Args:
-            request_sha256: of all that the result follows from, by which a later run knows it.
+            request_sha256: digest of all that the result depends on, by which a later run recognises it.
         """
         from radiometry.files.output import output_folder
 

@@ -35,7 +35,7 @@ class NoiseLikelihood:
     of their sums.
 
     Args:
-        kind: of the numbers it is computed in.
+        kind: dtype of the computation.
     """
 
     def __init__(self, measurement: Measurement, device: torch.device | str = "cpu", kind: torch.dtype = torch.float64) -> None:
@@ -94,9 +94,10 @@ def nats_over(reference: np.ndarray, albedo: np.ndarray, captures: Sequence[Meas
 def _brightnesses(signal: torch.Tensor, pedestal: torch.Tensor, excess: torch.Tensor,
                   weight: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Weighted least squares: a, c (n,), zero or more, that bring a * signal (n, lags) + c * pedestal nearest to an excess."""
-    ss, pp = (weight * signal.square()).sum(1).clamp_min(1e-300), (weight * pedestal.square()).sum(1)
+    limits = torch.finfo(signal.dtype)
+    ss, pp = (weight * signal.square()).sum(1).clamp_min(limits.tiny), (weight * pedestal.square()).sum(1)
     sp, se, pe = ((weight * one * other).sum(1) for one, other in ((signal, pedestal), (signal, excess), (pedestal, excess)))
-    faint = (pe - sp * (se / ss)) / (pp - sp * (sp / ss)).clamp_min(1e-12 * pp)
+    faint = (pe - sp * (se / ss)) / (pp - sp * (sp / ss)).clamp_min(16.0 * limits.eps * pp)
     # Where the best signal would be negative, the pedestal is fitted alone.
     faint = torch.minimum(faint, pe / pp).clamp_min(0.0)
     return ((se - sp * faint) / ss).clamp_min(0.0), faint

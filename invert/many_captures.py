@@ -45,12 +45,13 @@ def invert_captures(request: Request, captures: Captures, output: Path, workers:
 
 
 def _known(request: Request, files: Sequence[Path], folder: Path) -> dict[str, Any] | None:
-    """The result of an earlier run that asked the same of the same files; it was written last, so the folder is whole."""
+    """The result of an earlier run that asked the same of the same files."""
     try:
+        np.load(folder / "albedo.npy", allow_pickle=False)
         summary = json.loads((folder / "result.json").read_text())
         if summary["request_sha256"] == request.sha256(find_frames(files)):
             return _row(summary)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, EOFError):
         pass
     return None
 
@@ -78,8 +79,8 @@ def _in_worker(request: Request, output: Path, name: str, files: Sequence[Path])
     torch.set_num_threads(1)  # captures run side by side, and sums depend on the number of threads
     try:
         return _row(invert_capture(request, files, output / name))
-    except InputError as error:
-        return {"error": str(error)}
+    except (InputError, OSError, MemoryError, RuntimeError) as error:  # one capture's trouble is not that of the others
+        return {"error": " ".join(str(error).split())[:300] or type(error).__name__}
 
 
 def _row(summary: dict[str, Any]) -> dict[str, Any]:
@@ -105,6 +106,8 @@ def _write_overview(output: Path, rows: list[dict[str, Any]], request: Request) 
     with atomic(output / "table.md") as partial_file:
         partial_file.write_text("\n".join(lines) + "\n")
     truth = read_truth(request.truth) if request.truth else None
+    for old in output.glob(f"{CONTACT_SHEET}*.png"):
+        old.unlink()
     shown = [row for row in rows if "error" not in row]
     for number, begin in enumerate(range(0, len(shown), A_SHEET)):
         part = shown[begin : begin + A_SHEET]

@@ -17,7 +17,7 @@ from invert.spectrum import Measurement
 
 STEPS = 120
 PATIENCE = 12
-"""Steps without a better judgement after which the climb ends."""
+"""Steps without improvement after which the ascent stops."""
 
 SURE = 2.0
 """Standard errors by which the judgement must have risen."""

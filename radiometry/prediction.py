@@ -40,7 +40,8 @@ class Prediction:
         pitches_m: object distance of one lag down and right.
         signal: H (r*r), window-smoothed, (127, 127), in units of (r*r)(0).
         transfer: H per lag (127, 127), times the factor M of motion at each lag over that at zero lag.
-        cells: the albedo (64, 64), one cell a lag. polarisations: incoherent patterns that share the light.
+        cells: the albedo (64, 64), one cell a lag; zero for an object wider than that.
+        polarisations: incoherent patterns that share the light.
         shot_floor_over_peak: one over the photoelectrons per coherence area; None without light.
     """
 
@@ -79,7 +80,7 @@ class Prediction:
             return None
         weight = self.signal / (self.signal + floor)
         weight[(weight < LEAST_SHARE) | (RING < 2)] = 0.0
-        if not weight.any():
+        if not weight.any() or not self.cells.any():
             return None
         terms = self.terms
         # Patches are drawn in pixels as wide as their lags need, each of several of the camera's.
@@ -157,4 +158,6 @@ def predict(geometry: Any, patch: int | None = None) -> Prediction:
     terms = noise_terms(geometry, albedo, cell[0] * cell[1] * hidden.axes.cell, peak)
     middle = [slice(size // 2 - 32 * CELLS_PER_LAG, size // 2 + 32 * CELLS_PER_LAG) for size in albedo.shape]
     cells = albedo[tuple(middle)].reshape(64, CELLS_PER_LAG, 64, CELLS_PER_LAG).mean((1, 3))
+    if cells.sum() * CELLS_PER_LAG**2 < 0.99 * albedo.sum():  # wider than lags can tell
+        cells = np.zeros_like(cells)
     return Prediction(terms, grid, pitches_m, signal, transfer, cells, 2 if geometry.depolarised else 1)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import Any
 
 from radiometry.errors import LARGEST, SMALLEST, InputError
 
@@ -16,22 +18,26 @@ class Range:
     most: float
     step: int = 1
 
-    def __call__(self, text: str) -> float:
+    def __call__(self, text: str) -> Any:
         """A number from the command line, an int where whole ones are wanted; argparse names the option."""
         try:
-            return self.check("", int(text) if isinstance(self.least, int) else float(text))
+            value = int(text) if isinstance(self.least, int) else float(text)
         except ValueError:
-            raise argparse.ArgumentTypeError(f"expected {self}, found {text:.40}") from None
+            value = None
+        if not self._holds(value):
+            raise argparse.ArgumentTypeError(f"expected {self}, found {' '.join(text.split()):.40}")
+        return value
 
     def check(self, name: str, value: float) -> float:
         """The value, if it lies in the range; InputError otherwise, NaN and text included."""
-        try:
-            inside = self.least <= value <= self.most and (not isinstance(self.least, int) or value % self.step == 0)
-        except TypeError:
-            inside = False
-        if not inside:
+        if not self._holds(value):
             raise InputError(name, str(self), f"{value!s:.40}", "choose another")
         return value
+
+    def _holds(self, value: Any) -> bool:
+        if isinstance(self.least, int):
+            return isinstance(value, Integral) and self.least <= value <= self.most and value % self.step == 0
+        return isinstance(value, Real) and bool(self.least <= value <= self.most)
 
     def __str__(self) -> str:
         if isinstance(self.least, float):

@@ -133,6 +133,7 @@ def _check(options: Any) -> dict[str, dict[str, Any]]:
         raise InputError("--images", "a folder of photographs for the sets of edges", "none", "add --images FOLDER")
     if "measured" in options.sets and options.measured is None:
         raise InputError("--measured", "a folder of published autocorrelations", "none", "add --measured FOLDER")
+    options.means = list(dict.fromkeys(options.means))
     methods: dict[str, dict[str, Any]] = {}
     for text in options.methods:
         name, _, quality = text.partition(":")

@@ -102,8 +102,7 @@ def rendered(count: int, seed: int, frames: int, means: Sequence[Mean]) -> Itera
                   for letter in LETTERS}
     for exposure_s in EXPOSURES_S:
         yield from _over_means("rendered", exposure_s, frames, means, (
-            (letter, geometry.exposed(exposure_s), None, seed + repeat) for letter, geometry in geometries.items()
-            for repeat in range(count)))
+            (letter, geometry.exposed(exposure_s), None, range(seed, seed + count)) for letter, geometry in geometries.items()))
 
 
 def rendered_edges(images: Path, count: int, seed: int, frames: int, means: Sequence[Mean]) -> Iterator[Level]:
@@ -116,26 +115,31 @@ def rendered_edges(images: Path, count: int, seed: int, frames: int, means: Sequ
     geometry = read_geometry(load_scene(scene_path("corner_letter"))[0])
     for exposure_s in EDGE_EXPOSURES_S:
         yield from _over_means("rendered edges", exposure_s, frames, means, (
-            (str(number), geometry.exposed(exposure_s), truth, seed + number) for number, truth in enumerate(truths)))
+            (str(number), geometry.exposed(exposure_s), truth, [seed + number]) for number, truth in enumerate(truths)))
 
 
 def _over_means(name: str, exposure_s: float, frames: int, means: Sequence[Mean], captures: Iterable[tuple]) -> Iterator[Level]:
-    """One level a mean: cases of (name, geometry, albedo in place of its object or None, seed)."""
-    from radiometry.estimation.whole_frames import estimate_autocorrelation
+    """One level a mean: cases of (name, geometry, albedo in place of its object or None, seeds)."""
+    from radiometry.estimation.whole_frames import estimator_of
     from radiometry.prediction import predict
     from sim.frame import Simulation
 
     cases: dict[Mean, list[Case]] = {mean: [] for mean in means}
-    for case, geometry, albedo, seed in captures:
+    for case, geometry, albedo, seeds in captures:
         prediction, simulation = predict(geometry), Simulation(geometry)
         if albedo is None:
             albedo = geometry.hidden_object.cell_means(prediction.pitches_m, OBJECT_SIDE)
         else:
             simulation = simulation.showing(albedo, prediction.pitches_m)
-        drawn = [simulation.frame(seed, number).numpy() for number in range(frames)]
-        for mean in means:
-            lags, _ = estimate_autocorrelation(drawn, prediction.grid, mean)
-            cases[mean].append(Case(case, read_measurement(lags, transfer=prediction.transfer), albedo))
+        for seed in seeds:
+            estimators = {mean: estimator_of(prediction.grid, mean) for mean in means}
+            for number in range(frames):
+                frame = simulation.frame(seed, number)
+                for estimator in estimators.values():
+                    estimator.add(frame)
+            for mean, estimator in estimators.items():
+                measurement = read_measurement(estimator.estimate(), transfer=prediction.transfer)
+                cases[mean].append(Case(case, measurement, albedo))
     for mean in means:
         label = name if mean == "auto" else f"{name}, mean {mean}"
         yield Level(label if frames == 2 else f"{label}, frames {frames}", f"1/{1.0 / exposure_s:.0f} s", cases[mean])

@@ -43,8 +43,8 @@ def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
             if not isinstance(card, dict):
                 raise ValueError("no card")
             tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118 - no mapping
-            if metadata.get("sha256", _sha256(tensors)) != _sha256(tensors):  # files of older versions have none
-                raise ValueError("changed")
+            if "sha256" in metadata and metadata["sha256"] != _sha256(tensors):  # files of older versions have none
+                raise ValueError("damaged")
     except (SafetensorError, KeyError, ValueError, OSError) as error:
         raise InputError("--weights", "weights that python -m invert.train wrote", f"{path} ({type(error).__name__})",
                          "train again or use the shipped ones") from None

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from invert.network.confidence import confidence
-from radiometry.errors import ArgumentParser, InputError
+from radiometry.errors import ArgumentParser
 from radiometry.ranges import SEED, Range
 
 RIDGE = 1e-2
@@ -25,11 +25,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser = ArgumentParser(prog="python -m invert.calibrate", description="Calibrate the confidence of a network.")
     parser.add_argument("weights", type=Path)
     parser.add_argument("targets", help="dataset made by python -m data_gen")
-    parser.add_argument("--count", type=Range(1, 100_000), default=200)
+    parser.add_argument("--count", type=Range(20, 100_000), default=200)
     parser.add_argument("--seed", type=SEED, default=0)
     options = parser.parse_args(argv)
-    if not 20 <= options.count <= 100_000:
-        raise InputError("--count", "20 to 100000", f"{options.count!s:.20}", "choose another")
     from data_gen.dataset import load_targets
     from invert.network.checkpoints import read_weights, save_weights
     from invert.training.data import varied
@@ -54,6 +52,7 @@ def _observe(batch, weights: Path, quality: str) -> tuple[np.ndarray, np.ndarray
 
     from invert.network.checkpoints import load_network
     from invert.network.inference import reconstruct_by_network
+    from invert.refinement import refined
     from invert.registration import centred
     from invert.spectrum import read_measurement
     from invert.training.losses import registered_pearson
@@ -65,7 +64,10 @@ def _observe(batch, weights: Path, quality: str) -> tuple[np.ndarray, np.ndarray
         if not measurement.detectable:
             continue
         answer = reconstruct_by_network(network, measurement, quality, 0, "cpu")
-        found = float(registered_pearson(centred(answer.image)[None], truth[None])[0]) if truth.any() else 0.0
+        albedo = centred(answer.image.clamp_min(0.0))
+        if quality != "fast":
+            albedo = refined(albedo / albedo.amax().clamp_min(1e-30), measurement)
+        found = float(registered_pearson(albedo[None], truth[None])[0]) if truth.any() else 0.0
         features.append(answer.features)
         achieved.append(max(found, 0.0))
     return np.array(features), np.array(achieved)

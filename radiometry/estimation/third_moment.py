@@ -26,7 +26,7 @@ _BLOCKS = 8
 """Along each side of a frame, whose scatter gives the error."""
 
 LEAST_SHARE = 0.2
-"""Of signal in a lag that is used."""
+"""Least share of signal in a lag for it to be used."""
 
 MOST_FRAMES = 8
 """Frames whose spectra are kept."""

@@ -212,7 +212,13 @@ def _spectral_window(length: int, size: int, padded: int) -> np.ndarray:
 def estimate_autocorrelation(frames: Iterable[np.ndarray | torch.Tensor], grid: PatchGrid, mean: Mean = "auto",
                              device: torch.device | str = "cpu") -> tuple[np.ndarray, float]:
     """Estimate from frames at once; returns (estimate (127, 127), degrees of freedom)."""
-    estimator = PublishedEstimator(grid, device) if mean == "published" else AutocorrelationEstimator(grid, device, mean)
+    estimator = estimator_of(grid, mean, device)
     for frame in frames:
         estimator.add(frame)
     return estimator.estimate(), estimator.dof
+
+
+def estimator_of(grid: PatchGrid, mean: Mean = "auto",
+                 device: torch.device | str = "cpu") -> AutocorrelationEstimator | PublishedEstimator:
+    """The estimator with a mean; add frames to it."""
+    return PublishedEstimator(grid, device) if mean == "published" else AutocorrelationEstimator(grid, device, mean)

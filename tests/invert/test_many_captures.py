@@ -95,10 +95,17 @@ def test_what_is_a_capture(captures, tmp_path):
     np.save(tmp_path / "more" / "day 3" / "0.npy", speckle(9))
     assert list(find_captures([str(tmp_path / "more")], False)) == ["day 3"]
     assert list(find_captures([str(captures), str(tmp_path / "more")], False)) == ["day 1", "day 2", "day 3"]
+    (captures / ".correlograph-partial-7").mkdir()  # what a killed run leaves
+    np.save(captures / ".correlograph-partial-7" / "0.npy", speckle(9))
+    assert list(find_captures([str(captures)], False)) == ["day 1", "day 2"]
     files = [str(file) for file in sorted((captures / "day 1").iterdir())]
     assert [len(paths) for paths in find_captures(files, False).values()] == [2]
     assert list(find_captures(files, True)) == ["0", "1"]
     for inputs, autocorrelation, words in (([files[0], str(captures)], False, "mixed"),
-                                           ([str(captures)] * 2, False, "day 1 twice"), ([files[0]] * 2, True, "0 twice")):
+                                           ([str(captures)] * 2, False, "day 1 twice"), ([files[0]] * 2, True, "0 twice"),
+                                           ([str(captures), "typo"], False, "no typo")):
         with pytest.raises(InputError, match=words):
             find_captures(inputs, autocorrelation)
+    np.save(captures / "dark.npy", speckle(8))
+    with pytest.raises(InputError, match="both in"):
+        find_captures([str(captures)], False)
