@@ -116,6 +116,7 @@ def check_request(request: Request) -> None:
 
 def invert_capture(request: Request, files: Sequence[Path], folder: Path, progress: Progress = lambda: None) -> dict[str, Any]:
     """Invert one capture and write its results into a folder; returns the content of result.json."""
+    check_request(request)
     asked = request.sha256(find_frames(files))
     truth = read_truth(request.truth) if request.truth else None
     estimate, read_s = _estimate(request, files)
