@@ -16,8 +16,6 @@ PACKAGES = ("correlograph", "matplotlib", "mitsuba", "numpy", "pillow", "scikit-
 """What a dataset's bytes depend on beside its arguments."""
 
 
-
-
 def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m data_gen", description="Make a dataset of hidden objects and their autocorrelations.")
     p.add_argument("output", help="address of the Zarr store: a path, or any address fsspec knows")

@@ -53,6 +53,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     if "" in captures:
         _invert_one(_request(options), captures[""], Path(options.output))
         return
+    if options.scheduler is not None:
+        check_scheduler(options.scheduler)
     from invert.many_captures import invert_captures
 
     output = output_folder(options.output)
@@ -91,8 +93,6 @@ def _check(options: Any) -> None:
     _patch(options.patch)
     check_device(options.device)
     options.workers = check_workers(options.workers, options.scheduler)
-    if options.scheduler is not None:
-        check_scheduler(options.scheduler)
     if options.weights is not None and options.method != "unet":
         raise InputError("--weights", "--method unet beside it", options.method, "leave it out")
     if options.autocorrelation and (options.patch != "auto" or options.dark or options.flat or options.mask

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from invert.capture import find_frames, frames_inside, printable, read_capture
 from invert.estimate import Estimate, estimate_from_frames, published_estimate
 from invert.inversion import retrieved
@@ -103,22 +105,20 @@ def _named(found: Iterable[tuple[str, tuple[Path, ...]]]) -> Captures:
     return captures
 
 
-def check_request(request: Request) -> None:
-    """Refuse files that options name and that cannot be used, before any capture is read."""
-    if request.truth:
-        read_truth(request.truth)
+def check_request(request: Request) -> np.ndarray | None:
+    """Refuse files that options name and that cannot be used, before any capture is read; returns the truth."""
     if request.weights:
         load_network(request.weights, "cpu")
     for name, file in vars(request.corrections).items():
         if file and not file.is_file():
             raise InputError(f"--{name}", "a picture of the frames' size", f"no {file}", "check the path")
+    return read_truth(request.truth) if request.truth else None
 
 
 def invert_capture(request: Request, files: Sequence[Path], folder: Path, progress: Progress = lambda: None) -> dict[str, Any]:
     """Invert one capture and write its results into a folder; returns the content of result.json."""
-    check_request(request)
+    truth = check_request(request)
     asked = request.sha256(find_frames(files))
-    truth = read_truth(request.truth) if request.truth else None
     estimate, read_s = _estimate(request, files)
     if request.truth and not request.autocorrelation:
         check_truth_pitch(request.truth, estimate.pitches_m)

@@ -14,7 +14,7 @@ from radiometry.autocorrelation import LAGS, automatic_patch_size, patch_grid
 from radiometry.errors import InputError, positive
 from radiometry.estimation.published import PublishedEstimator
 from radiometry.estimation.third_moment import FilteredFrames
-from radiometry.estimation.whole_frames import AutocorrelationEstimator, Mean
+from radiometry.estimation.whole_frames import Mean, estimator_of
 from radiometry.files.capture import CameraFacts, Capture
 from radiometry.files.pictures import read_autocorrelation
 from radiometry.transfer import gaussian_transfer, lag_transfer
@@ -81,7 +81,7 @@ def estimate_from_frames(capture: Capture, patch: int | None, device: str, mean:
     geometry = capture.camera.lag_geometry
     shape = (capture.frames[0].shape[0], capture.frames[0].shape[1])
     grid = patch_grid(shape, automatic_patch_size(shape, geometry) if patch is None else patch)
-    estimator = PublishedEstimator(grid, device) if mean == "published" else AutocorrelationEstimator(grid, device, mean)
+    estimator = estimator_of(grid, mean, device)
     for frame in capture.frames:
         estimator.add(frame)
     lags = estimator.estimate()

@@ -16,7 +16,6 @@ from invert.capture import CONTACT_SHEET, find_frames
 from invert.captures import Captures, Request, check_request, invert_capture
 from invert.metrics import aligned_pearson
 from invert.report import save_contact_sheet
-from invert.result import read_truth
 from radiometry.errors import InputError
 from radiometry.files.output import atomic, save_json
 from radiometry.workers import cluster_client
@@ -30,14 +29,16 @@ def invert_captures(request: Request, captures: Captures, output: Path, workers:
 
     Each result is the same whatever the number of workers. Raises InputError at the end where captures could not be inverted.
     """
-    check_request(request)
+    truth = check_request(request)
     known = {name: _known(request, files, output / name) for name, files in captures.items()}
     rows = {name: {"name": name, **row} for name, row in known.items() if row is not None}
     missing = [name for name in captures if name not in rows]
     if missing:
         rows |= _inverted(request, captures, missing, output, min(workers, len(missing)), scheduler)
     ordered = [rows[name] for name in captures]
-    _write_overview(output, ordered, request)
+    _write_table(output / "table.md", ordered)
+    _save_contact_sheets(output, [row for row in ordered if "error" not in row], truth)
+    save_json(output / "captures.json", {"captures": ordered})
     failed = [row for row in ordered if "error" in row]
     if failed:
         raise InputError("captures", "captures that can be inverted", f"{len(failed)} of {len(ordered)} that cannot, the first "
@@ -91,7 +92,7 @@ def _row(summary: dict[str, Any]) -> dict[str, Any]:
     return row | ({"pearson": summary["pearson"]} if "pearson" in summary else {})
 
 
-def _write_overview(output: Path, rows: list[dict[str, Any]], request: Request) -> None:
+def _write_table(path: Path, rows: list[dict[str, Any]]) -> None:
     compared = any("pearson" in row for row in rows)
     head = ["capture", "object found", "confidence", *(["correlation"] if compared else []), "floor/peak", "K", "remarks"]
     lines = [f"| {' | '.join(head)} |", f"|{'---|' * len(head)}"]
@@ -103,18 +104,19 @@ def _write_overview(output: Path, rows: list[dict[str, Any]], request: Request) 
             cells = [row["name"], "yes" if row["object_found"] else "no",
                      *("" if value is None else f"{value:.3g}" for value in numbers), "; ".join(row["warnings"])]
         lines.append(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |")
-    with atomic(output / "table.md") as partial_file:
+    with atomic(path) as partial_file:
         partial_file.write_text("\n".join(lines) + "\n")
-    truth = read_truth(request.truth) if request.truth else None
+
+
+def _save_contact_sheets(output: Path, rows: list[dict[str, Any]], truth: np.ndarray | None) -> None:
+    """Sheets of all reconstructions, registered to the truth where there is one; those of an earlier run go."""
     for old in output.glob(f"{CONTACT_SHEET}*.png"):
         old.unlink()
-    shown = [row for row in rows if "error" not in row]
-    for number, begin in enumerate(range(0, len(shown), A_SHEET)):
-        part = shown[begin : begin + A_SHEET]
+    for number, begin in enumerate(range(0, len(rows), A_SHEET)):
+        part = rows[begin : begin + A_SHEET]
         albedos = [np.load(output / row["name"] / "albedo.npy", allow_pickle=False) for row in part]
         if truth is not None:
             albedos = [aligned_pearson(albedo, truth)[1] for albedo in albedos]
-        titles = [f"{row['name'][:24]}\n{row['confidence']:.2f}" if row["object_found"] else f"{row['name'][:24]}\nno object"
+        titles = [f"{row['name'][:24]}\n{format(row['confidence'], '.2f') if row['object_found'] else 'no object'}"
                   for row in part]
         save_contact_sheet(output / f"{CONTACT_SHEET}{f'_{number + 1}' if number else ''}.png", albedos, titles)
-    save_json(output / "captures.json", {"captures": rows})

@@ -61,7 +61,7 @@ def retrieve(measurement: Measurement, method: str, quality: str, seed: int, dev
     found = solve(measurement, method, quality, seed, device, progress)
     together = consensus(found.images, found.residual)
     image = together.image if method == "classical" else found.images[found.residual.argmin()]
-    return _normalised(image, together.agreement, float(found.residual.min()), together.transfer)
+    return _reconstruction(_normalised(image), together.agreement, float(found.residual.min()), together.transfer)
 
 
 def _by_network(measurement: Measurement, quality: str, seed: int, device: str, progress: Progress,
@@ -72,16 +72,22 @@ def _by_network(measurement: Measurement, quality: str, seed: int, device: str, 
     trust = float(confidence(card.get("calibration", {}).get(quality, UNCALIBRATED), answer.features))
     if trust < BELIEVED:
         return replace(NOTHING, confidence=trust)
-    found = _normalised(answer.image, trust, None, answer.transfer)
-    if quality == "fast" or not found.object_found:
-        return found
-    return replace(found, albedo=refined(torch.from_numpy(found.albedo), measurement).numpy())
+    return _reconstruction(finished(answer.image, measurement, quality), trust, None, answer.transfer)
 
 
-def _normalised(image: torch.Tensor, confidence: float, residual: float | None,
-                transfer: tuple[float, ...]) -> Reconstruction:
-    """The object in the middle of its window, largest value 1."""
-    albedo = centred(image.clamp_min(0.0)).cpu().numpy()
-    top = float(albedo.max())
-    return Reconstruction((albedo / top if top > 0.0 else albedo).astype(np.float32), top > 0.0, confidence, residual,
-                          transfer)
+def finished(image: torch.Tensor, measurement: Measurement, quality: str) -> torch.Tensor:
+    """The albedo (64, 64) that a network's image (128, 128) becomes: but for `fast`, after likelihood ascent."""
+    albedo = _normalised(image)
+    return albedo if quality == "fast" or not albedo.any() else refined(albedo, measurement)
+
+
+def _normalised(image: torch.Tensor) -> torch.Tensor:
+    """The object in the middle of its window (64, 64), largest value 1."""
+    albedo = centred(image.clamp_min(0.0)).cpu()
+    top = albedo.amax()
+    return (albedo / top if top > 0.0 else albedo).float()
+
+
+def _reconstruction(albedo: torch.Tensor, confidence: float, residual: float | None,
+                    transfer: tuple[float, ...]) -> Reconstruction:
+    return Reconstruction(albedo.numpy(), bool(albedo.any()), confidence, residual, transfer)

@@ -83,12 +83,10 @@ class Prediction:
         if not weight.any() or not self.cells.any():
             return None
         terms = self.terms
-        # Patches are drawn in pixels as wide as their lags need, each of several of the camera's.
-        pixels = math.prod(self.grid.patch_shape) / (LAGS + 1) ** 2 / 4.0
-        peak, white = terms.signal**2 * terms.grain_pixels * pixels, (terms.ambient + terms.dark) * pixels
-        mean, deviation = drawn_third_moment(self.cells, weight, self.transfer, peak, white, terms.read * pixels,
-                                             polarisations=self.polarisations)
-        patches = frames * math.prod(self.grid.frame_shape) / math.prod(self.grid.patch_shape)
+        pixels = math.prod(self.grid.patch_shape)
+        mean, deviation = drawn_third_moment(self.cells, weight, self.transfer, pixels, terms.signal**2 * terms.grain_pixels,
+                                             terms.ambient + terms.dark, terms.read, polarisations=self.polarisations)
+        patches = frames * math.prod(self.grid.frame_shape) / pixels
         return max(0.0, mean) / deviation * patches**0.5
 
     def signal_to_noise(self, frames: int) -> float | None:

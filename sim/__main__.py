@@ -54,8 +54,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     monte_carlo = scene.monte_carlo()
     content = as_json(plan, options.frames, monte_carlo)
     if options.plan:
-        readable = sys.stdout.isatty() and not options.json
-        print(summary(plan, options.frames, monte_carlo) if readable else json.dumps(content, indent=2, allow_nan=False))
+        if sys.stdout.isatty() and not options.json:
+            print(summary(plan, options.frames, monte_carlo))
+            return
+        content["third_moment_signal_to_noise"] = plan.prediction.third_moment_signal_to_noise(options.frames)
+        print(json.dumps(content, indent=2, allow_nan=False))
         return
     for warning in content["warnings"]:
         print(f"warning: {warning}", file=sys.stderr)

@@ -56,7 +56,6 @@ def as_json(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> d
         "monte_carlo": monte_carlo and monte_carlo.as_dict(),
         "ideal_floor_over_peak": plan.prediction.shot_floor_over_peak,
         "signal_to_noise": plan.prediction.signal_to_noise(frames),
-        "third_moment_signal_to_noise": plan.prediction.third_moment_signal_to_noise(frames),
         "other_light_share": geometry.other_light_share,
     }
 
@@ -115,7 +114,7 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
     grid, pitches = prediction.grid, prediction.pitches_m
     grain = [geometry.wavelength_m * geometry.distance_m / (extent * pitch)
              for extent, pitch in zip(geometry.hidden_object.extent_m, geometry.seen_pitch_m, strict=True)]
-    dof, ratio, third = prediction.dof(frames), content["signal_to_noise"], content["third_moment_signal_to_noise"]
+    dof, ratio, third = prediction.dof(frames), content["signal_to_noise"], prediction.third_moment_signal_to_noise(frames)
     floor, budget = prediction.terms.floor_over_peak(), light_budget(geometry.light_path)
     lines = [
         "{} x {} pixels, ".format(*geometry.frame_shape) + f"{frames} frames of {geometry.electronics.exposure_s:g} s",

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -94,43 +95,47 @@ def rendered(count: int, seed: int, frames: int, means: Sequence[Mean]) -> Itera
 
     Estimates with each of the means are made from the same frames.
     """
+    from radiometry.prediction import patches_of
     from scenes import scene_path
     from sim.scene_file import load_scene
     from sim.scene_reader import read_geometry
 
     geometries = {letter: read_geometry(load_scene(scene_path("corner_letter"), {"albedo": f"{letter}.png"})[0])
                   for letter in LETTERS}
+    seeds = range(seed, seed + count)
+    objects = [(letter, geometry, geometry.hidden_object.cell_means(patches_of(geometry)[1], OBJECT_SIDE), seeds)
+               for letter, geometry in geometries.items()]
     for exposure_s in EXPOSURES_S:
-        yield from _over_means("rendered", exposure_s, frames, means, (
-            (letter, geometry.exposed(exposure_s), None, range(seed, seed + count)) for letter, geometry in geometries.items()))
+        yield from _over_means("rendered", exposure_s, frames, means, objects)
 
 
 def rendered_edges(images: Path, count: int, seed: int, frames: int, means: Sequence[Mean]) -> Iterator[Level]:
     """Rendered frames of Canny edges of photographs, one lag wide, in the place of the reference scene's letter."""
+    from radiometry.prediction import patches_of
     from scenes import scene_path
     from sim.scene_file import load_scene
     from sim.scene_reader import read_geometry
 
     truths = _edge_targets(images, count, seed)
     geometry = read_geometry(load_scene(scene_path("corner_letter"))[0])
+    pitches_m = patches_of(geometry)[1]
+    objects = [(str(number), geometry.showing(truth, pitches_m), truth, range(seed + number, seed + number + 1))
+               for number, truth in enumerate(truths)]
     for exposure_s in EDGE_EXPOSURES_S:
-        yield from _over_means("rendered edges", exposure_s, frames, means, (
-            (str(number), geometry.exposed(exposure_s), truth, [seed + number]) for number, truth in enumerate(truths)))
+        yield from _over_means("rendered edges", exposure_s, frames, means, objects)
 
 
-def _over_means(name: str, exposure_s: float, frames: int, means: Sequence[Mean], captures: Iterable[tuple]) -> Iterator[Level]:
-    """One level a mean: cases of (name, geometry, albedo in place of its object or None, seeds)."""
+def _over_means(name: str, exposure_s: float, frames: int, means: Sequence[Mean],
+                objects: Sequence[tuple[str, Any, np.ndarray, range]]) -> Iterator[Level]:
+    """One level a mean, of objects (name, geometry, truth, seeds of the captures)."""
     from radiometry.estimation.whole_frames import estimator_of
     from radiometry.prediction import predict
     from sim.frame import Simulation
 
     cases: dict[Mean, list[Case]] = {mean: [] for mean in means}
-    for case, geometry, albedo, seeds in captures:
-        prediction, simulation = predict(geometry), Simulation(geometry)
-        if albedo is None:
-            albedo = geometry.hidden_object.cell_means(prediction.pitches_m, OBJECT_SIDE)
-        else:
-            simulation = simulation.showing(albedo, prediction.pitches_m)
+    for case, geometry, truth, seeds in objects:
+        simulation = Simulation(geometry.exposed(exposure_s))
+        prediction = predict(simulation.geometry)
         for seed in seeds:
             estimators = {mean: estimator_of(prediction.grid, mean) for mean in means}
             for number in range(frames):
@@ -139,7 +144,7 @@ def _over_means(name: str, exposure_s: float, frames: int, means: Sequence[Mean]
                     estimator.add(frame)
             for mean, estimator in estimators.items():
                 measurement = read_measurement(estimator.estimate(), transfer=prediction.transfer)
-                cases[mean].append(Case(case, measurement, albedo))
+                cases[mean].append(Case(case, measurement, truth))
     for mean in means:
         label = name if mean == "auto" else f"{name}, mean {mean}"
         yield Level(label if frames == 2 else f"{label}, frames {frames}", f"1/{1.0 / exposure_s:.0f} s", cases[mean])

@@ -50,10 +50,9 @@ def _observe(batch, weights: Path, quality: str) -> tuple[np.ndarray, np.ndarray
     """Confidence features (n, 4) of each reconstruction, and the correlation that it achieves, (n,)."""
     from tqdm import tqdm
 
+    from invert.methods import finished
     from invert.network.checkpoints import load_network
     from invert.network.inference import reconstruct_by_network
-    from invert.refinement import refined
-    from invert.registration import centred
     from invert.spectrum import read_measurement
     from invert.training.losses import registered_pearson
 
@@ -64,9 +63,7 @@ def _observe(batch, weights: Path, quality: str) -> tuple[np.ndarray, np.ndarray
         if not measurement.detectable:
             continue
         answer = reconstruct_by_network(network, measurement, quality, 0, "cpu")
-        albedo = centred(answer.image.clamp_min(0.0))
-        if quality != "fast":
-            albedo = refined(albedo / albedo.amax().clamp_min(1e-30), measurement)
+        albedo = finished(answer.image, measurement, quality)
         found = float(registered_pearson(albedo[None], truth[None])[0]) if truth.any() else 0.0
         features.append(answer.features)
         achieved.append(max(found, 0.0))

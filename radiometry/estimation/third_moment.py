@@ -123,21 +123,25 @@ def expected_third_moment(albedo: np.ndarray, weight: np.ndarray, power: float, 
     return 2.0 * float((power / patch_pixels) ** 1.5 * ((matrix @ matrix) * matrix).sum(dtype=torch.float64))
 
 
-def drawn_third_moment(albedo: np.ndarray, weight: np.ndarray, transfer: np.ndarray, peak: float, white: float = 0.0,
-                       read: float = 0.0, *, polarisations: int = 1, draws: int = 200) -> tuple[float, float]:
-    """Mean of J^3 over a patch of 128 x 128 pixels less its shot noise part, in photoelectrons cubed, and its standard
-    deviation from patch to patch.
+def drawn_third_moment(albedo: np.ndarray, weight: np.ndarray, transfer: np.ndarray, patch_pixels: int, peak: float,
+                       white: float = 0.0, read: float = 0.0, *, polarisations: int = 1,
+                       draws: int = 200) -> tuple[float, float]:
+    """Mean of J^3 over a patch less its shot noise part, in photoelectrons cubed, and its deviation from patch to patch.
 
-    Speckle is skewed and its cube far from Gaussian, so patches are drawn. What of the deviation goes with a patch's power is
-    left out, as it cancels where a moment is compared with that of a reconstruction of the same power.
+    Speckle is skewed and its cube far from Gaussian, so patches are drawn, as coarsely as their lags allow. What of the
+    deviation goes with a patch's power is left out, as it cancels where a moment is compared with that of a reconstruction
+    of the same power.
 
     Args:
         albedo: (64, 64), one cell a lag. weight: w (127, 127). transfer: H (127, 127).
-        peak: (r*r)(0) in photoelectrons squared. white: photoelectrons a pixel of other light. read: variance of read noise.
+        patch_pixels: pixels of a patch. peak: (r*r)(0) in photoelectrons squared.
+        white: photoelectrons a pixel of other light. read: variance of read noise.
         polarisations: incoherent patterns that share the light.
     """
     side = 2 * (LAGS + 1)
     pixels, rng = side * side, torch.Generator().manual_seed(0)
+    binned = patch_pixels / pixels
+    peak, white, read = binned * peak, binned * white, binned * read
     root = torch.from_numpy(albedo * math.sqrt(peak / (4.0 * pixels * polarisations * float(np.square(albedo).sum())))).sqrt()
     parts = torch.randn(2, draws, polarisations, *albedo.shape, generator=rng)
     fields = torch.complex(root.float() * parts[0], root.float() * parts[1])
@@ -155,7 +159,7 @@ def drawn_third_moment(albedo: np.ndarray, weight: np.ndarray, transfer: np.ndar
     moments = cubes - shot_noise_part(weight, powers, level, level, pixels)
     strength = (weight**2 * powers).sum((1, 2))
     slope = 1.5 * moments.mean() / strength.mean()
-    return float(moments.mean()), float((moments - slope * strength).std(ddof=1))
+    return float(moments.mean()) / binned**3, float((moments - slope * strength).std(ddof=1)) / binned**3
 
 
 def _between_lags(lags: np.ndarray) -> np.ndarray:
