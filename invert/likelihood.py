@@ -23,7 +23,8 @@ _USED = torch.from_numpy((RING > 1) & INDEPENDENT)
 """Lags next to zero lag say little of a shape."""
 
 _PROFILE = torch.exp(-0.5 * (torch.arange(-LAGS, LAGS + 1).double() / PEDESTAL_LAGS).square())
-_PEDESTAL = torch.outer(_PROFILE, _PROFILE)[_USED]
+PEDESTAL = torch.outer(_PROFILE, _PROFILE)
+"""At every lag (127, 127), 1 at zero lag."""
 
 
 class NoiseLikelihood:
@@ -39,7 +40,7 @@ class NoiseLikelihood:
     """
 
     def __init__(self, measurement: Measurement, device: torch.device | str = "cpu", kind: torch.dtype = torch.float64) -> None:
-        self._used, self._pedestal = _USED.to(device), _PEDESTAL.to(device, kind)
+        self._used, self._pedestal = _USED.to(device), PEDESTAL[_USED].to(device, kind)
         estimate = torch.from_numpy(measurement.estimate).to(device, kind)[self._used]
         tiny = torch.finfo(kind).tiny
         height = estimate.abs().amax().clamp_min(tiny)
@@ -68,7 +69,7 @@ class NoiseLikelihood:
         with torch.no_grad():  # the likeliest brightnesses do not change to first order
             expected = torch.full_like(signal, self._floor)
             for _ in range(8):
-                bright, faint = _brightnesses(signal, self._pedestal, self._estimate - self._floor,
+                bright, faint = brightnesses(signal, self._pedestal, self._estimate - self._floor,
                                               weight * expected.square().reciprocal())
                 expected = self._floor + bright[:, None] * signal + faint[:, None] * self._pedestal
         expected = self._floor + bright[:, None] * signal + faint[:, None] * self._pedestal
@@ -91,8 +92,8 @@ def nats_over(reference: np.ndarray, albedo: np.ndarray, captures: Sequence[Meas
     return [float(ours - theirs) for ours, theirs in likelihoods]
 
 
-def _brightnesses(signal: torch.Tensor, pedestal: torch.Tensor, excess: torch.Tensor,
-                  weight: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def brightnesses(signal: torch.Tensor, pedestal: torch.Tensor, excess: torch.Tensor,
+                 weight: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Weighted least squares: a, c (n,), zero or more, that bring a * signal (n, lags) + c * pedestal nearest to an excess."""
     limits = torch.finfo(signal.dtype)
     ss, pp = (weight * signal.square()).sum(1).clamp_min(limits.tiny), (weight * pedestal.square()).sum(1)

@@ -11,6 +11,7 @@ import torch
 from invert.network.checkpoints import SHIPPED, load_network
 from invert.network.confidence import UNCALIBRATED, confidence
 from invert.network.inference import reconstruct_by_network, retrieval_options
+from invert.posterior import Posterior, posterior
 from invert.refinement import refined
 from invert.registration import OBJECT, centred, consensus
 from invert.solvers.base import Progress
@@ -30,6 +31,7 @@ class Reconstruction:
             best starts with one another; 0 to 1.
         residual: relative squared error of the Fourier modulus, least over the starts; None for a network.
         transfer: phase retrieval transfer function of the starts, or of the test-time augmentations, empty where there was one.
+        posterior: samples of what else the object may be; None for all but the default network above `fast`.
     """
 
     albedo: np.ndarray
@@ -37,6 +39,7 @@ class Reconstruction:
     confidence: float
     residual: float | None
     transfer: tuple[float, ...] = ()
+    posterior: Posterior | None = None
 
 
 NOTHING = Reconstruction(np.zeros((OBJECT, OBJECT), np.float32), False, 0.0, None)
@@ -72,7 +75,9 @@ def _by_network(measurement: Measurement, quality: str, seed: int, device: str, 
     trust = float(confidence(card.get("calibration", {}).get(quality, UNCALIBRATED), answer.features))
     if trust < BELIEVED:
         return replace(NOTHING, confidence=trust)
-    return _reconstruction(finished(answer.image, measurement, quality), trust, None, answer.transfer)
+    albedo = finished(answer.image, measurement, quality)
+    drawn = None if answer.samples is None or not albedo.any() else posterior(answer.samples.cpu(), albedo)
+    return replace(_reconstruction(albedo, trust, None, answer.transfer), posterior=drawn)
 
 
 def finished(image: torch.Tensor, measurement: Measurement, quality: str) -> torch.Tensor:

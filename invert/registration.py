@@ -102,11 +102,11 @@ class Consensus:
     transfer: tuple[float, ...]
 
 
-def consensus(images: torch.Tensor, residual: torch.Tensor, best: int = 8) -> Consensus:
+def consensus(images: torch.Tensor, residual: torch.Tensor, best: int = 8, alike: float = 0.7) -> Consensus:
     """Combine the `best` starts (n, H, W) by residual.
 
     The one that agrees most with the others is the reference, not the one of least residual, which often
-    fits the noise best. Candidates that agree badly with the reference (below 0.7 of full correlation) are left
+    fits the noise best. Candidates that agree badly with the reference (below `alike` of full correlation) are left
     out of the mean, but not of the agreement.
     """
     chosen = images[residual.argsort(stable=True)[:best]]
@@ -114,13 +114,14 @@ def consensus(images: torch.Tensor, residual: torch.Tensor, best: int = 8) -> Co
     aligned, correlation = registered(chosen, chosen[mutual.sum(1).argmax()])
     count = len(chosen)
     others = (mutual.sum() - mutual.diagonal().sum()) / (count * (count - 1)) if count > 1 else mutual.new_ones(())
-    return Consensus(agreeing_mean(aligned, correlation), float(others.clamp(0.0, 1.0)), phase_retrieval_transfer(aligned))
+    mean = agreeing_mean(aligned, correlation, alike)
+    return Consensus(mean, float(others.clamp(0.0, 1.0)), phase_retrieval_transfer(aligned))
 
 
-def agreeing_mean(aligned: torch.Tensor, correlation: torch.Tensor) -> torch.Tensor:
-    """Mean (H, W) of registered images (n, H, W), without those whose correlation (n,) with the reference is below 0.7 of the
-    best one's."""
-    return aligned[correlation >= 0.7 * correlation.max()].mean(0)
+def agreeing_mean(aligned: torch.Tensor, correlation: torch.Tensor, alike: float = 0.7) -> torch.Tensor:
+    """Mean (H, W) of registered images (n, H, W), without those whose correlation (n,) with the reference is below `alike` of
+    the best one's."""
+    return aligned[correlation >= alike * correlation.max()].mean(0)
 
 
 def phase_retrieval_transfer(aligned: torch.Tensor) -> tuple[float, ...]:

@@ -11,6 +11,7 @@ import numpy as np
 from invert.estimate import Estimate
 from invert.methods import Reconstruction
 from invert.metrics import aligned_pearson
+from invert.posterior import SIZES, Posterior
 from invert.registration import OBJECT
 from invert.report import save_picture, save_report
 from invert.spectrum import Measurement
@@ -52,7 +53,8 @@ def check_truth_pitch(path: Path, pitches_m: tuple[float, float] | None) -> None
 
 def write_result(folder: Path, estimate: Estimate, measurement: Measurement, result: Reconstruction,
                  truth: np.ndarray | None, settings: dict[str, Any], seconds: dict[str, float]) -> dict[str, Any]:
-    """Write albedo.npy, albedo.png, autocorrelation.npy, report.png and, last, result.json; returns its content.
+    """Write albedo.npy, albedo.png, autocorrelation.npy, samples.npy where there are any, report.png and, last, result.json;
+    returns its content.
 
     With a truth the report shows the albedo moved onto it, and the floor over peak is read by fitting the known
     r*r to all lags instead of extrapolating the measured ones to zero lag; the saved albedo stays where it is. `settings`
@@ -82,17 +84,32 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
         "pitches_m": estimate.pitches_m,
         "residual": result.residual,
         "phase_retrieval_transfer": [round(value, 4) for value in result.transfer],
+        "posterior": None if result.posterior is None else summary_of(result.posterior, estimate.pitches_m),
         **estimate.facts,
         **comparison,
         "seconds": seconds,
     }
     save_array(folder / "albedo.npy", np.ascontiguousarray(result.albedo, np.float32))
     save_array(folder / "autocorrelation.npy", estimate.lags)
+    (folder / "samples.npy").unlink(missing_ok=True)
+    if result.posterior is not None:
+        save_array(folder / "samples.npy", result.posterior.samples)
     save_picture(folder / "albedo.png", result.albedo)
     save_report(folder / "report.png", frame=estimate.frame, estimate=estimate.lags, albedo=shown, truth=truth,
-                numbers=_numbers(summary))
+                posterior=result.posterior, numbers=_numbers(summary))
     save_json(folder / "result.json", summary)
     return summary
+
+
+def summary_of(drawn: Posterior, pitches_m: tuple[float, float] | None) -> dict[str, Any]:
+    """Answers with their probabilities, and credible intervals of sizes, in metres where the lag pitch is known, for JSON."""
+    down, across = pitches_m or (1.0, 1.0)
+    units = {"width": across, "height": down, "area": across * down}
+    names = {size: size if pitches_m is None else f"{size}_{'m2' if size == 'area' else 'm'}" for size in SIZES}
+    intervals = {names[size]: {f"{100.0 * probability:.0f} %": [units[size] * end for end in drawn.interval(size, probability)]
+                               for probability in (0.5, 0.8, 0.95)} for size in SIZES}
+    answers = [{"probability": one.probability, "samples": one.members} for one in drawn.alternatives()]
+    return {"samples": len(drawn.samples), "answers": answers, "intervals": intervals}
 
 
 def floor_over_known_peak(estimate: Estimate, truth: np.ndarray, lines: bool) -> float | None:

@@ -15,7 +15,7 @@ from invert.evaluation.cells import Cell, read_cell, write_cell
 from radiometry.errors import ArgumentParser, InputError
 from radiometry.ranges import FRAMES, SEED, Range
 
-SETS = ("edges", "shapes", "rendered", "rendered-edges", "measured")
+SETS = ("edges", "shapes", "grey", "rendered", "rendered-edges", "measured")
 CHARACTER_SETS = ("rendered", "measured 7", "measured letters")
 """Test sets whose truths are upright characters, which a reconstruction should be recognised as."""
 
@@ -27,7 +27,7 @@ def parser() -> ArgumentParser:
     p.add_argument("--methods", nargs="+", default=["unet", "classical", "hio"], metavar="NAME[:QUALITY]",
                    help="methods as python -m invert knows them, e.g. unet:fast classical:best hio")
     p.add_argument("--weights", nargs="*", default=[], metavar="NAME=FILE", help="further networks, at quality fast")
-    p.add_argument("--images", type=Path, help="folder of photographs for the sets of edges")
+    p.add_argument("--images", type=Path, help="folder of photographs for the sets of edges and of grey pieces")
     p.add_argument("--measured", type=Path, help="folder of published autocorrelations for the measured set")
     p.add_argument("--levels", type=Range(1, 1000), help="only the first levels of each set")
     p.add_argument("--count", type=Range(1, 100_000), default=16, help="images a level (rendered: captures a letter)")
@@ -66,6 +66,7 @@ def _levels(options: Any) -> Iterator:
 
     for name in options.sets:
         levels = {"edges": lambda: sets.edges(options.images, options.count, options.seed),
+                  "grey": lambda: sets.grey(options.images, options.count, options.seed),
                   "shapes": lambda: sets.shapes(options.count, options.seed),
                   "rendered": lambda: sets.rendered(options.count, options.seed, options.frames, options.means),
                   "rendered-edges": lambda: sets.rendered_edges(options.images, options.count, options.seed, options.frames,
@@ -129,8 +130,9 @@ def _check(options: Any) -> dict[str, dict[str, Any]]:
     """Check options; returns the settings of each method by name."""
     from invert.solvers.registry import METHODS, QUALITIES
 
-    if options.images is None and {"edges", "rendered-edges"} & set(options.sets):
-        raise InputError("--images", "a folder of photographs for the sets of edges", "none", "add --images FOLDER")
+    if options.images is None and {"edges", "grey", "rendered-edges"} & set(options.sets):
+        raise InputError("--images", "a folder of photographs for the sets of edges and of grey pieces", "none",
+                         "add --images FOLDER")
     if "measured" in options.sets and options.measured is None:
         raise InputError("--measured", "a folder of published autocorrelations", "none", "add --measured FOLDER")
     options.means = list(dict.fromkeys(options.means))

@@ -81,6 +81,27 @@ def shapes(count: int, seed: int) -> Iterator[Level]:
     yield from _modelled("shapes", truths.astype(np.float32) / np.float32(255.0), seed)
 
 
+def grey(images: Path, count: int, seed: int) -> Iterator[Level]:
+    """Pieces of photographs, a filled shape each, with noise from the noise model."""
+    from skimage.transform import resize
+
+    from data_gen.edges import find_photographs, read_luminance
+    from data_gen.shapes import filled
+
+    rng = np.random.default_rng(seed)
+    photographs = find_photographs(images)
+    truths = []
+    for name in rng.permutation(photographs.names)[:count]:
+        photograph = read_luminance(photographs.folder / name)
+        side = int(min(photograph.shape) * rng.uniform(0.4, 1.0))
+        top, left = (rng.integers(size - side + 1) for size in photograph.shape)
+        seen = resize(photograph[top : top + side, left : left + side].astype(np.float32), (OBJECT_SIDE, OBJECT_SIDE),
+                      anti_aliasing=True)
+        truth = seen * (filled(rng) > 0)
+        truths.append(truth / max(float(truth.max()), 1.0))
+    yield from _modelled("grey", np.stack(truths).astype(np.float32), seed)
+
+
 def _modelled(name: str, truths: np.ndarray, seed: int) -> Iterator[Level]:
     for floor, dof in NOISE_LEVELS:
         rng = torch.Generator().manual_seed(seed)

@@ -1,4 +1,4 @@
-"""What this project's networks are built of: residual blocks, self-attention, and a U-net of both."""
+"""What this project's networks are built of: residual blocks, self-attention, a U-net of both, a decoder."""
 
 from __future__ import annotations
 
@@ -70,3 +70,16 @@ class Unet(nn.Module):
         up2 = self.up2(torch.cat((functional.pixel_shuffle(self.expand2(middle), 2), level2), 1))
         up1 = self.up1(torch.cat((functional.pixel_shuffle(self.expand1(up2), 2), level1), 1))
         return up1, middle.mean((-2, -1))
+
+
+class Decoder(nn.Module):
+    """From features (n, width, 32, 32) to images (n, outputs, 64, 64)."""
+
+    def __init__(self, width: int, outputs: int) -> None:
+        super().__init__()
+        self.expand = nn.Conv2d(width, 2 * width, 1)
+        self.fine = ResidualBlock(width // 2, width // 2)
+        self.draw = nn.Sequential(nn.GroupNorm(GROUPS, width // 2), nn.SiLU(), nn.Conv2d(width // 2, outputs, 3, padding=1))
+
+    def forward(self, level: torch.Tensor) -> torch.Tensor:
+        return self.draw(self.fine(functional.pixel_shuffle(self.expand(level), 2))).float()

@@ -78,7 +78,7 @@ def load_network(path: Path, device: str = "cpu") -> tuple[nn.Module, dict[str, 
     kinds = {name: value.is_floating_point() for name, value in network.state_dict().items()}
     if any(tensors[name].is_floating_point() != floating for name, floating in kinds.items()):
         raise InputError("--weights", "floating-point weights", f"integers in {path}", "train again or use the shipped ones")
-    if not all(bool(torch.isfinite(value).all()) for value in tensors.values()):
+    if not all(bool(torch.isfinite(value.float()).all()) for value in tensors.values()):
         raise InputError("--weights", "finite weights", f"NaN or infinity in {path}", "train again")
     network.load_state_dict({name: value.float() if value.is_floating_point() else value for name, value in tensors.items()},
                             assign=True)

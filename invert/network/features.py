@@ -58,7 +58,7 @@ def _whitened(seen: Observation) -> tuple[torch.Tensor, torch.Tensor, torch.Tens
     """Dimensionless, zero lag replaced by its neighbours' mean: the signal over its height near zero lag (n, 127, 127); the
     signal over its own noise, logarithmic where large; floor over height and K, logarithmic (n, 2); the height (n,)."""
     floor, freedom = seen.floor, seen.dof.clamp(*DOF_RANGE)
-    filled = _without_zero_lag(seen.estimate)
+    filled = without_zero_lag(seen.estimate)
     signal = filled - floor[:, None, None]
     near = signal[:, LAGS - 1 : LAGS + 2, LAGS - 1 : LAGS + 2].mean((-2, -1))
     # Where there is no signal its height is a few times its error.
@@ -129,18 +129,18 @@ def _upside_down(half: torch.Tensor) -> torch.Tensor:
 
 def paper_picture(estimate: torch.Tensor) -> torch.Tensor:
     """The paper's input: the estimate over its largest lag but zero, (n, 1, 128, 128)."""
-    filled = _without_zero_lag(estimate)
+    filled = without_zero_lag(estimate)
     return functional.pad(filled / filled.amax((-2, -1), keepdim=True).clamp_min(1e-30), (1, 0, 1, 0))[:, None]
 
 
 def modulus_picture(estimate: torch.Tensor, floor: torch.Tensor) -> torch.Tensor:
     """|F(r)| from the estimate less its floor, zero frequency in the middle, largest value 1; (n, 1, 128, 128)."""
-    excess = functional.pad(_without_zero_lag(estimate) - floor[:, None, None], (0, 1, 0, 1))
+    excess = functional.pad(without_zero_lag(estimate) - floor[:, None, None], (0, 1, 0, 1))
     spectrum = torch.fft.fft2(torch.roll(excess, (-LAGS, -LAGS), (-2, -1))).real.clamp_min(0.0).sqrt()
     return torch.fft.fftshift(spectrum / spectrum.amax((-2, -1), keepdim=True).clamp_min(1e-30), (-2, -1))[:, None]
 
 
-def _without_zero_lag(estimate: torch.Tensor) -> torch.Tensor:
+def without_zero_lag(estimate: torch.Tensor) -> torch.Tensor:
     """Zero lag replaced by the mean of its four neighbours."""
     filled = estimate.clone()
     filled[:, LAGS, LAGS] = 0.5 * (estimate[:, LAGS, LAGS + 1] + estimate[:, LAGS + 1, LAGS])

@@ -1,4 +1,5 @@
-"""From a measurement to a reconstruction: denoise, retrieve, fuse every proposal into a candidate, average the likeliest."""
+"""From a measurement to a reconstruction: denoise, retrieve, fuse every proposal into a candidate, draw samples from the
+likeliest, average these."""
 
 from __future__ import annotations
 
@@ -11,6 +12,7 @@ import torch
 from torch import nn
 
 from invert.likelihood import log_likelihoods
+from invert.network.annealing import ANNEALING, posterior_samples
 from invert.network.confidence import ConfidenceFeatures
 from invert.network.features import Observation
 from invert.network.model import CorrelographyNet
@@ -31,7 +33,7 @@ AUGMENTATIONS: tuple[tuple[Transform, Transform], ...] = (
 """Test-time augmentation: mirrors and quarter turns, each with its inverse. A rotation by 180 degrees maps an autocorrelation
 onto itself and is left out."""
 
-RETRIEVAL = {"fast": (4, 600), "balanced": (32, 1000), "best": (128, 1000)}
+RETRIEVAL = {"fast": (4, 600), "balanced": (16, 1000), "best": (128, 1000)}
 """Starts and iterations of the retrieval that makes proposals to the network."""
 
 SHRINK_THRESHOLDS = (0.03, 0.06, 0.1, 0.18)
@@ -42,7 +44,7 @@ AUGMENTED = {"fast": 1, "balanced": len(AUGMENTATIONS), "best": len(AUGMENTATION
 """Augmentations of an estimate. With one, only the overview of all starts is fused; with more, each start as well."""
 
 KEPT = 8
-"""Number of likeliest candidates that are averaged."""
+"""Number of likeliest candidates that are averaged where no samples are drawn."""
 
 UNBOUNDED_DOF = 1e6
 """K of an estimate without measurable noise."""
@@ -55,11 +57,13 @@ class NetworkAnswer:
     Attributes:
         image: (128, 128), periodic.
         transfer: phase retrieval transfer function of the candidates, empty where there was one.
+        samples: of the posterior (n, 64, 64), equally likely; None where none were drawn.
     """
 
     image: torch.Tensor
     features: ConfidenceFeatures
     transfer: tuple[float, ...]
+    samples: torch.Tensor | None = None
 
 
 def predict(network: nn.Module, seen: Observation) -> Any:
@@ -120,7 +124,8 @@ def fuse(network: nn.Module, seen: Observation, shown: torch.Tensor, augmented: 
 
 def reconstruct_by_network(network: nn.Module, measurement: Measurement, quality: str, seed: int, device: str,
                            progress: Progress = lambda: None) -> NetworkAnswer:
-    """Mean of the likeliest candidates: those of all starts together, augmented, and those of each start."""
+    """Mean of the posterior's samples, which begin with the likeliest candidates: of all starts together, augmented, and of
+    each start. Without samples (`fast`, the paper's networks) the mean of the candidates themselves."""
     augmented = AUGMENTED[quality]
     seen = observation([measurement]).part(slice(None), device)
     shown, agreement = seen.classical.expand(augmented, -1, -1, -1), [0.0, 0.0]
@@ -132,8 +137,13 @@ def reconstruct_by_network(network: nn.Module, measurement: Measurement, quality
         if augmented > 1:
             shown = torch.cat((shown, proposals(found, len(SHRINK_THRESHOLDS))))
     albedos, expected = fuse(network, seen, shown, augmented)
-    kept = log_likelihoods(albedos, measurement).argsort(descending=True, stable=True)[:KEPT]
-    candidates = torch.nn.functional.pad(albedos[kept], (0, OBJECT, 0, OBJECT))
-    mean = consensus(candidates / candidates.amax((-2, -1), keepdim=True).clamp_min(1e-30), torch.arange(len(kept)))
-    features = ConfidenceFeatures(float(expected[kept].mean()), mean.agreement, *agreement)
-    return NetworkAnswer(mean.image, features, mean.transfer if len(kept) > 1 else ())
+    likeliest = log_likelihoods(albedos, measurement).argsort(descending=True, stable=True)
+    kept, samples, alike = albedos[likeliest[:KEPT]], None, 0.7
+    if isinstance(network, CorrelographyNet) and quality in ANNEALING:
+        kept = samples = posterior_samples(network.sampler, seen, measurement.noise.inflation, albedos[likeliest],
+                                           ANNEALING[quality], torch.Generator().manual_seed(seed))
+        alike = 0.0  # the posterior's mean is that of all samples
+    padded = torch.nn.functional.pad(kept, (0, OBJECT, 0, OBJECT))
+    mean = consensus(padded / padded.amax((-2, -1), keepdim=True).clamp_min(1e-30), torch.arange(len(kept)), len(kept), alike)
+    features = ConfidenceFeatures(float(expected[likeliest[:KEPT]].mean()), mean.agreement, *agreement)
+    return NetworkAnswer(mean.image, features, mean.transfer if len(kept) > 1 else (), samples)

@@ -1,4 +1,5 @@
-"""The network: U-nets that denoise an autocorrelation, sketch its object, and fuse the classical reconstructions of it."""
+"""The network: U-nets that denoise an autocorrelation, sketch its object, fuse the classical reconstructions of it, and draw
+samples from its posterior."""
 
 from __future__ import annotations
 
@@ -6,7 +7,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from invert.network.blocks import GROUPS, ResidualBlock, Unet
+from invert.network.blocks import GROUPS, Decoder, Unet
 from invert.network.features import (
     FUSION_CHANNELS,
     LAG_CHANNELS,
@@ -19,6 +20,7 @@ from invert.network.features import (
     sketch_features,
     whole_plane,
 )
+from invert.network.sampler import Sampler
 from invert.registration import laid_over
 
 
@@ -42,19 +44,6 @@ class Denoiser(nn.Module):
         trust = torch.sigmoid(drawn[:, 0])
         signal = trust * half_plane(relative) + (1.0 - trust) * functional.softplus(drawn[:, 1] - 3.0)
         return whole_plane(signal) * height[:, None, None]
-
-
-class Decoder(nn.Module):
-    """From features (n, width, 32, 32) to images (n, outputs, 64, 64)."""
-
-    def __init__(self, width: int, outputs: int) -> None:
-        super().__init__()
-        self.expand = nn.Conv2d(width, 2 * width, 1)
-        self.fine = ResidualBlock(width // 2, width // 2)
-        self.draw = nn.Sequential(nn.GroupNorm(GROUPS, width // 2), nn.SiLU(), nn.Conv2d(width // 2, outputs, 3, padding=1))
-
-    def forward(self, level: torch.Tensor) -> torch.Tensor:
-        return self.draw(self.fine(functional.pixel_shuffle(self.expand(level), 2))).float()
 
 
 class Sketch(nn.Module):
@@ -98,13 +87,15 @@ class Fusion(nn.Module):
 
 
 class CorrelographyNet(nn.Module):
-    """All three parts. Classical phase retrieval runs between denoiser and fusion (`inference.py`)."""
+    """All four parts. Classical phase retrieval runs between denoiser and fusion, annealing by the sampler follows
+    (`inference.py`)."""
 
     def __init__(self, width: int = 40) -> None:
         super().__init__()
         self.denoiser = Denoiser(width)
         self.sketch = Sketch(width)
         self.fusion = Fusion(width)
+        self.sampler = Sampler(width)
 
     def forward(self, seen: Observation) -> tuple[torch.Tensor, torch.Tensor]:
         """Sketch the object, lay the classical pictures over the sketch, and fuse them."""

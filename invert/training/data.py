@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from torch.nn import functional
 
 from invert.network.features import Observation
+from invert.training.denoising import Draws, moved
 from radiometry.autocorrelation import LAGS
 from radiometry.noise.level import OUTERMOST, RING
 from radiometry.noise.model import draw_estimate, window_smoothed
 
 EMPTY_SHARE = 0.04
 """Share of samples that hold only noise, from which the network learns low confidence."""
+
+GREY_SHARE = 0.2
+"""Share of samples whose albedo varies smoothly over the object."""
 
 CORRELATED_SHARE = 0.7
 """Share of samples with the noise of whole frames, correlated from lag to lag; the rest have that of patches side by side."""
@@ -25,8 +29,8 @@ _RADIUS_SQUARED = torch.from_numpy(np.hypot(*np.mgrid[-LAGS : LAGS + 1, -LAGS : 
 
 @dataclass(frozen=True)
 class Batch:
-    """Observations, with the noise level as it would be read from each, truths (n, 64, 64), and their signals without floor
-    and noise (n, 127, 127).
+    """Observations, with the noise level as it would be read from each, truths (n, 64, 64), their signals without floor
+    and noise (n, 127, 127), and what is random about the sampler's task.
 
     A truth of zeros stands for an estimate without signal.
     """
@@ -34,9 +38,11 @@ class Batch:
     seen: Observation
     truth: torch.Tensor
     signal: torch.Tensor
+    draws: Draws | None = None
 
     def part(self, which: slice, device: str) -> Batch:
-        return Batch(self.seen.part(which, device), self.truth[which].to(device), self.signal[which].to(device))
+        draws = None if self.draws is None else self.draws.part(which, device)
+        return Batch(self.seen.part(which, device), self.truth[which].to(device), self.signal[which].to(device), draws)
 
 
 def at_noise(truth: torch.Tensor, floor: torch.Tensor | float, dof: torch.Tensor | float, rng: torch.Generator) -> Batch:
@@ -44,7 +50,7 @@ def at_noise(truth: torch.Tensor, floor: torch.Tensor | float, dof: torch.Tensor
     n = len(truth)
     floor = torch.as_tensor(floor).expand(n).float()
     dof = torch.as_tensor(dof).expand(n).float()
-    signal = _signal(truth)
+    signal = signal_of(truth)
     estimate = draw_estimate(signal + floor[:, None, None], dof, rng)
     return Batch(Observation.bare(estimate, floor, dof), truth, signal)
 
@@ -62,12 +68,13 @@ def varied(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batch:
     truth = torch.where(chance(0.5), truth.flip(-1), truth)
     truth = torch.where(chance(0.5), truth.flip(-2), truth)
     truth = torch.where(chance(0.25), functional.max_pool2d(truth, 3, 1, 1), truth)  # thicker lines
+    truth = torch.where(chance(GREY_SHARE), _shaded(truth, rng), truth)
     truth = torch.where(chance(EMPTY_SHARE), torch.zeros(()), truth)
     floor = torch.exp(uniform(np.log(0.005), np.log(4.0)))
     dof = torch.exp(uniform(np.log(8.0), np.log(1e4)))
     dof = torch.where(chance(0.1)[:, 0, 0], torch.exp(uniform(np.log(1e4), np.log(1e6))), dof)
     # The camera's own transfer, where it is not known; a floor that is not flat.
-    signal = _signal(truth) * torch.exp(-_RADIUS_SQUARED * (uniform(0.0, 2.0)[:, None, None] * chance(0.5)))
+    signal = signal_of(truth) * torch.exp(-_RADIUS_SQUARED * (uniform(0.0, 2.0)[:, None, None] * chance(0.5)))
     slope = uniform(-0.15, 0.15)[:, None, None] * chance(0.15)
     spectrum = signal + floor[:, None, None] * (1.0 + slope * (_RADIUS_SQUARED - 0.7))
     apart = draw_estimate(spectrum, dof, rng)
@@ -86,6 +93,19 @@ def varied(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batch:
     return Batch(Observation.bare(estimate, read_floor, read_dof), truth, signal)
 
 
+def _shaded(truth: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
+    """Albedos (n, 64, 64) times a smooth random field, about .1 to 1 and some 20 lags wide; largest value 1 each."""
+    coarse = torch.randn(len(truth), 1, 6, 6, generator=rng)
+    field = 0.1 + torch.sigmoid(2.0 * functional.interpolate(coarse, truth.shape[-2:], mode="bicubic")[:, 0])
+    shaded = truth * field
+    return shaded / shaded.amax((-2, -1), keepdim=True).clamp_min(1e-6)
+
+
+def hidden_in_noise(batch: Batch, rng: torch.Generator) -> Batch:
+    """The sampler's task: objects anywhere near the middle, with draws of the noise that hides them."""
+    return replace(batch, truth=moved(batch.truth, rng), draws=Draws.of(len(batch.truth), batch.truth.shape[-1], rng))
+
+
 def warm(stored: dict[str, torch.Tensor], count: int, rng: torch.Generator) -> Batch:
     """Random stored estimates, denoised, with their classical reconstructions (see `invert.training.warm_starts`), flipped and
     transposed."""
@@ -97,7 +117,7 @@ def warm(stored: dict[str, torch.Tensor], count: int, rng: torch.Generator) -> B
         pictures = [torch.where(turned.view(-1, *[1] * (picture.ndim - 1)), turn(picture), picture) for picture in pictures]
     estimate, denoised, truth, classical = pictures
     seen = Observation(estimate, *(stored[name][chosen] for name in ("floor", "dof")), denoised, classical)
-    return Batch(seen, truth, _signal(truth))
+    return Batch(seen, truth, signal_of(truth))
 
 
 def paper_noise(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batch:
@@ -106,7 +126,7 @@ def paper_noise(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batc
     return at_noise(truth, 70.0 / 255.0, 1.0 / 0.015, rng)
 
 
-def _signal(truth: torch.Tensor) -> torch.Tensor:
+def signal_of(truth: torch.Tensor) -> torch.Tensor:
     """H (r*r) behind the patch window, largest lag but zero 1; zero where the truth is."""
     signal = window_smoothed(truth)
     beside = torch.maximum(signal[:, LAGS, LAGS + 1], signal[:, LAGS + 1, LAGS])

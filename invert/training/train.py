@@ -31,7 +31,8 @@ def parser() -> ArgumentParser:
     p.add_argument("-o", "--output", required=True, type=Path, help="weights, .safetensors; a checkpoint is kept beside them")
     p.add_argument("--network", choices=tuple(NETWORKS), default="unet")
     p.add_argument("--width", type=Range(8, 512, 8), help="channels of the widest picture: 40, and 64 for the paper's network")
-    p.add_argument("--part", choices=("denoiser", "sketch", "fusion"), default="denoiser", help="of the default network")
+    p.add_argument("--part", choices=("denoiser", "sketch", "fusion", "sampler"), default="denoiser",
+                   help="of the default network")
     p.add_argument("--loss", choices=tuple(LOSSES), default="registered", help="of pictures; the denoiser has its own")
     p.add_argument("--noise", choices=("varied", "paper"), default="varied")
     p.add_argument("--warm", nargs="+", help="stores of python -m invert.warm_starts, for the fusion")

@@ -13,10 +13,10 @@ from torch import nn
 from torch.optim.swa_utils import AveragedModel
 
 from invert.network.checkpoints import NETWORKS, load_network, read_weights, save_weights
-from invert.network.inference import predict
-from invert.network.model import CorrelographyNet, Denoiser, Fusion, Sketch
-from invert.training.data import Batch, at_noise, paper_noise, varied, warm
-from invert.training.losses import LOSSES, noise_left, registered_pearson
+from invert.network.model import CorrelographyNet, Fusion
+from invert.network.sampler import Sampler
+from invert.training.data import Batch, at_noise, hidden_in_noise, paper_noise, varied, warm
+from invert.training.objectives import objective
 from invert.training.report import save_curve
 from invert.training.warm_starts import load_warm_starts, split_warm_starts
 from radiometry.errors import InputError
@@ -24,7 +24,6 @@ from radiometry.errors import InputError
 VALIDATION = ((80 / 255, 256.0), (80 / 255, 64.0), (80 / 255, 16.0), (5 / 255, 1e4), (1.5, 64.0))
 """Floors (over the largest lag but zero) and K at which progress is measured."""
 
-JUDGE_WEIGHT = 0.5
 WARM_UP = 200
 
 
@@ -43,6 +42,7 @@ class Training:
             self.network.requires_grad_(False)
         self.part = self._part_of(self.network).requires_grad_(True)
         self.trained = list(self.part.parameters())
+        self.objective = objective(self.part, options.loss)
         module = self._answering(self.network)
         self.parallel = nn.parallel.DistributedDataParallel(module) if world > 1 else module
         self.average = AveragedModel(self.network, avg_fn=_moving_average, use_buffers=True)
@@ -62,7 +62,7 @@ class Training:
         for group in self.optimiser.param_groups:
             group["lr"] = options.learning_rate * _schedule(self.step, options.steps)
         self.parallel.train()
-        loss = self._loss(batch)
+        loss = self.objective.loss(self.parallel, batch)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
         nn.utils.clip_grad_norm_(self.trained, 1.0)
@@ -82,27 +82,15 @@ class Training:
         part = self._part_of(network)
         return network if isinstance(part, Fusion) else part
 
-    def _loss(self, batch: Batch) -> torch.Tensor:
-        answer = predict(self.parallel, batch.seen)
-        if isinstance(self.part, Denoiser):
-            return _noise_left(answer, batch)
-        albedo, judged = (answer, None) if isinstance(self.part, Sketch) else answer
-        shown = batch.truth.amax((-2, -1)) > 0.0
-        # Samples of noise alone have no loss; a stand-in keeps their gradient finite.
-        truth = torch.where(shown[:, None, None], batch.truth, 1.0 + albedo.detach())
-        loss = (LOSSES[self.options.loss](albedo, truth) * shown).sum() / shown.sum().clamp_min(1)
-        if isinstance(self.part, Fusion):
-            with torch.no_grad():
-                achieved = registered_pearson(albedo, batch.truth).clamp(0.0, 1.0) * shown
-            loss = loss + JUDGE_WEIGHT * nn.functional.binary_cross_entropy_with_logits(judged, achieved)
-        return loss
-
     def _draw(self, targets: torch.Tensor) -> Batch:
         """The batch of this step."""
         count, rng = self.options.batch, _rng(self.options.seed, self.step)
         if self.options.noise == "paper":
             return paper_noise(targets, count, rng)
-        return varied(targets, count, rng) if self.warm is None else warm(self.warm, count, rng)
+        return self._posed(varied(targets, count, rng) if self.warm is None else warm(self.warm, count, rng), rng)
+
+    def _posed(self, batch: Batch, rng: torch.Generator) -> Batch:
+        return hidden_in_noise(batch, rng) if isinstance(self.part, Sampler) else batch
 
     def validation(self, held_out: torch.Tensor) -> list[Batch]:
         """Held-out targets at the levels of `VALIDATION`, or held-out warm starts at noise of every level."""
@@ -110,33 +98,20 @@ class Training:
         if self.warm_held_out is not None:
             return [warm(self.warm_held_out, 256, rng)]
         chosen = held_out[torch.randperm(len(held_out), generator=rng)[:64]].float() / 255.0
-        return [at_noise(chosen, floor, dof, rng) for floor, dof in VALIDATION]
+        return [self._posed(at_noise(chosen, floor, dof, rng), rng) for floor, dof in VALIDATION]
 
     def note(self, loss: float, validation: list[Batch]) -> None:
         """Measure the averaged network and add a point to the curve."""
         averaged = self._answering(self.average.module).eval()
         with torch.no_grad():
-            measured = [self._measure(averaged, batch.part(slice(None), self.options.device)) for batch in validation]
+            measured = [self.objective.achieved(averaged, batch.part(slice(None), self.options.device)) for batch in validation]
         self.curve.append({"step": self.step, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds, "loss": loss,
                            "validation": measured})
-
-    @property
-    def measure(self) -> str:
-        """What the curve shows."""
-        return "share of the noise left" if isinstance(self.part, Denoiser) else "registered correlation"
-
-    def _measure(self, network: nn.Module, batch: Batch) -> float:
-        answer = predict(network, batch.seen)
-        if isinstance(self.part, Denoiser):
-            return float(_noise_left(answer, batch).exp())
-        albedo = answer if isinstance(self.part, Sketch) else answer[0]
-        shown = batch.truth.amax((-2, -1)) > 0.0
-        return float(registered_pearson(albedo[shown], batch.truth[shown]).mean())
 
     def last_line(self) -> str:
         point = self.curve[-1]
         figures = " ".join(f"{value:.3f}" for value in point["validation"])
-        return f"step {point['step']}, {point['seconds']:.0f} s: loss {point['loss']:.3f}, {self.measure} {figures}"
+        return f"step {point['step']}, {point['seconds']:.0f} s: loss {point['loss']:.3f}, {self.objective.measure} {figures}"
 
     @property
     def _checkpoint_path(self) -> Path:
@@ -195,17 +170,13 @@ class Training:
         card = {"network": self.options.network, "width": self.options.width, "run": self._run(),
                 "seconds": round(self.seconds), "cpu_seconds": round(self.cpu_seconds), "dataset": dataset,
                 "levels": "warm starts" if self.options.warm else [list(level) for level in VALIDATION],
-                "measure": self.measure, "validation": self.curve[-1]["validation"],
+                "measure": self.objective.measure, "validation": self.curve[-1]["validation"],
                 "torch": torch.__version__, "threads": torch.get_num_threads()}
         save_weights(self.options.output, half, card)
         labels = [f"b {255 * floor:.0f}/255, K {dof:g}" for floor, dof in VALIDATION]
-        save_curve(self.options.output.with_suffix(".png"), self.curve, self.measure,
+        save_curve(self.options.output.with_suffix(".png"), self.curve, self.objective.measure,
                    ["warm starts, every level"] if self.options.warm else labels)
         self.options.output.with_suffix(".json").write_text(json.dumps({**card, "curve": self.curve}, indent=2) + "\n")
-
-
-def _noise_left(denoised: torch.Tensor, batch: Batch) -> torch.Tensor:
-    return noise_left(denoised, batch.signal, batch.seen.estimate - batch.seen.floor[:, None, None]).mean()
 
 
 def _moving_average(average: torch.Tensor, current: torch.Tensor, updates: torch.Tensor | int) -> torch.Tensor:

@@ -1,0 +1,120 @@
+"""Fisher scoring of albedos: the likelihood's slope and curvature in the pixels, and steps towards the data along them."""
+
+from __future__ import annotations
+
+import torch
+from torch.nn import functional
+
+from invert.likelihood import LEAST_FLOOR, PEDESTAL, brightnesses
+from invert.network.features import DOF_RANGE, Observation, without_zero_lag
+from invert.registration import OBJECT
+from radiometry.autocorrelation import LAGS, window_kernel
+from radiometry.noise.level import RING
+
+_USED = torch.from_numpy(RING > 1).float()
+_SIDE = 2 * OBJECT
+
+LARGEST = 1.2
+"""Albedo that a step may reach; the largest of an object is about 1."""
+
+LONGEST = 1.0
+"""Largest step, in those that pixels by themselves would take."""
+
+
+class Score:
+    """The likelihood (`invert.likelihood`) of n estimates at one albedo each, (n, 64, 64), and how it changes with the pixels.
+
+    The brightnesses of object and pedestal are the likeliest. There is no slope at an albedo of zeros.
+
+    Attributes:
+        deviance: of the mean lag, (n,): 1 at the truth, more where the albedo leaves something unexplained.
+    """
+
+    def __init__(self, seen: Observation, albedo: torch.Tensor) -> None:
+        estimate = without_zero_lag(seen.estimate)
+        height = estimate.abs().amax((-2, -1)).clamp_min(1e-30)
+        estimate, floor = estimate / height[:, None, None], (seen.floor / height).clamp_min(LEAST_FLOOR)[:, None, None]
+        used, pedestal, dof = _USED.to(albedo), PEDESTAL.to(albedo), seen.dof.clamp(*DOF_RANGE)[:, None, None]
+        self._spectrum = _spectrum(albedo)
+        self._smoothing = torch.from_numpy(window_kernel()).to(albedo)
+        signal = self._smoothed(self._spectrum.abs().square())
+        scale = (signal * used).amax((-2, -1)).clamp_min(1e-6)[:, None, None]
+        signal = signal / scale
+        expected = floor.expand_as(signal)
+        for _ in range(3):
+            weight = (used / expected.square()).flatten(1)
+            bright, faint = brightnesses(signal.flatten(1), pedestal.flatten(), (estimate - floor).flatten(1), weight)
+            expected = floor + bright[:, None, None] * signal + faint[:, None, None] * pedestal
+        self._gain = bright[:, None, None] / scale
+        self._weight = used * dof * self._gain / expected.square()
+        self._squared = albedo.square()
+        self._excess = estimate - expected
+        ratio = (estimate / expected).clamp_min(1e-3)
+        self.deviance = (2.0 * used * dof * (ratio - 1.0 - ratio.log())).sum((-2, -1)) / used.sum()
+
+    def gradient(self) -> torch.Tensor:
+        """Of the log-likelihood, (n, 64, 64)."""
+        return self._in_picture(self._weight * self._excess, self._spectrum)
+
+    def information(self) -> torch.Tensor:
+        """Fisher information of each pixel, (n, 64, 64): the variance of the gradient."""
+        return self._in_picture(self._weight * self._gain, _spectrum(self._squared)).clamp_min(1e-6)
+
+    def curvature(self, way: torch.Tensor) -> torch.Tensor:
+        """The Fisher information matrix, brightnesses kept, times a change of the albedo, (n, 64, 64)."""
+        change = self._smoothed(2.0 * (self._spectrum.conj() * _spectrum(way)).real)
+        return self._in_picture(self._weight * self._gain * change, self._spectrum)
+
+    def _smoothed(self, power: torch.Tensor) -> torch.Tensor:
+        """Lags (n, 127, 127) of a power spectrum, as patches show them."""
+        lags = torch.fft.fftshift(torch.fft.irfft2(power, s=(_SIDE, _SIDE)), dim=(-2, -1))[..., 1:, 1:]
+        return self._smoothing @ lags @ self._smoothing.T
+
+    def _in_picture(self, lags: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
+        """Smoothed lags (n, 127, 127), zero lag in the middle, convolved with pictures given by their spectra; (n, 64, 64).
+
+        d (r*r)(lag) / d r(x) = r(x + lag) + r(x - lag).
+        """
+        smooth = self._smoothing.T @ lags @ self._smoothing
+        centred = torch.roll(functional.pad(smooth, (0, 1, 0, 1)), (-LAGS, -LAGS), (-2, -1))
+        return torch.fft.irfft2(torch.fft.rfft2(centred) * spectrum, s=(_SIDE, _SIDE))[..., :OBJECT, :OBJECT]
+
+
+def towards_data(seen: Observation, albedo: torch.Tensor, variance: torch.Tensor, steps: int,
+                 explained: float = 0.0) -> torch.Tensor:
+    """Albedos (n, 64, 64) moved up the likelihood of their estimates, under a Gaussian prior around where they begin.
+
+    Each step follows the slope over the information, as far as the curvature along it says; dark pixels that would get darker
+    stay.
+
+    Args:
+        variance: of the prior, (n,).
+        explained: deviance below which an albedo is left as it is: what is still unexplained may be noise.
+    """
+    begun, precision = albedo, variance.reciprocal()[:, None, None]
+    at = Score(seen, albedo)
+    scale = (at.information() + precision).reciprocal()
+    way = former = torch.zeros_like(albedo)
+    fall = torch.ones_like(precision)
+    for step in range(steps):
+        at = Score(seen, albedo) if step else at
+        if bool((at.deviance <= explained).all()):
+            break
+        slope = at.gradient() + precision * (begun - albedo)
+        slope = slope * ((albedo > 0.0) | (slope > 0.0)) * (at.deviance > explained)[:, None, None]
+        direct = scale * slope
+        kept = (_dot(slope - former, direct) / fall).clamp_min(0.0)  # Polak and Ribiere
+        way = direct + kept * way * (slope != 0.0)
+        way = torch.where(_dot(way, slope) > 0.0, way, direct)
+        former, fall = slope, _dot(slope, direct).clamp_min(1e-30)
+        length = _dot(slope, way) / _dot(way, at.curvature(way) + precision * way).clamp_min(1e-30)
+        albedo = (albedo + length.clamp_max(LONGEST) * way).clamp(0.0, LARGEST)
+    return albedo
+
+
+def _spectrum(albedo: torch.Tensor) -> torch.Tensor:
+    return torch.fft.rfft2(albedo, s=(_SIDE, _SIDE))
+
+
+def _dot(one: torch.Tensor, other: torch.Tensor) -> torch.Tensor:
+    return (one * other).sum((-2, -1), keepdim=True)

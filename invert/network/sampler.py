@@ -1,0 +1,57 @@
+"""The sampler: removes noise of a known level from a picture of the object, given the autocorrelation estimate.
+
+A diffusion model conditional on the estimate, preconditioned as by Karras et al. (NeurIPS 2022, arXiv:2206.00364). Noise in
+the picture chooses between the object and its twin image, where a network that sees the estimate alone stays between both.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+from torch.nn import functional
+
+from invert.network.blocks import Decoder, Unet
+from invert.network.features import SKETCH_CHANNELS, Observation, sketch_features
+from invert.network.fisher_scoring import Score
+
+SPREAD = 0.25
+"""Standard deviation of albedos, about."""
+
+_MAPS = 4
+
+_WEAK = 4.0
+"""Fisher information of a pixel below which the step shown to the network is shortened: an error of half the largest albedo."""
+
+
+def posterior_variance(sigma: torch.Tensor) -> torch.Tensor:
+    """Of an albedo behind white noise of standard deviation sigma, were both Gaussian."""
+    return (sigma * SPREAD).square() / (sigma.square() + SPREAD**2)
+
+
+class Sampler(nn.Module):
+    """Expected albedo behind a noisy picture of it."""
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.unet, self.drawing = Unet(SKETCH_CHANNELS + 4 * _MAPS + 1, width), Decoder(width, 1)
+
+    def forward(self, seen: Observation, noisy: torch.Tensor, sigma: torch.Tensor, guess: torch.Tensor) -> torch.Tensor:
+        """Albedos (n, 64, 64) without the noise.
+
+        Args:
+            noisy: albedos (n, 64, 64) with white noise of standard deviation sigma (n,).
+            guess: what is thought of them so far, (n, 64, 64) in the same place; zeros where nothing is.
+        """
+        with torch.no_grad():
+            at = Score(seen, guess)
+            gradient, information = at.gradient(), at.information()
+        significance, step = gradient / information.sqrt(), (gradient / (information + _WEAK)).clamp(-2.0, 2.0)
+        spread = sigma[:, None, None]
+        shrink = (spread.square() + SPREAD**2).rsqrt()
+        maps = torch.stack((shrink * noisy, guess, torch.asinh(significance) / 3.0, step), 1)
+        cells = functional.pixel_unshuffle(maps, 2)
+        level = (sigma.log() / 4.0)[:, None, None, None].expand(-1, 1, *cells.shape[-2:])
+        shown = torch.cat((cells, sketch_features(seen), level), 1)
+        with torch.autocast(shown.device.type, dtype=torch.bfloat16):
+            drawn = self.drawing(self.unet(shown.to(memory_format=torch.channels_last))[0])[:, 0]
+        return SPREAD**2 * shrink.square() * noisy + spread * SPREAD * shrink * drawn

@@ -1,0 +1,92 @@
+"""What samples of the posterior say together: mean, spread, where light is likely, alternatives, sizes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.ndimage import gaussian_filter
+from scipy.spatial.distance import squareform
+
+from invert.registration import OBJECT, on_grid, registered
+
+DIFFERENT = 0.2
+"""1 - correlation of samples, blurred by a lag, from which on they show different objects."""
+
+BRIGHT = 0.5
+"""Albedo from which on a pixel is bright; the largest of a sample is 1."""
+
+SIZES = ("width", "height", "area")
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """One of the answers: its probability, the samples that show it (their numbers), and the mean (64, 64) of these."""
+
+    probability: float
+    members: tuple[int, ...]
+    albedo: np.ndarray
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Equally likely objects, (n, 64, 64), float32, largest value 1 each, registered to the reconstruction."""
+
+    samples: np.ndarray
+
+    @property
+    def mean(self) -> np.ndarray:
+        """(64, 64)."""
+        return self.samples.mean(0)
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """Standard deviation of every pixel, (64, 64)."""
+        return self.samples.std(0)
+
+    @property
+    def bright(self) -> np.ndarray:
+        """Probability that a pixel is bright, (64, 64)."""
+        return (self.samples > BRIGHT).mean(0)
+
+    def interval(self, size: str, probability: float) -> tuple[float, float]:
+        """Credible interval of a size in lags, or in square lags: equal tails.
+
+        Args:
+            size: `width` or `height` of the bright part, or its `area`.
+        """
+        tail = 50.0 * (1.0 - probability)
+        low, high = np.percentile([measured(one, size) for one in self.samples], (tail, 100.0 - tail))
+        return float(low), float(high)
+
+    def alternatives(self) -> list[Alternative]:
+        """The different answers among the samples, likeliest first; one where all agree."""
+        count = len(self.samples)
+        if count == 1:
+            return [Alternative(1.0, (0,), self.samples[0])]
+        blurred = torch.stack([on_grid(gaussian_filter(one, 1.0)) for one in self.samples])
+        likeness = torch.stack([registered(blurred, one)[1] for one in blurred]).numpy()
+        apart = np.clip(1.0 - 0.5 * (likeness + likeness.T), 0.0, None)
+        np.fill_diagonal(apart, 0.0)
+        labels = fcluster(linkage(squareform(apart, checks=False), "average"), DIFFERENT, "distance")
+        groups = [np.flatnonzero(labels == label) for label in np.unique(labels)]
+        found = [Alternative(len(group) / count, tuple(group.tolist()), self.samples[group].mean(0)) for group in groups]
+        return sorted(found, key=lambda one: -one.probability)
+
+
+def measured(albedo: np.ndarray, size: str) -> float:
+    """A size of the bright part of an albedo, in lags or square lags; 0 where nothing is bright."""
+    lit = albedo > BRIGHT * albedo.max()
+    if size == "area":
+        return float(lit.sum())
+    extent = np.flatnonzero(lit.any(0 if size == "width" else 1))
+    return float(extent[-1] - extent[0] + 1) if extent.size else 0.0
+
+
+def posterior(samples: torch.Tensor, albedo: torch.Tensor) -> Posterior:
+    """Samples (n, 64, 64), brought to the place and the turn of a reconstruction (64, 64)."""
+    normalised = samples / samples.amax((-2, -1), keepdim=True).clamp_min(1e-30)
+    placed, _ = registered(torch.nn.functional.pad(normalised, (0, OBJECT, 0, OBJECT)), on_grid(albedo.numpy()))
+    return Posterior(np.ascontiguousarray(placed[:, :OBJECT, :OBJECT].numpy(), np.float32))

@@ -1,0 +1,86 @@
+"""Training of the sampler: albedos under white noise of every level, with a guess as it will have in use."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import torch
+
+from invert.network.features import Observation
+from invert.network.fisher_scoring import LARGEST, towards_data
+from invert.network.sampler import SPREAD, Sampler, posterior_variance
+
+TYPICAL, LEAST, MOST = 0.5, 0.02, 4.0
+"""Noise levels: log-normal around `TYPICAL`, with a standard deviation of one, within limits."""
+
+PASSES = 2
+"""Largest number of earlier steps that a guess has behind it."""
+
+FARTHER = 1.5
+"""Logarithm of the largest ratio of their noise to the level trained."""
+
+ASCENT, ASCENT_SHARE = 3, 0.7
+"""Steps towards the data after such a step, and how often they are taken."""
+
+STRAY = 6
+"""Largest shift of an object out of the middle of its window, in lags."""
+
+
+@dataclass(frozen=True)
+class Draws:
+    """What is random about n samples: levels (n,), noise (1 + PASSES, n, 64, 64), noise ratios of earlier steps (PASSES, n).
+
+    Attributes:
+        ascends: for each earlier step of the batch, whether steps towards the data follow it.
+    """
+
+    sigma: torch.Tensor
+    noise: torch.Tensor
+    ratio: torch.Tensor
+    ascends: tuple[bool, ...]
+
+    @classmethod
+    def of(cls, count: int, side: int, rng: torch.Generator) -> Draws:
+        sigma = (math.log(TYPICAL) + torch.randn(count, generator=rng)).exp().clamp(LEAST, MOST)
+        passes = int(torch.randint(PASSES + 1, (), generator=rng))
+        ascends = torch.rand(passes, generator=rng) < ASCENT_SHARE
+        left = torch.arange(PASSES, 0, -1)[:, None] / PASSES
+        ratio = (FARTHER * left * torch.rand(PASSES, count, generator=rng)).exp()
+        return cls(sigma, torch.randn(1 + PASSES, count, side, side, generator=rng), ratio, tuple(ascends.tolist()))
+
+    def part(self, which: slice, device: str) -> Draws:
+        """Those of some of the samples, on a device."""
+        noise, ratio = (one[:, which].to(device) for one in (self.noise, self.ratio))
+        return Draws(self.sigma[which].to(device), noise, ratio, self.ascends)
+
+
+def moved(albedo: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
+    """Albedos (n, 64, 64), each shifted by up to `STRAY` lags as far as its window allows."""
+    shifted = []
+    for one in albedo:
+        for axis in (0, 1):
+            lit = one.amax(1 - axis).nonzero()
+            if len(lit):
+                least, most = max(-int(lit[0]), -STRAY), min(len(one) - 1 - int(lit[-1]), STRAY)
+                one = one.roll(int(torch.randint(least, most + 1, (), generator=rng)), axis)
+        shifted.append(one)
+    return torch.stack(shifted)
+
+
+@torch.no_grad()
+def guessed(sampler: Sampler, seen: Observation, truth: torch.Tensor, draws: Draws) -> torch.Tensor:
+    """What the sampler itself makes of noisier pictures, step by step; zeros without earlier steps."""
+    guess = torch.zeros_like(truth)
+    data = replace(seen, dof=seen.dof / 2.0)  # between that of independent lags and of correlated ones
+    for ratio, noise, ascends in zip(draws.ratio, draws.noise[1:], draws.ascends, strict=False):
+        sigma = (draws.sigma * ratio).clamp_max(MOST)
+        guess = sampler(seen, truth + sigma[:, None, None] * noise, sigma, guess).clamp(0.0, LARGEST)
+        if ascends:
+            guess = towards_data(data, guess, 3.0 * posterior_variance(sigma), ASCENT)
+    return guess
+
+
+def denoising_loss(answer: torch.Tensor, truth: torch.Tensor, sigma: torch.Tensor) -> torch.Tensor:
+    """Squared error over what is to be learnt at a noise level, (n,): 1 for a sampler that knows only the mean."""
+    return (answer - truth).square().mean((-2, -1)) * (sigma.square() + SPREAD**2) / (sigma * SPREAD).square()

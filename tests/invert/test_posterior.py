@@ -1,0 +1,55 @@
+"""What samples say together, and that they come from the posterior where that is known exactly."""
+
+import numpy as np
+import pytest
+import torch
+
+from invert.posterior import Posterior, measured, posterior
+from tests.invert.steps import MIRRORED_STEM, RIGHT
+
+
+def shown(*albedos: torch.Tensor) -> Posterior:
+    return posterior(torch.stack(albedos), RIGHT)
+
+
+def test_samples_are_laid_over_the_reconstruction():
+    """Shifted, turned and half as bright ones lie where it does."""
+    drawn = shown(RIGHT, 0.5 * RIGHT.roll((3, -5), (0, 1)), RIGHT.flip((0, 1)).roll((-2, 4), (0, 1)))
+    for one in drawn.samples:
+        np.testing.assert_allclose(one, RIGHT, atol=1e-6)
+    np.testing.assert_allclose(drawn.mean, RIGHT, atol=1e-6)
+    assert not drawn.deviation.any()
+
+
+def test_mean_spread_and_probability_of_light():
+    wider = RIGHT.clone()
+    wider[5, 10] = 1.0
+    drawn = Posterior(torch.stack((RIGHT, RIGHT, RIGHT, wider)).numpy())
+    assert drawn.mean[5, 10] == pytest.approx(0.25)
+    assert drawn.bright[5, 10] == pytest.approx(0.25)
+    assert drawn.deviation[5, 10] == pytest.approx((0.25 * 0.75) ** 0.5)
+
+
+def test_different_objects_are_different_answers():
+    """Noise makes no new answer; another place of the stem does, and the likelier one comes first."""
+    rng = torch.Generator().manual_seed(0)
+
+    def noisy(image: torch.Tensor) -> torch.Tensor:
+        return (image + 0.1 * torch.randn(image.shape, generator=rng)).clamp(0.0, 1.0)
+
+    assert len(shown(*(noisy(RIGHT) for _ in range(8))).alternatives()) == 1
+    both = shown(*(noisy(RIGHT) for _ in range(6)), *(noisy(MIRRORED_STEM) for _ in range(2))).alternatives()
+    assert [one.probability for one in both] == [0.75, 0.25]
+    assert [one.members for one in both] == [(0, 1, 2, 3, 4, 5), (6, 7)]
+
+
+def test_sizes_and_their_intervals():
+    """Rectangles of known width and height; the interval of equal tails is numpy's."""
+    samples = np.zeros((21, 64, 64), np.float32)
+    for number, one in enumerate(samples):
+        one[10:17, 20 : 30 + number] = 0.9
+        one[40, 40] = 0.3  # too dark to count
+    assert [measured(samples[3], size) for size in ("width", "height", "area")] == [13.0, 7.0, 91.0]
+    assert Posterior(samples).interval("width", 0.5) == (15.0, 25.0)
+    assert Posterior(samples).interval("height", 0.95) == (7.0, 7.0)
+    assert measured(np.zeros((64, 64)), "width") == 0.0
