@@ -19,7 +19,7 @@ from radiometry.files.pictures import FRAME_KINDS, LARGEST_PIXEL, read_picture
 SMALLEST_PIXEL = 1e-9
 """Squares and their sums keep their digits in single precision above this."""
 
-OWN_RESULTS = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "truth.npy"}
+OWN_RESULTS = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "samples.npy", "truth.npy"}
 """Files that this program writes beside frames, never frames themselves."""
 
 CONTACT_SHEET = "contact_sheet"

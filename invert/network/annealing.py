@@ -36,7 +36,7 @@ class Annealing:
     rounds: int = 2
 
 
-ANNEALING = {"balanced": Annealing(12), "best": Annealing(32, steps=16, rounds=3)}
+ANNEALING = {"balanced": Annealing(12), "best": Annealing(32, steps=12, rounds=3)}
 
 POOL = 24
 """Likeliest candidates that are compared with one another."""

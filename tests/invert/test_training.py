@@ -73,7 +73,7 @@ def test_training_learns_and_warm_starts_are_used(tmp_path, dataset, command):
     shown = pictures[(pictures > 0).flatten(1).any(1)]
     assert not (shown[:, 0] == shown[:, 1]).flatten(1).all(1).any()  # all starts, and one of them
     again = tmp_path / "again.safetensors"
-    for part, extra in (("sketch", []), ("fusion", ["--warm", store])):
+    for part, extra in (("sketch", []), ("sampler", []), ("fusion", ["--warm", store])):
         code, _, err = command(train, dataset, "-o", again, "--width", 32, "--steps", 2, "--batch", 4, "--start-from", output,
                                "--part", part, *extra)
         assert code == 0, err
