@@ -44,7 +44,7 @@ POOL = 24
 ALIKE = 0.8
 """Of the correlation with the most similar other candidate, from which on candidates are taken for the same object."""
 
-POLISH = 80
+POLISH = 50
 """Largest number of steps towards the data at the end, until the estimate is explained (Morozov's discrepancy principle)."""
 
 FRESH = 0.5

@@ -57,8 +57,8 @@ class Score:
         return self._in_picture(self._weight * self._excess, self._spectrum)
 
     def information(self) -> torch.Tensor:
-        """Fisher information of each pixel, (n, 64, 64), brightnesses kept, to within a factor of two: what opposite lags have in
-        common is left out."""
+        """Fisher information of each pixel, (n, 64, 64), brightnesses kept; to within a factor of two, since what opposite lags
+        have in common is left out."""
         return self._in_picture(self._weight * self._gain, _spectrum(self._squared)).clamp_min(1e-6)
 
     def curvature(self, way: torch.Tensor) -> torch.Tensor:

@@ -9,9 +9,7 @@ from scipy.optimize import minimize
 
 from invert.__main__ import main as invert
 from invert.evaluation.identification import identify
-from invert.network.checkpoints import SHIPPED, load_network
-from invert.network.inference import reconstruct_by_network
-from invert.registration import centred
+from invert.methods import retrieve
 from invert.spectrum import read_measurement
 from radiometry.files.pictures import read_autocorrelation
 from radiometry.noise.level import RING, read_noise_level
@@ -32,11 +30,10 @@ def test_a_measured_letter_is_recognised(measured, tmp_path, method, letter):
 @pytest.mark.slow
 @pytest.mark.parametrize("letter", ["5", "7", "F", "t"])
 def test_the_lab_has_a_pedestal(measured, letter):
-    """Over the floor and the drawn object's r*r there is an excess some 30 lags wide, 1 to 5 % high, not a mere offset."""
+    """Over the floor and the drawn object's r*r there is an excess some 30 lags wide, 1 to 6 % high, not a mere offset."""
     shown = read_measurement(*read_autocorrelation(measured / f"{letter}_n50_corr_x100_nzero1.png"))
-    # As the network draws it: the likelihood ascent adds a faint haze that explains a part of the pedestal.
-    network, _ = load_network(SHIPPED, "cpu")
-    albedo = centred(reconstruct_by_network(network, shown, "balanced", 0, "cpu").image.clamp_min(0.0)).double()
+    # As the fusion draws it: samples and likelihood ascent add a faint haze that explains a part of the pedestal.
+    albedo = torch.from_numpy(retrieve(shown, "unet", "fast", 0, "cpu").albedo).double()
     used, lag = torch.from_numpy(RING > 1), torch.arange(-63, 64).double()
     estimate = torch.from_numpy(shown.estimate).double().where(used, 1.0)
     signal = window_smoothed(albedo) / window_smoothed(albedo)[used].max()
@@ -54,7 +51,7 @@ def test_the_lab_has_a_pedestal(measured, letter):
     (without, _), (narrow, _), (wide, height), (offset, _) = map(likeliest, (None, 8.0, 30.0, 1e4))
     assert wide - without > 10_000.0
     assert wide - max(narrow, offset) > 3000.0
-    assert 0.01 < height < 0.05
+    assert 0.01 < height < 0.06
 
 
 @pytest.mark.parametrize("letter", ["5", "7", "F", "t"])
