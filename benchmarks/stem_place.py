@@ -1,11 +1,12 @@
-"""`python -m benchmarks.stem_place [--count 16] [--rendered] [--measured PNG...]`: how well noise lets a stem be located.
+"""`python -m benchmarks.stem_place [--count 16] [--floors 2 4] [--rendered] [--measured PNG...]`: is a stem located in noise?
 
 An object like the lab's 7 over floors from a quarter to four times the largest lag of the signal. What an estimate holds at
 best: the nats by which the object is likelier than the bar alone, and than the stem in the nearest other place (divergences of
-the noise model), and how often an observer who knows bar and stem picks the right one of five places. Beside
-it, what the default draws from the same estimates, and which of the five is nearest to that. Estimates are the noise
-model's (K 64); or, with --rendered, of two rendered frames of the reference scene, exposed for the floor said. Or, with
-files of the lab's 7, what the same observer sees in these.
+the noise model), and how often an observer who knows bar and stem picks the right one of five places. Beside it, what the
+default draws from the same estimates, and which of the five is nearest to that; the share of its samples that are nearest to
+the right one, and the calibration error of these shares as probabilities of the five places: the mean difference between what
+is expected and what happens, over tenths. Estimates are the noise model's (K 64); or, with --rendered, of two rendered frames
+of the reference scene, exposed for the floor said. Or, with files of the lab's 7, what the same observer sees in these.
 """
 
 from __future__ import annotations
@@ -92,6 +93,21 @@ def rendered(floor: float, count: int) -> Iterator[Measurement]:
         yield read_measurement(lags, transfer=prediction.transfer)
 
 
+def place_shares(candidates: torch.Tensor, samples: np.ndarray) -> np.ndarray:
+    """Share of the samples (n, 64, 64) that are nearest to each candidate on the grid, (candidates,)."""
+    nearest = [int(registered(candidates, on_grid(one))[1].argmax()) for one in samples]
+    return np.bincount(nearest, minlength=len(candidates)) / len(nearest)
+
+
+def calibration_error(shares: np.ndarray) -> float:
+    """Of shares (captures, places) taken for probabilities, the first place being the right one every time."""
+    happens = np.zeros_like(shares)
+    happens[:, 0] = 1.0
+    tenth = np.minimum((10.0 * shares).astype(int), 9)
+    apart = [(shares[tenth == one] - happens[tenth == one]).sum() for one in range(10)]
+    return float(np.abs(apart).sum() / shares.size)
+
+
 def observe(file: Path) -> str:
     """Nats of each place of the stem over the bar alone in a published autocorrelation, as a table row."""
     *places, none = log_likelihoods(CANDIDATES, read_measurement(*read_autocorrelation(file))).tolist()
@@ -102,6 +118,7 @@ def main() -> None:
     """Print a table, one row a floor or a file."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=16, help="estimates a floor")
+    parser.add_argument("--floors", type=float, nargs="+", default=FLOORS)
     parser.add_argument("--rendered", action="store_true", help="estimates from two rendered frames each")
     parser.add_argument("--measured", type=Path, nargs="+", help="published autocorrelations of such an object, instead")
     options = parser.parse_args()
@@ -111,21 +128,25 @@ def main() -> None:
         return
     count = options.count
     candidates = torch.stack([on_grid(one.numpy()) for one in CANDIDATES[:-1]])
-    print(f"| floor | stem, nats | its place, nats | of {count}: found by the observer | drawn | in its place | likeness |")
-    print("|---|---|---|---|---|---|---|")
-    for floor in FLOORS:
-        observed, likeness = [], []
+    print(f"| floor | stem, nats | its place, nats | of {count}: found by the observer | drawn | in its place | likeness "
+          "| samples in its place | calibration error |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    for floor in options.floors:
+        observed, likeness, shares = [], [], []
         measurements = (rendered if options.rendered else modelled)(floor, count)
         for number, measurement in enumerate(tqdm(measurements, total=count, desc=f"floor {floor:g}", disable=None)):
             observed.append(int(log_likelihoods(CANDIDATES[:-1], measurement).argmax()))
             result = retrieve(measurement, "unet", "balanced", number, "cpu")
             if result.object_found:
                 likeness.append(registered(candidates, on_grid(result.albedo))[1])
+            if result.posterior is not None:
+                shares.append(place_shares(candidates, result.posterior.samples))
         fits = torch.stack(likeness) if likeness else torch.empty(0, len(COLUMNS))
         stem, place = divergences(floor)
         placed = int((fits.argmax(1) == 0).sum())
         print(f"| {floor:g} | {stem:.0f} | {place:.1f} | {observed.count(0)} | {len(fits)} | {placed} "
-              f"| {float(fits[:, 0].mean()):.2f} |", flush=True)
+              f"| {float(fits[:, 0].mean()):.2f} | {np.mean(shares, 0)[0] if shares else np.nan:.2f} "
+              f"| {calibration_error(np.array(shares)) if shares else np.nan:.2f} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -46,6 +46,10 @@ AUGMENTED = {"fast": 1, "balanced": len(AUGMENTATIONS), "best": len(AUGMENTATION
 KEPT = 8
 """Number of likeliest candidates that are averaged where no samples are drawn."""
 
+HAZE = 0.03
+"""Of the largest albedo, subtracted from the mean of samples: where each has noise of its own. On one-pixel edges (b 80, K 64)
+it costs .006 in correlation and gains .06 in SSIM."""
+
 UNBOUNDED_DOF = 1e6
 """K of an estimate without measurable noise."""
 
@@ -138,12 +142,13 @@ def reconstruct_by_network(network: nn.Module, measurement: Measurement, quality
             shown = torch.cat((shown, proposals(found, len(SHRINK_THRESHOLDS))))
     albedos, expected = fuse(network, seen, shown, augmented)
     likeliest = log_likelihoods(albedos, measurement).argsort(descending=True, stable=True)
-    kept, samples, alike = albedos[likeliest[:KEPT]], None, 0.7
+    kept, samples, alike, haze = albedos[likeliest[:KEPT]], None, 0.7, 0.0
     if isinstance(network, CorrelographyNet) and quality in ANNEALING:
         kept = samples = posterior_samples(network.sampler, seen, measurement.noise.inflation, albedos[likeliest],
                                            ANNEALING[quality], torch.Generator().manual_seed(seed))
-        alike = 0.0  # the posterior's mean is that of all samples
+        alike, haze = 0.0, HAZE  # the posterior's mean is that of all samples
     padded = torch.nn.functional.pad(kept, (0, OBJECT, 0, OBJECT))
     mean = consensus(padded / padded.amax((-2, -1), keepdim=True).clamp_min(1e-30), torch.arange(len(kept)), len(kept), alike)
     features = ConfidenceFeatures(float(expected[likeliest[:KEPT]].mean()), mean.agreement, *agreement)
-    return NetworkAnswer(mean.image, features, mean.transfer if len(kept) > 1 else (), samples)
+    image = (mean.image - haze * mean.image.amax()).clamp_min(0.0)
+    return NetworkAnswer(image, features, mean.transfer if len(kept) > 1 else (), samples)
