@@ -33,7 +33,7 @@ AUGMENTATIONS: tuple[tuple[Transform, Transform], ...] = (
 """Test-time augmentation: mirrors and quarter turns, each with its inverse. A rotation by 180 degrees maps an autocorrelation
 onto itself and is left out."""
 
-RETRIEVAL = {"fast": (4, 600), "balanced": (16, 1000), "best": (64, 1000)}
+RETRIEVAL = {"fast": (4, 600), "balanced": (32, 1000), "best": (64, 1000)}
 """Starts and iterations of the retrieval that makes proposals to the network."""
 
 SHRINK_THRESHOLDS = (0.03, 0.06, 0.1, 0.18)
