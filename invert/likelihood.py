@@ -66,12 +66,7 @@ class NoiseLikelihood:
         weight = torch.ones_like(self._estimate) if weight is None else weight
         signal = window_smoothed(albedo.to(self._estimate.dtype))[:, self._used]
         signal = signal / signal.detach().amax(1, keepdim=True).clamp_min(torch.finfo(signal.dtype).tiny)
-        with torch.no_grad():  # the likeliest brightnesses do not change to first order
-            expected = torch.full_like(signal, self._floor)
-            for _ in range(8):
-                bright, faint = brightnesses(signal, self._pedestal, self._estimate - self._floor,
-                                              weight * expected.square().reciprocal())
-                expected = self._floor + bright[:, None] * signal + faint[:, None] * self._pedestal
+        bright, faint = likeliest_brightnesses(signal, self._pedestal, self._estimate, self._floor, weight, 8)
         expected = self._floor + bright[:, None] * signal + faint[:, None] * self._pedestal
         return -self._dof * (expected.log() + self._estimate / expected)
 
@@ -92,8 +87,23 @@ def nats_over(reference: np.ndarray, albedo: np.ndarray, captures: Sequence[Meas
     return [float(ours - theirs) for ours, theirs in likelihoods]
 
 
-def brightnesses(signal: torch.Tensor, pedestal: torch.Tensor, excess: torch.Tensor,
-                 weight: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+@torch.no_grad()  # at the likeliest brightnesses the likelihood does not change to first order
+def likeliest_brightnesses(signal: torch.Tensor, pedestal: torch.Tensor, estimate: torch.Tensor, floor: torch.Tensor | float,
+                           weight: torch.Tensor, rounds: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Of object and pedestal, a, c (n,): weighted least squares, weights over the squared expectation, repeated.
+
+    Args:
+        signal: of each object, (n, lags); the others in these shapes, or such as broadcast to them.
+    """
+    expected = torch.zeros_like(signal) + floor
+    for _ in range(rounds):
+        bright, faint = _brightnesses(signal, pedestal, estimate - floor, weight * expected.square().reciprocal())
+        expected = floor + bright[:, None] * signal + faint[:, None] * pedestal
+    return bright, faint
+
+
+def _brightnesses(signal: torch.Tensor, pedestal: torch.Tensor, excess: torch.Tensor,
+                  weight: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Weighted least squares: a, c (n,), zero or more, that bring a * signal (n, lags) + c * pedestal nearest to an excess."""
     limits = torch.finfo(signal.dtype)
     ss, pp = (weight * signal.square()).sum(1).clamp_min(limits.tiny), (weight * pedestal.square()).sum(1)

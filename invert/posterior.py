@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -10,7 +11,8 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.distance import squareform
 
-from invert.registration import OBJECT, on_grid, registered
+from invert.registration import OBJECT, mutual_likeness, normalised, on_grid, padded, registered
+from radiometry.errors import InputError
 
 DIFFERENT = 0.2
 """1 - correlation of samples, blurred by a lag, from which on they show different objects."""
@@ -56,18 +58,25 @@ class Posterior:
 
         Args:
             size: `width` or `height` of the bright part, or its `area`.
+            probability: from 0 to 1.
+
+        Raises:
+            InputError: another size or probability.
         """
+        if not 0.0 <= probability <= 1.0:
+            raise InputError("probability", "0 to 1", probability, "give a share, such as 0.8")
         tail = 50.0 * (1.0 - probability)
         low, high = np.percentile([measured(one, size) for one in self.samples], (tail, 100.0 - tail))
         return float(low), float(high)
 
+    @cached_property
     def alternatives(self) -> list[Alternative]:
         """The different answers among the samples, likeliest first; one where all agree."""
         count = len(self.samples)
         if count == 1:
             return [Alternative(1.0, (0,), self.samples[0])]
         blurred = torch.stack([on_grid(gaussian_filter(one, 1.0)) for one in self.samples])
-        likeness = torch.stack([registered(blurred, one)[1] for one in blurred]).numpy()
+        likeness = mutual_likeness(blurred).numpy()
         apart = np.clip(1.0 - 0.5 * (likeness + likeness.T), 0.0, None)
         np.fill_diagonal(apart, 0.0)
         labels = fcluster(linkage(squareform(apart, checks=False), "average"), DIFFERENT, "distance")
@@ -77,7 +86,13 @@ class Posterior:
 
 
 def measured(albedo: np.ndarray, size: str) -> float:
-    """A size of the bright part of an albedo, in lags or square lags; 0 where nothing is bright."""
+    """A size of the bright part of an albedo, in lags or square lags; 0 where nothing is bright.
+
+    Raises:
+        InputError: a size that is not in `SIZES`.
+    """
+    if size not in SIZES:
+        raise InputError("size", f"one of {', '.join(SIZES)}", size, "choose one of these")
     lit = albedo > BRIGHT * albedo.max()
     if size == "area":
         return float(lit.sum())
@@ -87,6 +102,5 @@ def measured(albedo: np.ndarray, size: str) -> float:
 
 def posterior(samples: torch.Tensor, albedo: torch.Tensor) -> Posterior:
     """Samples (n, 64, 64), brought to the place and the turn of a reconstruction (64, 64)."""
-    normalised = samples / samples.amax((-2, -1), keepdim=True).clamp_min(1e-30)
-    placed, _ = registered(torch.nn.functional.pad(normalised, (0, OBJECT, 0, OBJECT)), on_grid(albedo.numpy()))
+    placed, _ = registered(padded(normalised(samples)), on_grid(albedo.numpy()))
     return Posterior(np.ascontiguousarray(placed[:, :OBJECT, :OBJECT].numpy(), np.float32))

@@ -13,9 +13,19 @@ OBJECT = 64
 
 def on_grid(image: np.ndarray, side: int = 2 * OBJECT) -> torch.Tensor:
     """Zero-pad an image so that a circular shift of it is a plain one; float32 (side, side)."""
-    padded = torch.zeros(side, side)
-    padded[: image.shape[0], : image.shape[1]] = torch.as_tensor(np.ascontiguousarray(image, np.float32))
-    return padded
+    grid = torch.zeros(side, side)
+    grid[: image.shape[0], : image.shape[1]] = torch.as_tensor(np.ascontiguousarray(image, np.float32))
+    return grid
+
+
+def normalised(albedos: torch.Tensor) -> torch.Tensor:
+    """Albedos (..., H, W), largest value 1 each; zeros stay zeros."""
+    return albedos / albedos.amax((-2, -1), keepdim=True).clamp_min(1e-30)
+
+
+def padded(albedos: torch.Tensor) -> torch.Tensor:
+    """Albedos (..., 64, 64) on the grid of twice their side, where a circular shift is a plain one."""
+    return torch.nn.functional.pad(albedos, (0, OBJECT, 0, OBJECT))
 
 
 def turned(image: torch.Tensor) -> torch.Tensor:
@@ -52,6 +62,11 @@ def registered(image: torch.Tensor, reference: torch.Tensor) -> tuple[torch.Tens
     return torch.stack(moved), value
 
 
+def mutual_likeness(images: torch.Tensor) -> torch.Tensor:
+    """Pearson correlation of images (n, H, W) with each other after the best shift and turn; (n, n), row by reference."""
+    return torch.stack([registered(images, one)[1] for one in images])
+
+
 def laid_over(pictures: torch.Tensor, references: torch.Tensor) -> torch.Tensor:
     """Pictures of each object (n, k, 64, 64), shifted and turned together so that the first fits its reference (n, 64, 64).
 
@@ -68,8 +83,8 @@ def laid_over(pictures: torch.Tensor, references: torch.Tensor) -> torch.Tensor:
     moved = []
     for own, best in zip(pictures, (fit * kept**4).flatten(1).argmax(1).tolist(), strict=True):
         turn, shift = divmod(best, side * side)
-        padded = torch.nn.functional.pad(own, (0, OBJECT, 0, OBJECT))
-        moved.append(torch.roll(turned(padded) if turn else padded, divmod(shift, side), (-2, -1))[:, :OBJECT, :OBJECT])
+        whole = padded(own)
+        moved.append(torch.roll(turned(whole) if turn else whole, divmod(shift, side), (-2, -1))[:, :OBJECT, :OBJECT])
     return torch.stack(moved)
 
 
@@ -110,7 +125,7 @@ def consensus(images: torch.Tensor, residual: torch.Tensor, best: int = 8, alike
     out of the mean, but not of the agreement.
     """
     chosen = images[residual.argsort(stable=True)[:best]]
-    mutual = torch.stack([registered(chosen, one)[1] for one in chosen])
+    mutual = mutual_likeness(chosen)
     aligned, correlation = registered(chosen, chosen[mutual.sum(1).argmax()])
     count = len(chosen)
     others = (mutual.sum() - mutual.diagonal().sum()) / (count * (count - 1)) if count > 1 else mutual.new_ones(())

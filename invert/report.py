@@ -11,6 +11,11 @@ from invert.posterior import Posterior
 from radiometry.files.output import atomic
 from radiometry.noise.level import centre_dimmed
 
+Panel = tuple[str, np.ndarray, dict[str, float]]
+"""Title, picture and limits of its scale."""
+
+ALTERNATIVES_SHOWN = 2
+
 
 def save_picture(path: Path, image: np.ndarray, scale: int = 8) -> None:
     """8-bit greyscale PNG, white is the largest value, each pixel enlarged."""
@@ -20,12 +25,6 @@ def save_picture(path: Path, image: np.ndarray, scale: int = 8) -> None:
     grey = np.round(np.clip(image / top if top > 0.0 else image, 0.0, 1.0) * 255.0).astype(np.uint8)
     with atomic(path) as partial:
         Image.fromarray(np.kron(grey, np.ones((scale, scale), np.uint8))).save(partial, format="PNG")
-
-
-Panel = tuple[str, np.ndarray, dict[str, float]]
-"""Title, picture and limits of its scale."""
-
-ALTERNATIVES_SHOWN = 2
 
 
 def save_report(path: Path, *, frame: np.ndarray | None, estimate: np.ndarray, albedo: np.ndarray,
@@ -77,7 +76,7 @@ def _posterior_panels(posterior: Posterior) -> list[Panel]:
     panels: list[Panel] = [(f"mean of {count} samples", posterior.mean, _from_zero(posterior.mean)),
                            ("standard deviation, 0 to 0.5", posterior.deviation, {"vmin": 0.0, "vmax": 0.5}),
                            ("probability that a pixel is bright", posterior.bright, {"vmin": 0.0, "vmax": 1.0})]
-    answers = posterior.alternatives()
+    answers = posterior.alternatives
     if len(answers) > 1:
         panels += [(f"answer {number + 1}: {100.0 * answer.probability:.0f} %", answer.albedo, _from_zero(answer.albedo))
                    for number, answer in enumerate(answers[:ALTERNATIVES_SHOWN])]

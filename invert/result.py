@@ -108,7 +108,7 @@ def summary_of(drawn: Posterior, pitches_m: tuple[float, float] | None) -> dict[
     names = {size: size if pitches_m is None else f"{size}_{'m2' if size == 'area' else 'm'}" for size in SIZES}
     intervals = {names[size]: {f"{100.0 * probability:.0f} %": [units[size] * end for end in drawn.interval(size, probability)]
                                for probability in (0.5, 0.8, 0.95)} for size in SIZES}
-    answers = [{"probability": one.probability, "samples": one.members} for one in drawn.alternatives()]
+    answers = [{"probability": one.probability, "samples": one.members} for one in drawn.alternatives]
     return {"samples": len(drawn.samples), "answers": answers, "intervals": intervals}
 
 

@@ -14,7 +14,7 @@ import torch
 from invert.network.features import Observation
 from invert.network.fisher_scoring import LARGEST, towards_data
 from invert.network.sampler import Sampler, posterior_variance
-from invert.registration import OBJECT, centred, registered
+from invert.registration import centred, normalised, padded, registered
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ POOL = 24
 ALIKE = 0.8
 """Of the correlation with the most similar other candidate, from which on candidates are taken for the same object."""
 
-POLISH = 50
+FINAL_ASCENT = 50
 """Largest number of steps towards the data at the end, until the estimate is explained (Morozov's discrepancy principle)."""
 
 FRESH = 0.5
@@ -65,10 +65,10 @@ def posterior_samples(sampler: Sampler, seen: Observation, inflation: float, can
     drawn = candidates[: max(POOL, options.samples)]
     for _ in range(options.rounds):
         drawn = annealed(sampler, seen, inflation, _in_common(drawn)[: options.samples], options, rng)
-    drawn = _normalised(drawn)
+    drawn = normalised(drawn)
     seen = _repeated(seen, len(drawn))
     variance = DATA_WEIGHT * posterior_variance(torch.full_like(seen.dof, options.last))
-    return _normalised(towards_data(replace(seen, dof=seen.dof / inflation), drawn, variance, POLISH, 1.0 / inflation))
+    return normalised(towards_data(replace(seen, dof=seen.dof / inflation), drawn, variance, FINAL_ASCENT, 1.0 / inflation))
 
 
 @torch.no_grad()
@@ -101,15 +101,11 @@ def _repeated(seen: Observation, count: int) -> Observation:
 
 def _in_common(candidates: torch.Tensor) -> torch.Tensor:
     """Of each candidate (n, 64, 64) the mean with all that show the same object, laid over it; largest value 1 each."""
-    padded = torch.nn.functional.pad(_normalised(candidates), (0, OBJECT, 0, OBJECT))
+    shown = padded(normalised(candidates))
     means = []
-    for number, one in enumerate(padded):
-        aligned, likeness = registered(padded, one)
+    for number, one in enumerate(shown):
+        aligned, likeness = registered(shown, one)
         others = torch.cat((likeness[:number], likeness[number + 1 :]))
         alike = likeness >= ALIKE * (others.max() if len(others) else 0.0)
         means.append(centred(aligned[alike].mean(0).clamp_min(0.0)))
-    return _normalised(torch.stack(means))
-
-
-def _normalised(albedos: torch.Tensor) -> torch.Tensor:
-    return albedos / albedos.amax((-2, -1), keepdim=True).clamp_min(1e-6)
+    return normalised(torch.stack(means))

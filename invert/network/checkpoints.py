@@ -78,8 +78,8 @@ def load_network(path: Path, device: str = "cpu") -> tuple[nn.Module, dict[str, 
     kinds = {name: value.is_floating_point() for name, value in network.state_dict().items()}
     if any(tensors[name].is_floating_point() != floating for name, floating in kinds.items()):
         raise InputError("--weights", "floating-point weights", f"integers in {path}", "train again or use the shipped ones")
-    if not all(bool(torch.isfinite(value.float()).all()) for value in tensors.values()):
+    tensors = {name: value.float() if kinds[name] else value for name, value in tensors.items()}
+    if not all(bool(torch.isfinite(value).all()) for value in tensors.values()):
         raise InputError("--weights", "finite weights", f"NaN or infinity in {path}", "train again")
-    network.load_state_dict({name: value.float() if value.is_floating_point() else value for name, value in tensors.items()},
-                            assign=True)
+    network.load_state_dict(tensors, assign=True)
     return network.to(device=device, memory_format=torch.channels_last).eval(), card

@@ -135,9 +135,14 @@ def paper_picture(estimate: torch.Tensor) -> torch.Tensor:
 
 def modulus_picture(estimate: torch.Tensor, floor: torch.Tensor) -> torch.Tensor:
     """|F(r)| from the estimate less its floor, zero frequency in the middle, largest value 1; (n, 1, 128, 128)."""
-    excess = functional.pad(without_zero_lag(estimate) - floor[:, None, None], (0, 1, 0, 1))
-    spectrum = torch.fft.fft2(torch.roll(excess, (-LAGS, -LAGS), (-2, -1))).real.clamp_min(0.0).sqrt()
+    excess = without_zero_lag(estimate) - floor[:, None, None]
+    spectrum = torch.fft.fft2(zero_lag_first(excess)).real.clamp_min(0.0).sqrt()
     return torch.fft.fftshift(spectrum / spectrum.amax((-2, -1), keepdim=True).clamp_min(1e-30), (-2, -1))[:, None]
+
+
+def zero_lag_first(lags: torch.Tensor) -> torch.Tensor:
+    """Lags (n, 127, 127) on the periodic grid (n, 128, 128), zero lag moved from the middle to [0, 0]."""
+    return torch.roll(functional.pad(lags, (0, 1, 0, 1)), (-LAGS, -LAGS), (-2, -1))
 
 
 def without_zero_lag(estimate: torch.Tensor) -> torch.Tensor:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import torch
-from torch.nn import functional
 
-from invert.likelihood import LEAST_FLOOR, PEDESTAL, brightnesses
-from invert.network.features import DOF_RANGE, Observation, without_zero_lag
+from invert.likelihood import LEAST_FLOOR, PEDESTAL, likeliest_brightnesses
+from invert.network.features import DOF_RANGE, Observation, without_zero_lag, zero_lag_first
 from invert.registration import OBJECT
-from radiometry.autocorrelation import LAGS, window_kernel
+from radiometry.autocorrelation import window_kernel
 from radiometry.noise.level import RING
+from radiometry.noise.model import smoothed_lags
 
 _USED = torch.from_numpy(RING > 1).float()
 _SIDE = 2 * OBJECT
@@ -35,19 +35,15 @@ class Score:
         height = estimate.abs().amax((-2, -1)).clamp_min(1e-30)
         estimate, floor = estimate / height[:, None, None], (seen.floor / height).clamp_min(LEAST_FLOOR)[:, None, None]
         used, pedestal, dof = _USED.to(albedo), PEDESTAL.to(albedo), seen.dof.clamp(*DOF_RANGE)[:, None, None]
-        self._spectrum = _spectrum(albedo)
-        self._smoothing = torch.from_numpy(window_kernel()).to(albedo)
-        signal = self._smoothed(self._spectrum.abs().square())
+        self._albedo, self._spectrum = albedo, _spectrum(albedo)
+        signal = smoothed_lags(self._spectrum.abs().square())
         scale = (signal * used).amax((-2, -1)).clamp_min(1e-6)[:, None, None]
         signal = signal / scale
-        expected = floor.expand_as(signal)
-        for _ in range(3):
-            weight = (used / expected.square()).flatten(1)
-            bright, faint = brightnesses(signal.flatten(1), pedestal.flatten(), (estimate - floor).flatten(1), weight)
-            expected = floor + bright[:, None, None] * signal + faint[:, None, None] * pedestal
+        bright, faint = likeliest_brightnesses(signal.flatten(1), pedestal.flatten(), estimate.flatten(1), floor.flatten(1),
+                                               used.flatten(), 3)
+        expected = floor + bright[:, None, None] * signal + faint[:, None, None] * pedestal
         self._gain = bright[:, None, None] / scale
         self._weight = used * dof * self._gain / expected.square()
-        self._squared = albedo.square()
         self._excess = estimate - expected
         ratio = (estimate / expected).clamp_min(1e-3)
         self.deviance = (2.0 * used * dof * (ratio - 1.0 - ratio.log())).sum((-2, -1)) / used.sum()
@@ -59,26 +55,21 @@ class Score:
     def information(self) -> torch.Tensor:
         """Fisher information of each pixel, (n, 64, 64), brightnesses kept; to within a factor of two, since what opposite lags
         have in common is left out."""
-        return self._in_picture(self._weight * self._gain, _spectrum(self._squared)).clamp_min(1e-6)
+        return self._in_picture(self._weight * self._gain, _spectrum(self._albedo.square())).clamp_min(1e-6)
 
-    def curvature(self, way: torch.Tensor) -> torch.Tensor:
+    def curvature(self, change: torch.Tensor) -> torch.Tensor:
         """The Fisher information matrix, brightnesses kept, times a change of the albedo, (n, 64, 64)."""
-        change = self._smoothed(2.0 * (self._spectrum.conj() * _spectrum(way)).real)
-        return self._in_picture(self._weight * self._gain * change, self._spectrum)
-
-    def _smoothed(self, power: torch.Tensor) -> torch.Tensor:
-        """Lags (n, 127, 127) of a power spectrum, as patches show them."""
-        lags = torch.fft.fftshift(torch.fft.irfft2(power, s=(_SIDE, _SIDE)), dim=(-2, -1))[..., 1:, 1:]
-        return self._smoothing @ lags @ self._smoothing.T
+        of_signal = smoothed_lags(2.0 * (self._spectrum.conj() * _spectrum(change)).real)
+        return self._in_picture(self._weight * self._gain * of_signal, self._spectrum)
 
     def _in_picture(self, lags: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
         """Smoothed lags (n, 127, 127), zero lag in the middle, convolved with pictures given by their spectra; (n, 64, 64).
 
         d (r*r)(lag) / d r(x) = r(x + lag) + r(x - lag).
         """
-        smooth = self._smoothing.T @ lags @ self._smoothing
-        centred = torch.roll(functional.pad(smooth, (0, 1, 0, 1)), (-LAGS, -LAGS), (-2, -1))
-        return torch.fft.irfft2(torch.fft.rfft2(centred) * spectrum, s=(_SIDE, _SIDE))[..., :OBJECT, :OBJECT]
+        smoothing = torch.from_numpy(window_kernel()).to(lags)
+        smooth = zero_lag_first(smoothing.T @ lags @ smoothing)
+        return torch.fft.irfft2(torch.fft.rfft2(smooth) * spectrum, s=(_SIDE, _SIDE))[..., :OBJECT, :OBJECT]
 
 
 def towards_data(seen: Observation, albedo: torch.Tensor, variance: torch.Tensor, steps: int,
@@ -94,22 +85,23 @@ def towards_data(seen: Observation, albedo: torch.Tensor, variance: torch.Tensor
     """
     begun, precision = albedo, variance.reciprocal()[:, None, None]
     at = Score(seen, albedo)
-    scale = (at.information() + precision).reciprocal()
-    way = former = torch.zeros_like(albedo)
-    fall = torch.ones_like(precision)
+    preconditioner = (at.information() + precision).reciprocal()
+    direction = former = torch.zeros_like(albedo)
+    former_norm = torch.ones_like(precision)
     for step in range(steps):
         at = Score(seen, albedo) if step else at
         if bool((at.deviance <= explained).all()):
             break
         slope = at.gradient() + precision * (begun - albedo)
         slope = slope * ((albedo > 0.0) | (slope > 0.0)) * (at.deviance > explained)[:, None, None]
-        direct = scale * slope
-        kept = (_dot(slope - former, direct) / fall).clamp_min(0.0)  # Polak and Ribiere
-        way = direct + kept * way * (slope != 0.0)
-        way = torch.where(_dot(way, slope) > 0.0, way, direct)
-        former, fall = slope, _dot(slope, direct).clamp_min(1e-30)
-        length = _dot(slope, way) / _dot(way, at.curvature(way) + precision * way).clamp_min(1e-30)
-        albedo = (albedo + length.clamp_max(LONGEST) * way).clamp(0.0, LARGEST)
+        steepest = preconditioner * slope
+        conjugate = (_dot(slope - former, steepest) / former_norm).clamp_min(0.0)  # Polak and Ribiere
+        direction = steepest + conjugate * direction * (slope != 0.0)
+        direction = torch.where(_dot(direction, slope) > 0.0, direction, steepest)
+        former, former_norm = slope, _dot(slope, steepest).clamp_min(1e-30)
+        bend = _dot(direction, at.curvature(direction) + precision * direction).clamp_min(1e-30)
+        length = (_dot(slope, direction) / bend).clamp_max(LONGEST)
+        albedo = (albedo + length * direction).clamp(0.0, LARGEST)
     return albedo
 
 

@@ -17,7 +17,7 @@ from invert.network.confidence import ConfidenceFeatures
 from invert.network.features import Observation
 from invert.network.model import CorrelographyNet
 from invert.network.proposals import overview, proposals
-from invert.registration import OBJECT, Consensus, consensus
+from invert.registration import Consensus, consensus, normalised, padded
 from invert.solvers.base import Candidates, Progress
 from invert.solvers.hio import HioOptions, hio
 from invert.spectrum import Measurement, denoised_modulus, fourier_modulus
@@ -46,13 +46,13 @@ AUGMENTED = {"fast": 1, "balanced": len(AUGMENTATIONS), "best": len(AUGMENTATION
 KEPT = 8
 """Number of likeliest candidates that are averaged where no samples are drawn."""
 
-HAZE = 0.03
+BACKGROUND = 0.03
 """Of the largest albedo, subtracted from the mean of samples: where each has noise of its own. On one-pixel edges (b 80, K 64)
 it costs .006 in correlation and gains .06 in SSIM."""
 
 SURE = 0.9
 """Correlation that the fusion expects of its likeliest candidates from which on their mean is the answer, not that of the
-samples: two rendered frames of an F at 1/8 s give .97 so, and .95 by samples, which explain what no noise model holds."""
+samples: two rendered frames of an F at 1/8 s give .96 so, and .95 by samples, which explain what no noise model holds."""
 
 UNBOUNDED_DOF = 1e6
 """K of an estimate without measurable noise."""
@@ -154,13 +154,11 @@ def reconstruct_by_network(network: nn.Module, measurement: Measurement, quality
                                   ANNEALING[quality], torch.Generator().manual_seed(seed))
         together = _mean(drawn, 0.0)
         if float(trust.sigmoid()) < SURE:
-            answer = replace(together, image=(together.image - HAZE * together.image.amax()).clamp_min(0.0))
+            answer = replace(together, image=(together.image - BACKGROUND * together.image.amax()).clamp_min(0.0))
     features = ConfidenceFeatures(float(trust), together.agreement, *agreement)
     return NetworkAnswer(answer.image, features, together.transfer if len(likeliest) > 1 else (), drawn)
 
 
 def _mean(albedos: torch.Tensor, alike: float) -> Consensus:
     """Registered mean of albedos (n, 64, 64) that are alike, see `consensus`."""
-    padded = torch.nn.functional.pad(albedos, (0, OBJECT, 0, OBJECT))
-    normalised = padded / padded.amax((-2, -1), keepdim=True).clamp_min(1e-30)
-    return consensus(normalised, torch.arange(len(albedos)), len(albedos), alike)
+    return consensus(padded(normalised(albedos)), torch.arange(len(albedos)), len(albedos), alike)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from invert.registration import agreeing_mean, centred, consensus, registered
+from invert.registration import agreeing_mean, centred, consensus, normalised, registered
 from invert.solvers.base import Candidates
 
 COMPANIONS = 8
@@ -53,5 +53,4 @@ def _of_each(found: Candidates) -> list[torch.Tensor]:
 
 def _in_window(pictures: torch.Tensor) -> torch.Tensor:
     """The middle of pictures (n, 128, 128), taken together, largest value 1 each; zero or more."""
-    window = centred(pictures.clamp_min(0.0))
-    return window / window.amax((-2, -1), keepdim=True).clamp_min(1e-30)
+    return normalised(centred(pictures.clamp_min(0.0)))

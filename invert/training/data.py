@@ -9,6 +9,7 @@ import torch
 from torch.nn import functional
 
 from invert.network.features import Observation
+from invert.registration import normalised
 from invert.training.denoising import Draws, moved
 from radiometry.autocorrelation import LAGS
 from radiometry.noise.level import OUTERMOST, RING
@@ -50,7 +51,7 @@ def at_noise(truth: torch.Tensor, floor: torch.Tensor | float, dof: torch.Tensor
     n = len(truth)
     floor = torch.as_tensor(floor).expand(n).float()
     dof = torch.as_tensor(dof).expand(n).float()
-    signal = signal_of(truth)
+    signal = _signal(truth)
     estimate = draw_estimate(signal + floor[:, None, None], dof, rng)
     return Batch(Observation.bare(estimate, floor, dof), truth, signal)
 
@@ -74,7 +75,7 @@ def varied(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batch:
     dof = torch.exp(uniform(np.log(8.0), np.log(1e4)))
     dof = torch.where(chance(0.1)[:, 0, 0], torch.exp(uniform(np.log(1e4), np.log(1e6))), dof)
     # The camera's own transfer, where it is not known; a floor that is not flat.
-    signal = signal_of(truth) * torch.exp(-_RADIUS_SQUARED * (uniform(0.0, 2.0)[:, None, None] * chance(0.5)))
+    signal = _signal(truth) * torch.exp(-_RADIUS_SQUARED * (uniform(0.0, 2.0)[:, None, None] * chance(0.5)))
     slope = uniform(-0.15, 0.15)[:, None, None] * chance(0.15)
     spectrum = signal + floor[:, None, None] * (1.0 + slope * (_RADIUS_SQUARED - 0.7))
     apart = draw_estimate(spectrum, dof, rng)
@@ -97,8 +98,7 @@ def _shaded(truth: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
     """Albedos (n, 64, 64) times a smooth random field, about .1 to 1 and some 20 lags wide; largest value 1 each."""
     coarse = torch.randn(len(truth), 1, 6, 6, generator=rng)
     field = 0.1 + torch.sigmoid(2.0 * functional.interpolate(coarse, truth.shape[-2:], mode="bicubic")[:, 0])
-    shaded = truth * field
-    return shaded / shaded.amax((-2, -1), keepdim=True).clamp_min(1e-6)
+    return normalised(truth * field)
 
 
 def hidden_in_noise(batch: Batch, rng: torch.Generator) -> Batch:
@@ -117,7 +117,7 @@ def warm(stored: dict[str, torch.Tensor], count: int, rng: torch.Generator) -> B
         pictures = [torch.where(turned.view(-1, *[1] * (picture.ndim - 1)), turn(picture), picture) for picture in pictures]
     estimate, denoised, truth, classical = pictures
     seen = Observation(estimate, *(stored[name][chosen] for name in ("floor", "dof")), denoised, classical)
-    return Batch(seen, truth, signal_of(truth))
+    return Batch(seen, truth, _signal(truth))
 
 
 def paper_noise(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batch:
@@ -126,7 +126,7 @@ def paper_noise(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batc
     return at_noise(truth, 70.0 / 255.0, 1.0 / 0.015, rng)
 
 
-def signal_of(truth: torch.Tensor) -> torch.Tensor:
+def _signal(truth: torch.Tensor) -> torch.Tensor:
     """H (r*r) behind the patch window, largest lag but zero 1; zero where the truth is."""
     signal = window_smoothed(truth)
     beside = torch.maximum(signal[:, LAGS, LAGS + 1], signal[:, LAGS + 1, LAGS])

@@ -23,6 +23,9 @@ FARTHER = 1.5
 ASCENT, ASCENT_SHARE = 3, 0.7
 """Steps towards the data after such a step, and how often they are taken."""
 
+DATA_WEIGHT = 3.0
+"""Of these steps; as `invert.network.annealing` has one."""
+
 STRAY = 6
 """Largest shift of an object out of the middle of its window, in lags."""
 
@@ -77,7 +80,7 @@ def guessed(sampler: Sampler, seen: Observation, truth: torch.Tensor, draws: Dra
         sigma = (draws.sigma * ratio).clamp_max(MOST)
         guess = sampler(seen, truth + sigma[:, None, None] * noise, sigma, guess).clamp(0.0, LARGEST)
         if ascends:
-            guess = towards_data(data, guess, 3.0 * posterior_variance(sigma), ASCENT)
+            guess = towards_data(data, guess, DATA_WEIGHT * posterior_variance(sigma), ASCENT)
     return guess
 
 

@@ -7,8 +7,8 @@ compares objects: losses on r*r alone accept a bright point beside a faint copy 
 from __future__ import annotations
 
 import torch
-from torch.nn import functional
 
+from invert.network.features import zero_lag_first
 from invert.registration import OBJECT
 from radiometry.autocorrelation import LAGS
 
@@ -98,7 +98,7 @@ def noise_left(found: torch.Tensor, signal: torch.Tensor, measured: torch.Tensor
 
 def _lags_modulus(lags: torch.Tensor) -> torch.Tensor:
     """|F(r)| from r*r (n, 127, 127), zero lag in the middle; (n, 128, 65)."""
-    spectrum = torch.fft.rfft2(functional.pad(lags, (0, 1, 0, 1)).roll((-LAGS, -LAGS), (-2, -1))).real
+    spectrum = torch.fft.rfft2(zero_lag_first(lags)).real
     return (spectrum.clamp_min(0.0) + 1e-2).sqrt()
 
 

@@ -1,4 +1,4 @@
-"""Gradient and information of the likelihood in the picture, against autograd and against scatter."""
+"""Slope and curvature of the likelihood in the picture, against autograd and differences; steps along them."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ FLOOR, DOF = 0.3, 64.0
 
 
 @pytest.fixture
-def albedo(rng) -> torch.Tensor:
+def albedo() -> torch.Tensor:
     """Two asymmetric objects."""
     image = torch.zeros(2, 64, 64)
     image[0, 20:31, 18:22], image[0, 27:31, 18:40] = 1.0, 0.6

@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy.optimize import minimize, nnls
 
-from invert.likelihood import brightnesses, log_likelihoods, nats_over
+from invert.likelihood import _brightnesses, log_likelihoods, nats_over
 from invert.spectrum import read_measurement
 from radiometry.noise.level import RING, NoiseLevel
 from radiometry.noise.model import draw_estimate, log_likelihood, window_smoothed
@@ -72,14 +72,14 @@ def test_a_pedestal_is_not_taken_for_the_object(lags, light):
     assert right - wrong > 5.0
 
 
-def testbrightnesses_are_those_of_non_negative_least_squares():
+def test_brightnesses_are_those_of_non_negative_least_squares():
     """Against scipy, with either, neither and both of the two at zero."""
     rng, zeros = np.random.default_rng(4), set()
     for _ in range(60):
         signal, pedestal, weight = rng.random(9), rng.random(9), rng.random(9)
         excess = rng.normal(size=2) @ (signal, pedestal) + 0.3 * rng.normal(size=9)
         wanted, _ = nnls(np.sqrt(weight)[:, None] * np.stack((signal, pedestal), 1), np.sqrt(weight) * excess)
-        found = brightnesses(*map(torch.from_numpy, (signal[None], pedestal, excess, weight[None])))
+        found = _brightnesses(*map(torch.from_numpy, (signal[None], pedestal, excess, weight[None])))
         np.testing.assert_allclose([float(one) for one in found], wanted, atol=1e-9)
         zeros.add(tuple(wanted > 0.0))
     assert len(zeros) == 4

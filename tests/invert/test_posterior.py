@@ -1,10 +1,11 @@
-"""What samples say together, and that they come from the posterior where that is known exactly."""
+"""What samples say together: place, spread, answers, sizes."""
 
 import numpy as np
 import pytest
 import torch
 
 from invert.posterior import Posterior, measured, posterior
+from radiometry.errors import InputError
 from tests.invert.steps import MIRRORED_STEM, RIGHT
 
 
@@ -37,8 +38,8 @@ def test_different_objects_are_different_answers():
     def noisy(image: torch.Tensor) -> torch.Tensor:
         return (image + 0.1 * torch.randn(image.shape, generator=rng)).clamp(0.0, 1.0)
 
-    assert len(shown(*(noisy(RIGHT) for _ in range(8))).alternatives()) == 1
-    both = shown(*(noisy(RIGHT) for _ in range(6)), *(noisy(MIRRORED_STEM) for _ in range(2))).alternatives()
+    assert len(shown(*(noisy(RIGHT) for _ in range(8))).alternatives) == 1
+    both = shown(*(noisy(RIGHT) for _ in range(6)), *(noisy(MIRRORED_STEM) for _ in range(2))).alternatives
     assert [one.probability for one in both] == [0.75, 0.25]
     assert [one.members for one in both] == [(0, 1, 2, 3, 4, 5), (6, 7)]
 
@@ -53,3 +54,11 @@ def test_sizes_and_their_intervals():
     assert Posterior(samples).interval("width", 0.5) == (15.0, 25.0)
     assert Posterior(samples).interval("height", 0.95) == (7.0, 7.0)
     assert measured(np.zeros((64, 64)), "width") == 0.0
+
+
+def test_an_unknown_size_or_probability_is_refused():
+    said = shown(RIGHT, RIGHT)
+    with pytest.raises(InputError, match="size: expected one of width, height, area"):
+        said.interval("depth", 0.8)
+    with pytest.raises(InputError, match="probability: expected 0 to 1"):
+        said.interval("width", 80.0)
