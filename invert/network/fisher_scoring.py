@@ -8,11 +8,21 @@ from invert.likelihood import LEAST_FLOOR, PEDESTAL, likeliest_brightnesses
 from invert.network.features import DOF_RANGE, Observation, without_zero_lag, zero_lag_first
 from invert.registration import OBJECT
 from radiometry.autocorrelation import window_kernel
-from radiometry.noise.level import RING
-from radiometry.noise.model import smoothed_lags
+from radiometry.noise.level import INDEPENDENT, RING
 
-_USED = torch.from_numpy(RING > 1).float()
 _SIDE = 2 * OBJECT
+
+
+def _half(lags: torch.Tensor) -> torch.Tensor:
+    """Lags (n, 127, 127), zero lag in the middle, of rows 0 to 63, zero lag first, (n, 64, 128); the others mirror these."""
+    return zero_lag_first(lags)[..., :OBJECT, :]
+
+
+_USED = _half(torch.from_numpy((RING > 1) & INDEPENDENT).float()[None])
+_PEDESTAL = _half(PEDESTAL.float()[None])
+_RESPONSE = torch.fft.fft(zero_lag_first(torch.from_numpy(window_kernel())[None])[0, :, 0]).real
+_WINDOW = torch.outer(_RESPONSE, _RESPONSE[: OBJECT + 1]).float()
+"""By which patches multiply the spectrum of r*r, (128, 65)."""
 
 LARGEST = 1.2
 """Albedo that a step may reach; the largest of an object is about 1."""
@@ -21,8 +31,24 @@ LONGEST = 1.0
 """Largest step, in those that pixels by themselves would take."""
 
 
+class Likelihood:
+    """That of `invert.likelihood`, for n estimates at once."""
+
+    def __init__(self, seen: Observation) -> None:
+        estimate = without_zero_lag(seen.estimate)
+        height = estimate.abs().amax((-2, -1)).clamp_min(1e-30)
+        self.estimate = _half(estimate / height[:, None, None])
+        self.floor = (seen.floor / height).clamp_min(LEAST_FLOOR)[:, None, None]
+        self.dof = seen.dof.clamp(*DOF_RANGE)[:, None, None]
+        self.used, self.pedestal, self.window = (one.to(estimate) for one in (_USED, _PEDESTAL, _WINDOW))
+
+    def at(self, albedo: torch.Tensor) -> Score:
+        """At one albedo for each estimate, (n, 64, 64)."""
+        return Score(self, albedo)
+
+
 class Score:
-    """The likelihood (`invert.likelihood`) of n estimates at one albedo each, (n, 64, 64), and how it changes with the pixels.
+    """A likelihood at albedos (n, 64, 64), and how it changes with the pixels.
 
     The brightnesses of object and pedestal are the likeliest. There is no slope at an albedo of zeros.
 
@@ -30,23 +56,20 @@ class Score:
         deviance: of the mean lag, (n,): 1 at the truth, more where the albedo leaves something unexplained.
     """
 
-    def __init__(self, seen: Observation, albedo: torch.Tensor) -> None:
-        estimate = without_zero_lag(seen.estimate)
-        height = estimate.abs().amax((-2, -1)).clamp_min(1e-30)
-        estimate, floor = estimate / height[:, None, None], (seen.floor / height).clamp_min(LEAST_FLOOR)[:, None, None]
-        used, pedestal, dof = _USED.to(albedo), PEDESTAL.to(albedo), seen.dof.clamp(*DOF_RANGE)[:, None, None]
-        self._albedo, self._spectrum = albedo, _spectrum(albedo)
-        signal = smoothed_lags(self._spectrum.abs().square())
+    def __init__(self, likelihood: Likelihood, albedo: torch.Tensor) -> None:
+        estimate, floor, used, pedestal = likelihood.estimate, likelihood.floor, likelihood.used, likelihood.pedestal
+        self._window, self._albedo, self._spectrum = likelihood.window, albedo, _spectrum(albedo)
+        signal = self._smoothed(self._spectrum.abs().square())
         scale = (signal * used).amax((-2, -1)).clamp_min(1e-6)[:, None, None]
         signal = signal / scale
         bright, faint = likeliest_brightnesses(signal.flatten(1), pedestal.flatten(), estimate.flatten(1), floor.flatten(1),
                                                used.flatten(), 3)
         expected = floor + bright[:, None, None] * signal + faint[:, None, None] * pedestal
         self._gain = bright[:, None, None] / scale
-        self._weight = used * dof * self._gain / expected.square()
+        self._weight = used * likelihood.dof * self._gain / expected.square()
         self._excess = estimate - expected
         ratio = (estimate / expected).clamp_min(1e-3)
-        self.deviance = (2.0 * used * dof * (ratio - 1.0 - ratio.log())).sum((-2, -1)) / used.sum()
+        self.deviance = (2.0 * used * likelihood.dof * (ratio - 1.0 - ratio.log())).sum((-2, -1)) / used.sum()
 
     def gradient(self) -> torch.Tensor:
         """Of the log-likelihood, (n, 64, 64)."""
@@ -59,17 +82,20 @@ class Score:
 
     def curvature(self, change: torch.Tensor) -> torch.Tensor:
         """The Fisher information matrix, brightnesses kept, times a change of the albedo, (n, 64, 64)."""
-        of_signal = smoothed_lags(2.0 * (self._spectrum.conj() * _spectrum(change)).real)
+        of_signal = self._smoothed(2.0 * (self._spectrum.conj() * _spectrum(change)).real)
         return self._in_picture(self._weight * self._gain * of_signal, self._spectrum)
 
+    def _smoothed(self, power: torch.Tensor) -> torch.Tensor:
+        """Half of the lags of a power spectrum (n, 128, 65), as patches show them."""
+        return torch.fft.irfft2(power * self._window, s=(_SIDE, _SIDE))[..., :OBJECT, :]
+
     def _in_picture(self, lags: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
-        """Smoothed lags (n, 127, 127), zero lag in the middle, convolved with pictures given by their spectra; (n, 64, 64).
+        """Half of the lags, smoothed, with the other half convolved with pictures given by their spectra; (n, 64, 64).
 
         d (r*r)(lag) / d r(x) = r(x + lag) + r(x - lag).
         """
-        smoothing = torch.from_numpy(window_kernel()).to(lags)
-        smooth = zero_lag_first(smoothing.T @ lags @ smoothing)
-        return torch.fft.irfft2(torch.fft.rfft2(smooth) * spectrum, s=(_SIDE, _SIDE))[..., :OBJECT, :OBJECT]
+        both = 2.0 * self._window * torch.fft.rfft2(lags, s=(_SIDE, _SIDE)).real
+        return torch.fft.irfft2(both * spectrum, s=(_SIDE, _SIDE))[..., :OBJECT, :OBJECT]
 
 
 def towards_data(seen: Observation, albedo: torch.Tensor, variance: torch.Tensor, steps: int,
@@ -84,12 +110,13 @@ def towards_data(seen: Observation, albedo: torch.Tensor, variance: torch.Tensor
         explained: deviance below which an albedo is left as it is: what is still unexplained may be noise.
     """
     begun, precision = albedo, variance.reciprocal()[:, None, None]
-    at = Score(seen, albedo)
+    likelihood = Likelihood(seen)
+    at = likelihood.at(albedo)
     preconditioner = (at.information() + precision).reciprocal()
     direction = former = torch.zeros_like(albedo)
     former_norm = torch.ones_like(precision)
     for step in range(steps):
-        at = Score(seen, albedo) if step else at
+        at = likelihood.at(albedo) if step else at
         if bool((at.deviance <= explained).all()):
             break
         slope = at.gradient() + precision * (begun - albedo)

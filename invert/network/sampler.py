@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from invert.network.blocks import Decoder, Unet
 from invert.network.features import SKETCH_CHANNELS, Observation, sketch_features
-from invert.network.fisher_scoring import Score
+from invert.network.fisher_scoring import Likelihood
 
 SPREAD = 0.25
 """Standard deviation of albedos, about."""
@@ -43,7 +43,7 @@ class Sampler(nn.Module):
             guess: what is thought of them so far, (n, 64, 64) in the same place; zeros where nothing is.
         """
         with torch.no_grad():
-            at = Score(seen, guess)
+            at = Likelihood(seen).at(guess)
             gradient, information = at.gradient(), at.information()
         significance, step = gradient / information.sqrt(), (gradient / (information + _WEAK)).clamp(-2.0, 2.0)
         spread = sigma[:, None, None]

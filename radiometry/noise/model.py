@@ -37,16 +37,11 @@ def expected_spectrum(signal: torch.Tensor, floor: torch.Tensor | float, transfe
 def window_smoothed(albedo: torch.Tensor) -> torch.Tensor:
     """r*r of albedos (..., 64, 64), one square cell a lag, as boxcar patches show it: (..., 127, 127), summed over cells."""
     n = 2 * (LAGS + 1)
-    smooth = smoothed_lags(torch.fft.rfft2(albedo, s=(n, n)).abs().square())
-    return 0.5 * (smooth + smooth.flip((-2, -1)))  # exactly centro-symmetric in spite of rounding
-
-
-def smoothed_lags(power: torch.Tensor) -> torch.Tensor:
-    """Lags (..., 127, 127) of a power spectrum (..., 128, 65), as boxcar patches show them."""
-    n = 2 * (LAGS + 1)
+    power = torch.fft.rfft2(albedo, s=(n, n)).abs().square()
     lags = torch.fft.fftshift(torch.fft.irfft2(power, s=(n, n)), dim=(-2, -1))[..., 1:, 1:]
     kernel = torch.from_numpy(window_kernel()).to(lags)
-    return kernel @ lags @ kernel.T
+    smooth = kernel @ lags @ kernel.T
+    return 0.5 * (smooth + smooth.flip((-2, -1)))  # exactly centro-symmetric in spite of rounding
 
 
 def lag_correlation(distance: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ import torch
 
 from invert.likelihood import NoiseLikelihood
 from invert.network.features import Observation
-from invert.network.fisher_scoring import Score, towards_data
+from invert.network.fisher_scoring import Likelihood, towards_data
 from invert.spectrum import Measurement
 from radiometry.noise.level import NoiseLevel
 from radiometry.noise.model import draw_estimate, window_smoothed
@@ -38,7 +38,7 @@ def test_the_gradient_is_that_of_the_likelihood(albedo):
     """Autograd through the class that ranks candidates, each estimate by itself."""
     seen = observed(albedo, (1, 2))
     guess = (0.8 * albedo.roll(1, -1) + 0.2 * albedo).requires_grad_()
-    found = Score(seen, guess.detach()).gradient()
+    found = Likelihood(seen).at(guess.detach()).gradient()
     for number in range(2):
         shown = Measurement(seen.estimate[number].numpy(), NoiseLevel(FLOOR, DOF, 40), 1.0, 0.0, 100.0, ())
         likelihood = NoiseLikelihood(shown, kind=torch.float64)
@@ -50,7 +50,7 @@ def test_the_gradient_is_that_of_the_likelihood(albedo):
 @pytest.mark.parametrize("place", [(25, 19), (29, 35), (40, 50), (12, 12)])
 def test_the_information_is_the_curvature_s_diagonal(albedo, place):
     """To within a factor of two, in the object and beside it."""
-    at = Score(observed(albedo, (1, 2)), albedo)
+    at = Likelihood(observed(albedo, (1, 2))).at(albedo)
     unit = torch.zeros_like(albedo)
     unit[(slice(None), *place)] = 1.0
     exact, found = (one[(slice(None), *place)] for one in (at.curvature(unit), at.information()))
@@ -66,10 +66,10 @@ def test_the_curvature_is_the_slope_s_slope(albedo):
     seen = replace(seen, estimate=signal / signal[:, 63, 64, None, None] + FLOOR)
     way = torch.zeros_like(truth)
     way[0, 20:31, 18:22] = torch.rand(11, 4, generator=torch.Generator().manual_seed(7)) - 0.5
-    at = Score(seen, truth)
+    at = Likelihood(seen).at(truth)
     # The brightness is fitted for every albedo but kept in the curvature, so along this way it shall not change.
     way = way - truth * (truth * at.curvature(way)).sum() / (truth * at.curvature(truth)).sum()
-    ahead, behind = (Score(seen, truth + share * way).gradient() for share in (0.01, -0.01))
+    ahead, behind = (Likelihood(seen).at(truth + share * way).gradient() for share in (0.01, -0.01))
     expected = ((behind - ahead) / 0.02 * way).sum()
     assert float((at.curvature(way) * way).sum()) == pytest.approx(float(expected), rel=0.1)
 
@@ -78,11 +78,11 @@ def test_the_deviance_is_one_at_the_truth(albedo):
     """And more where something is missing."""
     truth = albedo[:1].expand(8, -1, -1)
     seen = observed(truth, tuple(range(10, 18)))
-    deviance = Score(seen, truth).deviance
+    deviance = Likelihood(seen).at(truth).deviance
     assert float(deviance.mean()) == pytest.approx(1.0, abs=0.02)
     without_bar = truth.clone()
     without_bar[:, 27:31, 22:40] = 0.0
-    assert float((Score(seen, without_bar).deviance - deviance).min()) > 0.02
+    assert float((Likelihood(seen).at(without_bar).deviance - deviance).min()) > 0.02
 
 
 def test_steps_towards_the_data_find_what_is_missing(albedo):
@@ -100,7 +100,7 @@ def test_steps_towards_the_data_find_what_is_missing(albedo):
 
 def test_nothing_is_gained_from_nothing():
     seen = observed(torch.ones(1, 64, 64), (5,))
-    assert not Score(seen, torch.zeros(1, 64, 64)).gradient().abs().max() > 1e-3
+    assert not Likelihood(seen).at(torch.zeros(1, 64, 64)).gradient().abs().max() > 1e-3
 
 
 def test_what_is_explained_is_left_alone(albedo):
@@ -108,7 +108,7 @@ def test_what_is_explained_is_left_alone(albedo):
     seen = observed(albedo, (8, 9))
     guess = albedo.clone()
     guess[0] = 0.5 * guess[0] + 0.5 * guess[0].roll(3, 0)
-    worse, explained = Score(seen, guess).deviance.tolist()
+    worse, explained = Likelihood(seen).at(guess).deviance.tolist()
     assert worse > explained
     moved = towards_data(seen, guess, torch.tensor([1.0, 1.0]), 5, 0.5 * (worse + explained))
     torch.testing.assert_close(moved[1], guess[1], rtol=0, atol=0)
