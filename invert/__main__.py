@@ -25,7 +25,8 @@ def parser() -> ArgumentParser:
     p.add_argument("--pixel-pitch-m", type=SI, help="pixel pitch on the wall; wanted for lengths in metres only")
     p.add_argument("--wavelength-m", type=SI)
     p.add_argument("--distance-m", type=SI, help="hidden object to wall")
-    p.add_argument("--patch", default="auto", help="patch size in pixels, or auto (300 um a lag, or an eighth of the frame)")
+    p.add_argument("--patch", default="auto",
+                   help="patch size in pixels, auto (300 um a lag, or an eighth of the frame), or fit: as the object's width asks")
     p.add_argument("--mean", choices=("auto", "pooled", "fixed", "published"), default="auto",
                    help="what of the frames' mean is subtracted: what they show, nothing but each frame's own, what they share "
                         "at every lag, or as the paper does, on patches side by side")
@@ -101,14 +102,14 @@ def _check(options: Any) -> None:
         raise InputError("--autocorrelation", "estimates as they are", found, "leave them out")
 
 
-def _patch(text: str) -> int | None:
-    """Patch size in pixels, None for auto."""
-    if text == "auto":
-        return None
+def _patch(text: str) -> Any:
+    """Patch size in pixels, None for auto, or fit."""
+    if text in ("auto", "fit"):
+        return None if text == "auto" else text
     try:
         return int(text)
     except ValueError:
-        raise InputError("--patch", "a number of pixels or auto", text, "choose another") from None
+        raise InputError("--patch", "a number of pixels, auto or fit", text, "choose another") from None
 
 
 if __name__ == "__main__":

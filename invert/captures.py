@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from invert.capture import find_frames, frames_inside, printable, read_capture
-from invert.estimate import Estimate, estimate_from_frames, published_estimate
+from invert.estimate import Estimate, Patch, estimate_from_frames, published_estimate
 from invert.inversion import retrieved
 from invert.network.checkpoints import SHIPPED, load_network
 from invert.result import check_truth_pitch, read_truth
@@ -25,7 +25,7 @@ from radiometry.files.corrections import Corrections
 from radiometry.files.output import output_folder, sole_writer
 from radiometry.version import version
 
-REVISION = 2
+REVISION = 3
 """To be raised when the same request gives another result."""
 
 Captures = dict[str, tuple[Path, ...]]
@@ -39,7 +39,7 @@ class Request:
     autocorrelation: bool = False
     known: CameraFacts = field(default_factory=CameraFacts)
     corrections: Corrections = field(default_factory=Corrections)
-    patch: int | None = None
+    patch: Patch = None
     mean: Mean = "auto"
     blur_pixels: float | None = None
     method: str = "unet"

@@ -5,19 +5,27 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from invert.capture import printable
-from radiometry.autocorrelation import LAGS, automatic_patch_size, patch_grid
+from invert.patch_fit import fitting_grid
+from invert.spectrum import read_measurement
+from radiometry.autocorrelation import LAG_SIDE, LAGS, automatic_patch_size, patch_grid
 from radiometry.errors import InputError, positive
 from radiometry.estimation.published import PublishedEstimator
 from radiometry.estimation.third_moment import FilteredFrames
-from radiometry.estimation.whole_frames import Mean, estimator_of
+from radiometry.estimation.whole_frames import AutocorrelationEstimator, Mean, estimator_of
 from radiometry.files.capture import CameraFacts, Capture
 from radiometry.files.pictures import read_autocorrelation
+from radiometry.ranges import Range
 from radiometry.transfer import gaussian_transfer, lag_transfer
+
+Patch = int | Literal["fit"] | None
+"""Patch size in pixels, or how it is chosen; see `estimate_from_frames`."""
+
+PATCH = Range(LAG_SIDE, 2**31 - 1)
 
 LARGEST_BELOW = 0.2
 """Share of an estimate's power that lags below zero may have."""
@@ -67,24 +75,26 @@ def check_power(lags: np.ndarray, name: str) -> None:
                          f"negative lags as strong as others in {name}", "give the estimate with its floor, as it was measured")
 
 
-def estimate_from_frames(capture: Capture, patch: int | None, device: str, mean: Mean = "auto",
+def estimate_from_frames(capture: Capture, patch: Patch, device: str, mean: Mean = "auto",
                          blur_pixels: float | None = None) -> Estimate:
     """Estimate r*r from frames.
 
     Args:
         mean: which mean of the frames is subtracted; see `radiometry.estimation.whole_frames`.
         patch: patch size in pixels; None chooses it from the lag pitch wanted (300 um), or takes an
-            eighth of the frame where the camera is unknown.
+            eighth of the frame where the camera is unknown; "fit" begins there and goes on to what suits the object
+            (`invert.patch_fit`).
         blur_pixels: standard deviation of a Gaussian blur beyond pupil and pixel, where it is known.
     """
     begin = time.perf_counter()
     geometry = capture.camera.lag_geometry
     shape = (capture.frames[0].shape[0], capture.frames[0].shape[1])
-    grid = patch_grid(shape, automatic_patch_size(shape, geometry) if patch is None else patch)
+    by_itself = patch is None or patch == "fit"
+    grid = patch_grid(shape, automatic_patch_size(shape, geometry) if by_itself else PATCH.check("patch", patch))
+    if patch == "fit":
+        grid = fitting_grid(grid, lambda tried: read_measurement(_lags(capture, estimator_of(tried, mean, device))))
     estimator = estimator_of(grid, mean, device)
-    for frame in capture.frames:
-        estimator.add(frame)
-    lags = estimator.estimate()
+    lags = _lags(capture, estimator)
     return Estimate(
         name=", ".join(capture.names) or f"{len(capture.frames)} frames",
         lags=lags,
@@ -100,6 +110,12 @@ def estimate_from_frames(capture: Capture, patch: int | None, device: str, mean:
         filtered_frames=None if isinstance(estimator, PublishedEstimator) else estimator.filtered_frames(),
         seconds=time.perf_counter() - begin,
     )
+
+
+def _lags(capture: Capture, estimator: AutocorrelationEstimator | PublishedEstimator) -> np.ndarray:
+    for frame in capture.frames:
+        estimator.add(frame)
+    return estimator.estimate()
 
 
 def _transfer(capture: Capture, patch_shape: tuple[int, int], blur_pixels: float | None) -> np.ndarray | None:

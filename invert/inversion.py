@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from invert.capture import check_frame, read_capture
-from invert.estimate import Estimate, check_power, estimate_from_frames, published_estimate
+from invert.estimate import Estimate, Patch, check_power, estimate_from_frames, published_estimate
 from invert.methods import Reconstruction, iterations, retrieve
+from invert.patch_fit import overfull
 from invert.result import write_result
 from invert.solvers.base import Progress
 from invert.speckle_test import SpeckleTest, speckle_test
@@ -75,7 +76,7 @@ class Result:
                             self.settings | said, self.seconds)
 
 
-def reconstruct(source: Source, *, method: str = "unet", quality: str = "balanced", patch: int | None = None,
+def reconstruct(source: Source, *, method: str = "unet", quality: str = "balanced", patch: Patch = None,
                 camera: CameraFacts | None = None, corrections: Corrections | None = None, blur_pixels: float | None = None,
                 weights: str | Path | None = None, seed: int = 0, device: str = "cpu", mean: Mean = "auto") -> Result:
     """Reconstruct the hidden object's albedo.
@@ -83,7 +84,7 @@ def reconstruct(source: Source, *, method: str = "unet", quality: str = "balance
     Args:
         source: a capture; a frame file or a folder of them; frames (n, H, W) or (H, W); or a published
             autocorrelation, a file or array of 127 x 127 lags.
-        patch: size in pixels, chosen from the lag pitch where None.
+        patch: size in pixels; chosen from the lag pitch where None, and from the object's width as well where "fit".
         camera: facts for frames that carry none.
         corrections: dark frame, flat field and mask.
         blur_pixels: standard deviation of a known Gaussian blur of the frames.
@@ -109,6 +110,8 @@ def retrieved(estimate: Estimate, *, method: str, quality: str, weights: str | P
     reconstruction = retrieve(measurement, method, quality, seed, device, progress, None if weights is None else Path(weights))
     test = speckle_test(estimate, measurement, reconstruction.albedo) if reconstruction.object_found else None
     reconstruction, warnings = trusted(reconstruction, test, estimate.facts)
+    if "patches" in estimate.facts and overfull(measurement):
+        warnings.append("the object may be wider than the lags show; try --patch fit, or frames of smaller pixels")
     seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
     settings = {"method": method, "quality": quality, "seed": seed}
     return Result(estimate, measurement, reconstruction, settings, seconds, test, tuple(warnings))

@@ -1,0 +1,65 @@
+"""Patches that suit the object, on frames of an asymmetric letter of many sizes."""
+
+import numpy as np
+import pytest
+import torch
+from skimage.transform import resize
+
+from invert import reconstruct
+from invert.registration import correlation_maps
+from radiometry.errors import InputError
+
+SHAPE, AUTOMATIC = (2080, 2104), 260
+FINE = 3
+"""Cells of the truth in a lag of automatic patches."""
+
+
+def letter(lags: float, cells_per_lag: float) -> np.ndarray:
+    """An F, `lags` lags high, on a square of 128 lags."""
+    row, column = np.mgrid[: 128 * cells_per_lag, : 128 * cells_per_lag] / (lags * cells_per_lag)
+    stem, bars = column < 0.2, (row < 0.2) & (column < 0.7) | (row > 0.4) & (row < 0.6) & (column < 0.5)
+    return ((row < 1.0) & (stem | bars)).astype(np.float64)
+
+
+def frames(lags: float) -> np.ndarray:
+    """Two frames, 0.3 photons a pixel: |FFT of a random field|^2, one pixel of the field an eighth of a lag."""
+    rng = np.random.default_rng(5)
+    steps = [np.arange(side) * AUTOMATIC / side for side in SHAPE]
+    row, column = np.meshgrid(*(step[step < 128] for step in steps), indexing="ij")
+    shown = letter(lags, 8)[(8 * row).astype(int), (8 * column).astype(int)]
+    field = np.zeros((2, *SHAPE), complex)
+    field[:, : row.shape[0], : row.shape[1]] = shown * (rng.normal(size=(2, *row.shape, 2)) @ (1.0, 1.0j))
+    light = np.abs(np.fft.fft2(field)) ** 2
+    return rng.poisson(0.3 * light / light.mean()).astype(np.float32)
+
+
+def likeness(result, lags: float) -> float:
+    """Registered correlation with the truth, three cells to a lag of automatic patches, over a square of 128 such lags."""
+    scale = AUTOMATIC / result.estimate.facts["patches"]["size"]
+    shown = resize(result.albedo, [round(64 * FINE * scale)] * 2, order=1)
+    side = 128 * FINE
+    shown = np.pad(shown, (0, max(side - len(shown), 0)))[:side, :side]
+    maps = correlation_maps(torch.from_numpy(shown).float()[None], torch.from_numpy(letter(lags, FINE)).float())
+    return float(maps.max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("lags", "patch", "gain"), [(10, 520, 0.02), (90, (130, 150), 0.15)])
+def test_small_objects_are_magnified_and_large_ones_held(lags, patch, gain):
+    seen = frames(lags)
+    plain, fitted = (reconstruct(seen, patch=given, quality="fast") for given in (None, "fit"))
+    size = fitted.estimate.facts["patches"]["size"]
+    assert size == patch if isinstance(patch, int) else patch[0] <= size <= patch[1]
+    assert likeness(fitted, lags) > likeness(plain, lags) + gain
+    assert any("wider than the lags" in warning for warning in plain.warnings) == (lags > 64)
+    assert not any("wider than the lags" in warning for warning in fitted.warnings)
+
+
+def test_patches_that_suit_the_object_are_left_alone():
+    assert reconstruct(frames(36), patch="fit", quality="fast").estimate.facts["patches"]["size"] == AUTOMATIC
+
+
+@pytest.mark.parametrize("patch", ["large", 126, 129.0, True])
+def test_other_patches_are_refused(rng, patch):
+    with pytest.raises(InputError, match="patch: expected a whole number from 127"):
+        reconstruct(rng.poisson(3.0, (1, 300, 300)), patch=patch, quality="fast")
