@@ -26,7 +26,7 @@ def parser() -> ArgumentParser:
     p.add_argument("--wavelength-m", type=SI)
     p.add_argument("--distance-m", type=SI, help="hidden object to wall")
     p.add_argument("--patch", default="auto",
-                   help="patch size in pixels, auto (300 um a lag, or an eighth of the frame), or fit: as the object's width asks")
+                   help="patch size in pixels, auto (300 um a lag, or an eighth of the frame), or fit (by the object's width)")
     p.add_argument("--mean", choices=("auto", "pooled", "fixed", "published"), default="auto",
                    help="what of the frames' mean is subtracted: what they show, nothing but each frame's own, what they share "
                         "at every lag, or as the paper does, on patches side by side")
