@@ -10,7 +10,7 @@ import torch
 
 from invert.network.checkpoints import SHIPPED, load_network
 from invert.network.confidence import UNCALIBRATED, confidence
-from invert.network.inference import reconstruct_by_network, retrieval_options
+from invert.network.inference import RETRIEVAL, reconstruct_by_network
 from invert.posterior import Posterior, posterior
 from invert.refinement import refined
 from invert.registration import OBJECT, centred, consensus
@@ -47,7 +47,7 @@ NOTHING = Reconstruction(np.zeros((OBJECT, OBJECT), np.float32), False, 0.0, Non
 
 def iterations(method: str, quality: str) -> int:
     """How often a retrieval will report progress."""
-    return (retrieval_options(quality) if method == "unet" else method_options(method, quality)).iterations
+    return (RETRIEVAL[quality] if method == "unet" else method_options(method, quality)).iterations
 
 
 def retrieve(measurement: Measurement, method: str, quality: str, seed: int, device: str,
@@ -72,11 +72,13 @@ def _by_network(measurement: Measurement, quality: str, seed: int, device: str, 
     """The network's reconstruction, if it is trusted."""
     network, card = load_network(weights, device)
     answer = reconstruct_by_network(network, measurement, quality, seed, device, progress)
-    trust = float(confidence(card.get("calibration", {}).get(quality, UNCALIBRATED), answer.features))
+    calibration = card.get("calibration", {})
+    trust = float(confidence(calibration.get(quality, UNCALIBRATED), answer.features))
     if trust < BELIEVED:
         return replace(NOTHING, confidence=trust)
     albedo = finished(answer.image, measurement, quality)
-    drawn = None if answer.samples is None or not albedo.any() else posterior(answer.samples.cpu(), albedo)
+    has_samples = answer.samples is not None and albedo.any()
+    drawn = posterior(answer.samples.cpu(), albedo, calibration.get("sizes")) if has_samples else None
     return replace(_reconstruction(albedo, trust, None, answer.transfer), posterior=drawn)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,6 +23,9 @@ BRIGHT = 0.5
 
 SIZES = ("width", "height", "area")
 
+Errors = Mapping[str, Sequence[float]]
+"""Of each size, quantiles from 0 to 1, evenly spaced, of how far the truth lies from the samples' mean, over `Spread.scale`."""
+
 
 @dataclass(frozen=True)
 class Alternative:
@@ -33,10 +37,28 @@ class Alternative:
 
 
 @dataclass(frozen=True)
+class Spread:
+    """Mean of a size over the samples, and the unit of its error: their deviation, and what a pixel at an edge may change."""
+
+    mean: float
+    scale: float
+
+    @classmethod
+    def of(cls, samples: np.ndarray, size: str) -> Spread:
+        sizes = np.array([measured(one, size) for one in samples])
+        return cls(float(sizes.mean()), float(sizes.std()) + 0.5 + 0.02 * float(sizes.mean()))
+
+
+@dataclass(frozen=True)
 class Posterior:
-    """Equally likely objects, (n, 64, 64), float32, largest value 1 each, registered to the reconstruction."""
+    """Equally likely objects, (n, 64, 64), float32, largest value 1 each, registered to the reconstruction.
+
+    Attributes:
+        errors: of their sizes, as calibration found them; without, samples are taken for as far apart as truth and samples.
+    """
 
     samples: np.ndarray
+    errors: Errors | None = None
 
     @property
     def mean(self) -> np.ndarray:
@@ -54,7 +76,7 @@ class Posterior:
         return (self.samples > BRIGHT).mean(0)
 
     def interval(self, size: str, probability: float) -> tuple[float, float]:
-        """Credible interval of a size in lags, or in square lags: equal tails.
+        """Credible interval of a size in lags, or in square lags: equal tails, 0 or more.
 
         Args:
             size: `width` or `height` of the bright part, or its `area`.
@@ -65,9 +87,14 @@ class Posterior:
         """
         if not 0.0 <= probability <= 1.0:
             raise InputError("probability", "0 to 1", probability, "give a share, such as 0.8")
-        tail = 50.0 * (1.0 - probability)
-        low, high = np.percentile([measured(one, size) for one in self.samples], (tail, 100.0 - tail))
-        return float(low), float(high)
+        tails = 0.5 * (1.0 - probability), 0.5 * (1.0 + probability)
+        quantiles = (self.errors or {}).get(size)
+        if quantiles is None:
+            low, high = np.quantile([measured(one, size) for one in self.samples], tails)
+            return float(low), float(high)
+        spread = Spread.of(self.samples, size)
+        low, high = spread.mean + spread.scale * np.interp(tails, np.linspace(0.0, 1.0, len(quantiles)), quantiles)
+        return max(float(low), 0.0), max(float(high), 0.0)
 
     @cached_property
     def alternatives(self) -> list[Alternative]:
@@ -100,7 +127,7 @@ def measured(albedo: np.ndarray, size: str) -> float:
     return float(extent[-1] - extent[0] + 1) if extent.size else 0.0
 
 
-def posterior(samples: torch.Tensor, albedo: torch.Tensor) -> Posterior:
+def posterior(samples: torch.Tensor, albedo: torch.Tensor, errors: Errors | None = None) -> Posterior:
     """Samples (n, 64, 64), brought to the place and the turn of a reconstruction (64, 64)."""
     placed, _ = registered(padded(normalised(samples)), on_grid(albedo.numpy()))
-    return Posterior(np.ascontiguousarray(placed[:, :OBJECT, :OBJECT].numpy(), np.float32))
+    return Posterior(np.ascontiguousarray(placed[:, :OBJECT, :OBJECT].numpy(), np.float32), errors)

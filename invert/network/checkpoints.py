@@ -13,6 +13,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
 
+from invert.network.confidence import is_calibration
 from invert.network.model import CorrelographyNet
 from invert.network.paper_unet import PaperModulusUnet, PaperUnet
 from radiometry.errors import InputError
@@ -81,5 +82,7 @@ def load_network(path: Path, device: str = "cpu") -> tuple[nn.Module, dict[str, 
     tensors = {name: value.float() if kinds[name] else value for name, value in tensors.items()}
     if not all(bool(torch.isfinite(value).all()) for value in tensors.values()):
         raise InputError("--weights", "finite weights", f"NaN or infinity in {path}", "train again")
+    if not is_calibration(card.get("calibration", {})):
+        raise InputError("--weights", "a calibration as invert.calibrate writes it", f"another in {path}", "calibrate again")
     network.load_state_dict(tensors, assign=True)
     return network.to(device=device, memory_format=torch.channels_last).eval(), card

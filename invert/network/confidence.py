@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import expit
+from scipy.special import expit, logit
 
 
 class ConfidenceFeatures(NamedTuple):
@@ -14,7 +14,7 @@ class ConfidenceFeatures(NamedTuple):
 
     Attributes:
         expected: logit of the correlation with the truth that the network expects.
-        agreement: of the candidates that were averaged, with one another.
+        agreement: of the candidates or samples that were averaged; see `with_one_more`.
         retrieval_agreement: of the classical starts, from the estimate as it is.
         denoised_agreement: of the classical starts, from the denoised estimate.
     """
@@ -25,6 +25,15 @@ class ConfidenceFeatures(NamedTuple):
     denoised_agreement: float
 
 
+def with_one_more(agreement: float, count: int) -> float:
+    """Logit of the correlation of the mean of `count` pictures, any two of which correlate by `agreement`, with one more.
+
+    Were the truth one more of them, this would be the mean's correlation with it: that of samples of the posterior.
+    """
+    alike = min(max(agreement, 0.01), 1.0)
+    return float(logit(min(alike / (alike + (1.0 - alike) / count) ** 0.5, 0.99)))
+
+
 UNCALIBRATED = (0.0, 1.0, 0.0, 0.0, 0.0)
 """Coefficients of a network without calibration: what it expects of itself."""
 
@@ -32,3 +41,19 @@ UNCALIBRATED = (0.0, 1.0, 0.0, 0.0, 0.0)
 def confidence(coefficients: Sequence[float], features: Sequence[float] | np.ndarray) -> np.ndarray:
     """Expected correlation with the truth, 0 to 1, of features (..., 4): a logistic function, its offset first."""
     return expit(coefficients[0] + np.asarray(features) @ np.asarray(coefficients[1:]))
+
+
+def is_calibration(found: Any) -> bool:
+    """Whether a card's entry holds coefficients of each quality, and, if any, rising quantiles of the errors of sizes."""
+    if not isinstance(found, dict):
+        return False
+    coefficients = [one for name, one in found.items() if name != "sizes"]
+    sizes = found.get("sizes", {})
+    return (isinstance(sizes, dict)
+            and all(_finite(one) and len(one) == len(UNCALIBRATED) for one in coefficients)
+            and all(_finite(one) and len(one) > 1 and one == sorted(one) for one in sizes.values()))
+
+
+def _finite(found: Any) -> bool:
+    """Whether it is a list of finite numbers."""
+    return isinstance(found, list) and all(type(value) in (int, float) and abs(value) < 1e300 for value in found)

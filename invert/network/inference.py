@@ -13,7 +13,7 @@ from torch import nn
 
 from invert.likelihood import log_likelihoods
 from invert.network.annealing import ANNEALING, posterior_samples
-from invert.network.confidence import ConfidenceFeatures
+from invert.network.confidence import ConfidenceFeatures, with_one_more
 from invert.network.features import Observation
 from invert.network.model import CorrelographyNet
 from invert.network.proposals import overview, proposals
@@ -33,12 +33,16 @@ AUGMENTATIONS: tuple[tuple[Transform, Transform], ...] = (
 """Test-time augmentation: mirrors and quarter turns, each with its inverse. A rotation by 180 degrees maps an autocorrelation
 onto itself and is left out."""
 
-RETRIEVAL = {"fast": (4, 600), "balanced": (32, 1000), "best": (64, 1000)}
-"""Starts and iterations of the retrieval that makes proposals to the network."""
-
 SHRINK_THRESHOLDS = (0.03, 0.06, 0.1, 0.18)
 """A low threshold of shrink-wrap keeps faint structure, a high one keeps noise out of the support; the likelihood of the
 resulting candidates decides between them."""
+
+RETRIEVAL = {
+    quality: HioOptions(starts=starts, iterations=300, error_reduction=50, shrink_from=100, shrink_every=30,
+                        shrink_threshold=SHRINK_THRESHOLDS)
+    for quality, starts in (("fast", 6), ("balanced", 40), ("best", 128))
+}
+"""The retrieval that makes proposals to the network: many starts are worth more than many iterations."""
 
 AUGMENTED = {"fast": 1, "balanced": len(AUGMENTATIONS), "best": len(AUGMENTATIONS)}
 """Augmentations of an estimate. With one, only the overview of all starts is fused; with more, each start as well."""
@@ -100,19 +104,13 @@ def denoise(network: CorrelographyNet, seen: Observation, augmented: int) -> tor
     return torch.stack(denoised).mean(0)
 
 
-def retrieval_options(quality: str) -> HioOptions:
-    """Options of the classical retrieval that the network is shown."""
-    starts, iterations = RETRIEVAL[quality]
-    return HioOptions(starts=starts, iterations=iterations, shrink_threshold=SHRINK_THRESHOLDS)
-
-
 def retrieved(measurement: Measurement, denoised: torch.Tensor, quality: str, seed: int, device: str,
               progress: Progress = lambda: None) -> Candidates:
     """Classical retrieval from an estimate and from its denoised signal (127, 127), which has less noise but less fine
     structure, too: images (2, starts, 128, 128)."""
     moduli = torch.stack((fourier_modulus(measurement), denoised_modulus(denoised.cpu().numpy(), measurement)))
     rng = torch.Generator(device=device).manual_seed(seed)
-    return hio(moduli.to(device), measurement.box, rng, retrieval_options(quality), progress)
+    return hio(moduli.to(device), measurement.box, rng, RETRIEVAL[quality], progress)
 
 
 @torch.no_grad()
@@ -155,7 +153,8 @@ def reconstruct_by_network(network: nn.Module, measurement: Measurement, quality
         together = _mean(drawn, 0.0)
         if float(trust.sigmoid()) < SURE:
             answer = replace(together, image=(together.image - BACKGROUND * together.image.amax()).clamp_min(0.0))
-    features = ConfidenceFeatures(float(trust), together.agreement, *agreement)
+    averaged = kept if drawn is None else drawn
+    features = ConfidenceFeatures(float(trust), with_one_more(together.agreement, len(averaged)), *agreement)
     return NetworkAnswer(answer.image, features, together.transfer if len(likeliest) > 1 else (), drawn)
 
 

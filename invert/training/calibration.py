@@ -1,12 +1,14 @@
-"""`python -m invert.calibrate WEIGHTS TARGETS.zarr`: calibrate a network's `confidence`.
+"""`python -m invert.calibrate WEIGHTS TARGETS.zarr`: calibrate a network's `confidence`, and its credible intervals of sizes.
 
 On targets held out from training, at noise of every kind, the correlation that each quality achieves is fitted by a
-logistic function of what is known without the truth (`network/confidence.py`). The coefficients go into the weights' card.
+logistic function of what is known without the truth (`network/confidence.py`), and the error of sizes, over the spread of the
+samples, is taken down (`invert/posterior.py`). Both go into the weights' card.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +17,24 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from invert.network.confidence import confidence
+from invert.posterior import SIZES, Spread, measured, posterior
+from invert.training.data import Batch, varied
 from radiometry.errors import ArgumentParser
 from radiometry.ranges import SEED, Range
 
 RIDGE = 1e-2
+
+QUANTILES = 41
+"""Of the error of a size, evenly spaced."""
+
+
+@dataclass(frozen=True)
+class Observed:
+    """Of n reconstructions: confidence features (n, 4), correlation achieved (n,), errors of sizes over the samples' spread."""
+
+    features: np.ndarray
+    achieved: np.ndarray
+    errors: dict[str, list[float]]
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -30,24 +46,27 @@ def main(argv: Sequence[str] | None = None) -> None:
     options = parser.parse_args(argv)
     from data_gen.dataset import load_targets
     from invert.network.checkpoints import read_weights, save_weights
-    from invert.training.data import varied
 
     _, held_out = load_targets(options.targets)
     batch = varied(held_out, options.count, torch.Generator().manual_seed(options.seed))
     tensors, card = read_weights(options.weights)
     card["calibration"] = {}
     for quality in ("fast", "balanced"):
-        features, achieved = _observe(batch, options.weights, quality)
-        coefficients = fit_logistic(features, achieved)
-        error = np.abs(confidence(coefficients, features) - achieved).mean()
+        observed = _observe(batch, options.weights, quality)
+        coefficients = fit_logistic(observed.features, observed.achieved)
+        error = np.abs(confidence(coefficients, observed.features) - observed.achieved).mean()
         card["calibration"][quality] = coefficients
-        print(f"{quality}: mean difference of confidence and achieved correlation {error:.3f} on {len(achieved)} estimates")
+        print(f"{quality}: mean difference of confidence and achieved correlation {error:.3f} "
+              f"on {len(observed.achieved)} estimates")
+        if all(observed.errors.values()):
+            card["calibration"]["sizes"] = {size: np.quantile(errors, np.linspace(0.0, 1.0, QUANTILES)).tolist()
+                                            for size, errors in observed.errors.items()}
     card["calibration"]["best"] = card["calibration"]["balanced"]  # the same augmentations; more starts change little
     save_weights(options.weights, tensors, card)
 
 
-def _observe(batch, weights: Path, quality: str) -> tuple[np.ndarray, np.ndarray]:
-    """Confidence features (n, 4) of each reconstruction, and the correlation that it achieves, (n,)."""
+def _observe(batch: Batch, weights: Path, quality: str) -> Observed:
+    """Reconstructions of all estimates of a batch that show an object, beside their truths."""
     from tqdm import tqdm
 
     from invert.methods import finished
@@ -58,6 +77,7 @@ def _observe(batch, weights: Path, quality: str) -> tuple[np.ndarray, np.ndarray
 
     network, _ = load_network(weights)
     features, achieved = [], []
+    errors: dict[str, list[float]] = {size: [] for size in SIZES}
     for estimate, truth in zip(tqdm(batch.seen.estimate, desc=quality, disable=None), batch.truth, strict=True):
         measurement = read_measurement(estimate.numpy())
         if not measurement.detectable:
@@ -67,7 +87,12 @@ def _observe(batch, weights: Path, quality: str) -> tuple[np.ndarray, np.ndarray
         found = float(registered_pearson(albedo[None], truth[None])[0]) if truth.any() else 0.0
         features.append(answer.features)
         achieved.append(max(found, 0.0))
-    return np.array(features), np.array(achieved)
+        if answer.samples is not None and albedo.any() and truth.any():
+            samples = posterior(answer.samples, albedo).samples
+            for size, own in errors.items():
+                spread = Spread.of(samples, size)
+                own.append((measured(truth.numpy(), size) - spread.mean) / spread.scale)
+    return Observed(np.array(features), np.array(achieved), errors)
 
 
 def fit_logistic(features: np.ndarray, achieved: np.ndarray) -> list[float]:

@@ -11,7 +11,7 @@ from invert.network.features import Observation
 from invert.network.fisher_scoring import LARGEST, towards_data
 from invert.network.sampler import SPREAD, Sampler, posterior_variance
 
-TYPICAL, LEAST, MOST = 0.5, 0.02, 4.0
+TYPICAL, LEAST, MOST = 0.3, 0.02, 4.0
 """Noise levels: log-normal around `TYPICAL`, with a standard deviation of one, within limits."""
 
 PASSES = 2

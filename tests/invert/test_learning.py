@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from scipy.special import expit
 
 from invert.methods import retrieve
 from invert.metrics import aligned_pearson
 from invert.network.checkpoints import SHIPPED, load_network, save_weights
+from invert.network.confidence import with_one_more
 from invert.network.features import (
     FUSION_CHANNELS,
     LAG_CHANNELS,
@@ -225,9 +227,14 @@ def test_weights_keep_their_card_and_refuse_what_is_not_theirs(tmp_path):
     save_weights(tmp_path / "kind.safetensors", state, {"network": "oracle", "width": 32})
     name = "fusion.judge.0.bias"
     save_weights(tmp_path / "nan.safetensors", {**state, name: state[name] * float("nan")}, {"network": "unet", "width": 32})
-    for name, text in (("torn", "invert.train"), ("changed", "invert.train"), ("pickle", "invert.train"),
-                       ("torch", "invert.train"), ("absent", "no "), ("other", "of this version"), ("kind", "oracle"),
-                       ("nan", "NaN")):
+    bad = ({"fast": [1.0, 2.0]}, {"sizes": {"width": [2.0, 1.0]}}, {"balanced": "high"}, [1.0], {"sizes": {"area": [None]}})
+    for number, calibration in enumerate(bad):
+        save_weights(tmp_path / f"calibration {number}.safetensors", state,
+                     {"network": "unet", "width": 32, "calibration": calibration})
+    refused = {"torn": "invert.train", "changed": "invert.train", "pickle": "invert.train", "torch": "invert.train",
+               "absent": "no ", "other": "of this version", "kind": "oracle", "nan": "NaN",
+               **{f"calibration {number}": "calibrate again" for number in range(len(bad))}}
+    for name, text in refused.items():
         with pytest.raises(InputError, match=text):
             load_network(tmp_path / f"{name}.safetensors")
 
@@ -292,3 +299,12 @@ def test_calibration_finds_the_logistic_it_was_made_with(rng):
     achieved = confidence(true, features) + 0.05 * rng.standard_normal(4000)
     np.testing.assert_allclose(fit_logistic(features, achieved.clip(0.0, 1.0)), true, atol=0.05)
     assert np.isfinite(fit_logistic(np.zeros((50, 3)), np.full(50, 0.7))).all()
+
+
+@pytest.mark.parametrize(("count", "noise"), [(1, 1.0), (8, 2.0), (12, 0.3)])
+def test_agreement_tells_the_correlation_with_one_more(rng, count, noise):
+    """Of pictures that are one and the same under noise of their own."""
+    pictures = rng.standard_normal(40_000) + noise * rng.standard_normal((count + 1, 40_000))
+    pairs = np.corrcoef(pictures)[np.triu_indices(count + 1, 1)]
+    expected = np.corrcoef(pictures[:-1].mean(0), pictures[-1])[0, 1]
+    assert expit(with_one_more(float(pairs.mean()), count)) == pytest.approx(expected, abs=0.02)

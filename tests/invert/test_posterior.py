@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from invert.posterior import Posterior, measured, posterior
+from invert.posterior import Posterior, Spread, measured, posterior
 from radiometry.errors import InputError
 from tests.invert.steps import MIRRORED_STEM, RIGHT
 
@@ -62,3 +62,27 @@ def test_an_unknown_size_or_probability_is_refused():
         said.interval("depth", 0.8)
     with pytest.raises(InputError, match="probability: expected 0 to 1"):
         said.interval("width", 80.0)
+
+
+def test_calibrated_intervals_hold_the_truth_as_often_as_they_say(rng):
+    """Samples that are too much alike and too wide by a tenth: sizes of truths fall into their intervals all the same."""
+    def case() -> tuple[Posterior, float]:
+        wide = int(rng.integers(10, 30))
+        seen = wide * 1.1 + rng.normal(0.0, 2.0)
+        samples = np.zeros((12, 64, 64), np.float32)
+        for one in samples:
+            one[30:34, 5 : 5 + round(seen + rng.normal(0.0, 0.5))] = 1.0
+        return Posterior(samples), float(wide)
+
+    def errors_of(cases) -> list[float]:
+        spreads = [(Spread.of(said.samples, "width"), truth) for said, truth in cases]
+        return [(truth - spread.mean) / spread.scale for spread, truth in spreads]
+
+    known = {"width": np.quantile(errors_of([case() for _ in range(400)]), np.linspace(0.0, 1.0, 41)).tolist()}
+    later = [case() for _ in range(400)]
+    for probability in (0.5, 0.8, 0.95):
+        held, bare = (np.mean([low <= truth <= high for said, truth in later
+                               for low, high in [Posterior(said.samples, errors).interval("width", probability)]])
+                      for errors in (known, None))
+        assert held == pytest.approx(probability, abs=0.08)
+        assert bare < probability - 0.2

@@ -66,4 +66,4 @@ def test_the_likeliest_candidates_are_kept(monkeypatch):
     monkeypatch.setattr("invert.network.inference.fuse", lambda *_: (torch.stack(wrong + right), torch.zeros(28)))
     answer = reconstruct_by_network(Copyist(), noisy(), "balanced", 0, "cpu")
     assert float(registered(answer.image[None], padded(RIGHT)[0])[1]) > 0.99
-    assert answer.features.agreement > 0.99
+    assert answer.features.agreement > 4.0  # the logit of .98

@@ -1,0 +1,87 @@
+"""`python -m benchmarks.posterior_calibration PHOTOGRAPHS`: how often the truth is where samples of the posterior say.
+
+Three families of objects, none of which is in the training targets of the shipped weights: edges of photographs, characters,
+grey pieces of photographs; at every noise level of `invert.evaluate`. A row a family: how often the credible intervals of
+width, height and area hold the truth, and the largest difference, over five bins that hold a hundredth of the pixels or
+more, between the probability that a pixel is bright and how often it is.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from invert.evaluation.sets import Case, edges, grey, shapes
+from invert.methods import retrieve
+from invert.posterior import BRIGHT, SIZES, Posterior, measured
+from invert.registration import laid_over
+
+PROBABILITIES = (0.5, 0.8, 0.95)
+BINS = np.linspace(0.0, 1.0, 6)
+
+
+def families(photographs: Path, count: int, seed: int) -> dict[str, Iterator[Case]]:
+    """`count` objects of each family, at every noise level."""
+    sets = {"edges": edges(photographs, count, seed), "characters": shapes(count, seed), "grey": grey(photographs, count, seed)}
+    return {name: chain.from_iterable(level.cases for level in levels) for name, levels in sets.items()}
+
+
+def intervals_hold(said: Posterior, truth: np.ndarray) -> np.ndarray:
+    """Whether each interval holds the truth, (sizes, probabilities)."""
+    def holds(size: str, probability: float) -> bool:
+        low, high = said.interval(size, probability)
+        return low <= measured(truth, size) <= high
+
+    return np.array([[holds(size, probability) for probability in PROBABILITIES] for size in SIZES])
+
+
+def bright(said: Posterior, albedo: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Probability that pixels are bright, and whether they are, with the samples laid over the truth as the albedo fits it."""
+    pictures = torch.from_numpy(np.concatenate((albedo[None], said.samples)))
+    placed = laid_over(pictures[None], torch.from_numpy(np.ascontiguousarray(truth, np.float32))[None])[0, 1:]
+    return (placed > BRIGHT).float().mean(0).numpy().ravel(), (truth > BRIGHT * truth.max()).ravel()
+
+
+def unreliability(probability: np.ndarray, shown: np.ndarray) -> float:
+    """Largest difference over the bins of probability between its mean and how often it is shown."""
+    bins = np.digitize(probability, BINS[1:-1])
+    held = [bins == number for number in range(len(BINS) - 1)]
+    differences = [abs(probability[own].mean() - shown[own].mean()) for own in held if own.mean() > 0.01]
+    return float(max(differences))
+
+
+def main() -> None:
+    """Print the table, a family as soon as it is measured."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("photographs", type=Path, help="folder of photographs that training did not see, such as BSDS500/val")
+    parser.add_argument("--count", type=int, default=6, help="objects of each family; each is seen at eight noise levels")
+    parser.add_argument("--quality", choices=("balanced", "best"), default="balanced")
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    print(f"| family | estimates | {' | '.join(f'{100 * p:.0f} %' for p in PROBABILITIES)} "
+          f"| by size, 80 %: {', '.join(SIZES)} | bright |")
+    print("|---|---|---|---|---|---|---|")
+    for name, cases in families(options.photographs, options.count, options.seed).items():
+        held, likely, shown = [], [], []
+        for case in tqdm(list(cases), desc=name, disable=None, leave=False):
+            found = retrieve(case.measurement, "unet", options.quality, 0, "cpu")
+            if found.posterior is None:
+                continue
+            held.append(intervals_hold(found.posterior, case.truth))
+            probability, truly = bright(found.posterior, found.albedo, case.truth)
+            likely.append(probability)
+            shown.append(truly)
+        share = np.mean(held, 0)
+        print(f"| {name} | {len(held)} | {' | '.join(f'{value:.2f}' for value in share.mean(0))} "
+              f"| {', '.join(f'{value:.2f}' for value in share[:, 1])} "
+              f"| {unreliability(np.concatenate(likely), np.concatenate(shown)):.2f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
