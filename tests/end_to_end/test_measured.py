@@ -32,7 +32,7 @@ def test_a_measured_letter_is_recognised(measured, tmp_path, method, letter):
 def test_the_lab_has_a_pedestal(measured, letter):
     """Over the floor and the drawn object's r*r there is an excess some 30 lags wide, 1 to 6 % high, not a mere offset."""
     shown = read_measurement(*read_autocorrelation(measured / f"{letter}_n50_corr_x100_nzero1.png"))
-    # As the fusion draws it: samples and likelihood ascent add a faint haze that explains a part of the pedestal.
+    # As the fusion draws it: samples and likelihood ascent add a faint background that explains a part of the pedestal.
     albedo = torch.from_numpy(retrieve(shown, "unet", "fast", 0, "cpu").albedo).double()
     used, lag = torch.from_numpy(RING > 1), torch.arange(-63, 64).double()
     estimate = torch.from_numpy(shown.estimate).double().where(used, 1.0)
