@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +13,7 @@ import numpy as np
 from invert.capture import printable
 from invert.patch_fit import fitting_grid
 from invert.spectrum import read_measurement
-from radiometry.autocorrelation import LAG_SIDE, LAGS, automatic_patch_size, patch_grid
+from radiometry.autocorrelation import LAG_SIDE, LAGS, PatchGrid, automatic_patch_size, patch_grid
 from radiometry.errors import InputError, positive
 from radiometry.estimation.published import PublishedEstimator
 from radiometry.estimation.third_moment import FilteredFrames
@@ -91,10 +92,17 @@ def estimate_from_frames(capture: Capture, patch: Patch, device: str, mean: Mean
     shape = (capture.frames[0].shape[0], capture.frames[0].shape[1])
     by_itself = patch is None or patch == "fit"
     grid = patch_grid(shape, automatic_patch_size(shape, geometry) if by_itself else PATCH.check("patch", patch))
+
+    @cache  # the grid that fits has been tried
+    def estimated(tried: PatchGrid) -> tuple[AutocorrelationEstimator | PublishedEstimator, np.ndarray]:
+        estimator = estimator_of(tried, mean, device)
+        for frame in capture.frames:
+            estimator.add(frame)
+        return estimator, estimator.estimate()
+
     if patch == "fit":
-        grid = fitting_grid(grid, lambda tried: read_measurement(_lags(capture, estimator_of(tried, mean, device))))
-    estimator = estimator_of(grid, mean, device)
-    lags = _lags(capture, estimator)
+        grid = fitting_grid(grid, lambda tried: read_measurement(estimated(tried)[1]))
+    estimator, lags = estimated(grid)
     return Estimate(
         name=", ".join(capture.names) or f"{len(capture.frames)} frames",
         lags=lags,
@@ -110,12 +118,6 @@ def estimate_from_frames(capture: Capture, patch: Patch, device: str, mean: Mean
         filtered_frames=None if isinstance(estimator, PublishedEstimator) else estimator.filtered_frames(),
         seconds=time.perf_counter() - begin,
     )
-
-
-def _lags(capture: Capture, estimator: AutocorrelationEstimator | PublishedEstimator) -> np.ndarray:
-    for frame in capture.frames:
-        estimator.add(frame)
-    return estimator.estimate()
 
 
 def _transfer(capture: Capture, patch_shape: tuple[int, int], blur_pixels: float | None) -> np.ndarray | None:

@@ -24,7 +24,7 @@ BRIGHT = 0.5
 SIZES = ("width", "height", "area")
 
 Errors = Mapping[str, Sequence[float]]
-"""Of each size, quantiles from 0 to 1, evenly spaced, of how far the truth lies from the samples' mean, over `Spread.scale`."""
+"""Of each size, quantiles from 0 to 1, evenly spaced, of the truth's `Spread.error`."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,10 @@ class Spread:
     def of(cls, samples: np.ndarray, size: str) -> Spread:
         sizes = np.array([measured(one, size) for one in samples])
         return cls(float(sizes.mean()), float(sizes.std()) + 0.5 + 0.02 * float(sizes.mean()))
+
+    def error(self, size: float) -> float:
+        """How far a size lies from the samples' mean, over the scale."""
+        return (size - self.mean) / self.scale
 
 
 @dataclass(frozen=True)

@@ -90,8 +90,7 @@ def _observe(batch: Batch, weights: Path, quality: str) -> Observed:
         if answer.samples is not None and albedo.any() and truth.any():
             samples = posterior(answer.samples, albedo).samples
             for size, own in errors.items():
-                spread = Spread.of(samples, size)
-                own.append((measured(truth.numpy(), size) - spread.mean) / spread.scale)
+                own.append(Spread.of(samples, size).error(measured(truth.numpy(), size)))
     return Observed(np.array(features), np.array(achieved), errors)
 
 

@@ -7,12 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from scipy.special import expit
 
 from invert.methods import retrieve
 from invert.metrics import aligned_pearson
 from invert.network.checkpoints import SHIPPED, load_network, save_weights
-from invert.network.confidence import with_one_more
 from invert.network.features import (
     FUSION_CHANNELS,
     LAG_CHANNELS,
@@ -31,7 +29,6 @@ from invert.network.inference import AUGMENTATIONS, predict
 from invert.network.model import CorrelographyNet
 from invert.network.paper_unet import PaperModulusUnet, PaperUnet
 from invert.spectrum import read_measurement
-from invert.training.calibration import confidence, fit_logistic
 from invert.training.data import at_noise, paper_noise, varied
 from invert.training.losses import LOSSES, noise_left, registered_pearson
 from radiometry.autocorrelation import autocorrelate
@@ -291,20 +288,3 @@ def test_the_network_draws_an_f_that_is_not_mirrored(rng):
         assert abs(result.confidence - pearson) < 0.2
     twice = retrieve(measurement, "unet", "balanced", 0, "cpu")
     np.testing.assert_array_equal(twice.albedo, result.albedo)
-
-
-def test_calibration_finds_the_logistic_it_was_made_with(rng):
-    features = rng.standard_normal((4000, 3))
-    true = [0.3, 1.2, -0.7, 0.0]
-    achieved = confidence(true, features) + 0.05 * rng.standard_normal(4000)
-    np.testing.assert_allclose(fit_logistic(features, achieved.clip(0.0, 1.0)), true, atol=0.05)
-    assert np.isfinite(fit_logistic(np.zeros((50, 3)), np.full(50, 0.7))).all()
-
-
-@pytest.mark.parametrize(("count", "noise"), [(1, 1.0), (8, 2.0), (12, 0.3)])
-def test_agreement_tells_the_correlation_with_one_more(rng, count, noise):
-    """Of pictures that are one and the same under noise of their own."""
-    pictures = rng.standard_normal(40_000) + noise * rng.standard_normal((count + 1, 40_000))
-    pairs = np.corrcoef(pictures)[np.triu_indices(count + 1, 1)]
-    expected = np.corrcoef(pictures[:-1].mean(0), pictures[-1])[0, 1]
-    assert expit(with_one_more(float(pairs.mean()), count)) == pytest.approx(expected, abs=0.02)

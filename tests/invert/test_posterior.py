@@ -75,8 +75,7 @@ def test_calibrated_intervals_hold_the_truth_as_often_as_they_say(rng):
         return Posterior(samples), float(wide)
 
     def errors_of(cases) -> list[float]:
-        spreads = [(Spread.of(said.samples, "width"), truth) for said, truth in cases]
-        return [(truth - spread.mean) / spread.scale for spread, truth in spreads]
+        return [Spread.of(said.samples, "width").error(truth) for said, truth in cases]
 
     known = {"width": np.quantile(errors_of([case() for _ in range(400)]), np.linspace(0.0, 1.0, 41)).tolist()}
     later = [case() for _ in range(400)]
