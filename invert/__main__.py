@@ -106,10 +106,13 @@ def _patch(text: str) -> Any:
     """Patch size in pixels, None for auto, or fit."""
     if text in ("auto", "fit"):
         return None if text == "auto" else text
+    from invert.estimate import PATCH
+
     try:
-        return int(text)
+        size = int(text)
     except ValueError:
         raise InputError("--patch", "a number of pixels, auto or fit", text, "choose another") from None
+    return PATCH.check("--patch", size)
 
 
 if __name__ == "__main__":

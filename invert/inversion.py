@@ -13,7 +13,6 @@ import numpy as np
 from invert.capture import check_frame, read_capture
 from invert.estimate import Estimate, Patch, check_power, estimate_from_frames, published_estimate
 from invert.methods import Reconstruction, iterations, retrieve
-from invert.patch_fit import overfull
 from invert.result import write_result
 from invert.solvers.base import Progress
 from invert.speckle_test import SpeckleTest, speckle_test
@@ -109,9 +108,7 @@ def retrieved(estimate: Estimate, *, method: str, quality: str, weights: str | P
     measurement = read_measurement(estimate.lags, estimate.quantisation, estimate.transfer)
     reconstruction = retrieve(measurement, method, quality, seed, device, progress, None if weights is None else Path(weights))
     test = speckle_test(estimate, measurement, reconstruction.albedo) if reconstruction.object_found else None
-    reconstruction, warnings = trusted(reconstruction, test, estimate.facts)
-    if "patches" in estimate.facts and overfull(measurement):
-        warnings.append("the object may be wider than the lags show; try --patch fit, or frames of smaller pixels")
+    reconstruction, warnings = trusted(reconstruction, test, measurement, estimate.facts)
     seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
     settings = {"method": method, "quality": quality, "seed": seed}
     return Result(estimate, measurement, reconstruction, settings, seconds, test, tuple(warnings))

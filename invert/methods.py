@@ -13,10 +13,14 @@ from invert.network.confidence import UNCALIBRATED, confidence
 from invert.network.inference import RETRIEVAL, reconstruct_by_network
 from invert.posterior import Posterior, posterior
 from invert.refinement import refined
-from invert.registration import OBJECT, centred, consensus
+from invert.registration import OBJECT, centred, consensus, normalised
 from invert.solvers.base import Progress
 from invert.solvers.registry import method_options, solve
 from invert.spectrum import Measurement
+
+BACKGROUND = 0.01
+"""Of the largest albedo, subtracted from the mean of many albedos, each with noise of its own: it costs .002 in correlation and
+gains .03 in SSIM on one-pixel edges (b 80, K 64)."""
 
 BELIEVED = 0.1
 """Correlation with the truth that a network must expect of its reconstruction to claim an object."""
@@ -83,16 +87,17 @@ def _by_network(measurement: Measurement, quality: str, seed: int, device: str, 
 
 
 def finished(image: torch.Tensor, measurement: Measurement, quality: str) -> torch.Tensor:
-    """The albedo (64, 64) that a network's image (128, 128) becomes: but for `fast`, after likelihood ascent."""
+    """The albedo (64, 64) that a network's image (128, 128) becomes; but for `fast` after likelihood ascent, less its
+    background."""
     albedo = _normalised(image)
-    return albedo if quality == "fast" or not albedo.any() else refined(albedo, measurement)
+    if quality == "fast" or not albedo.any():
+        return albedo
+    return normalised((refined(albedo, measurement) - BACKGROUND).clamp_min(0.0))
 
 
 def _normalised(image: torch.Tensor) -> torch.Tensor:
     """The object in the middle of its window (64, 64), largest value 1."""
-    albedo = centred(image.clamp_min(0.0)).cpu()
-    top = albedo.amax()
-    return (albedo / top if top > 0.0 else albedo).float()
+    return normalised(centred(image.clamp_min(0.0)).cpu()).float()
 
 
 def _reconstruction(albedo: torch.Tensor, confidence: float, residual: float | None,

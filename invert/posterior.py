@@ -100,6 +100,10 @@ class Posterior:
         low, high = spread.mean + spread.scale * np.interp(tails, np.linspace(0.0, 1.0, len(quantiles)), quantiles)
         return max(float(low), 0.0), max(float(high), 0.0)
 
+    def laid_over(self, albedo: np.ndarray) -> Posterior:
+        """The same objects, brought to the place and the turn of an albedo (64, 64)."""
+        return posterior(torch.from_numpy(self.samples), torch.from_numpy(albedo), self.errors)
+
     @cached_property
     def alternatives(self) -> list[Alternative]:
         """The different answers among the samples, likeliest first; one where all agree."""

@@ -96,7 +96,7 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
         save_array(folder / "samples.npy", result.posterior.samples)
     save_picture(folder / "albedo.png", result.albedo)
     save_report(folder / "report.png", frame=estimate.frame, estimate=estimate.lags, albedo=shown, truth=truth,
-                posterior=result.posterior, numbers=_numbers(summary))
+                posterior=result.posterior and result.posterior.laid_over(shown), numbers=_numbers(summary))
     save_json(folder / "result.json", summary)
     return summary
 

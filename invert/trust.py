@@ -6,7 +6,9 @@ from dataclasses import replace
 from typing import Any
 
 from invert.methods import Reconstruction
+from invert.patch_fit import overfull
 from invert.speckle_test import SpeckleTest
+from invert.spectrum import Measurement
 
 DOUBTFUL = 0.5
 """Largest confidence in a reconstruction from light that need not be speckle, or that it does not explain."""
@@ -19,7 +21,8 @@ SATURATED = 1e-3
 SAME_SPECKLE = 0.3
 
 
-def trusted(found: Reconstruction, test: SpeckleTest | None, facts: dict[str, Any]) -> tuple[Reconstruction, list[str]]:
+def trusted(found: Reconstruction, test: SpeckleTest | None, measurement: Measurement,
+            facts: dict[str, Any]) -> tuple[Reconstruction, list[str]]:
     """Lower the confidence where the light is not shown to be speckle of this object; and the warnings of a capture.
 
     Args:
@@ -27,6 +30,8 @@ def trusted(found: Reconstruction, test: SpeckleTest | None, facts: dict[str, An
     """
     doubts = [] if test is None or test.third_moment is None else _doubts(test, facts["frames"])
     warnings = doubts + _of_frames(facts.get("mean_model", {}), facts.get("frames", 0))
+    if "patches" in facts and overfull(measurement):
+        warnings.append("the object may be wider than the lags show; try --patch fit, or frames of smaller pixels")
     return (replace(found, confidence=min(found.confidence, DOUBTFUL)) if doubts else found), warnings
 
 

@@ -29,14 +29,14 @@ class Annealing:
     """
 
     samples: int
-    steps: int = 8
-    first: float = 0.4
+    steps: int = 6
+    first: float = 0.8
     last: float = 0.05
     ascent: int = 8
-    rounds: int = 2
+    rounds: int = 3
 
 
-ANNEALING = {"balanced": Annealing(12), "best": Annealing(32, steps=12, rounds=3)}
+ANNEALING = {"balanced": Annealing(12), "best": Annealing(32, steps=12)}
 
 POOL = 24
 """Likeliest candidates that are compared with one another."""
@@ -54,27 +54,43 @@ DATA_WEIGHT = 10.0
 """By how much the variance of what the sampler says exceeds that of a Gaussian; the best of 1, 3, 10 and 30 on edges."""
 
 
+@dataclass(frozen=True)
+class Drawn:
+    """What annealing draws.
+
+    Attributes:
+        samples: albedos (n, 64, 64), largest value 1 each.
+        expected: what the sampler expected on the way to them, the mean over each round, (rounds n, 64, 64). Their mean is the
+            posterior's, too, and has less noise than that of as many samples (Rao-Blackwell).
+    """
+
+    samples: torch.Tensor
+    expected: torch.Tensor
+
+
 def posterior_samples(sampler: Sampler, seen: Observation, inflation: float, candidates: torch.Tensor, options: Annealing,
-                      rng: torch.Generator) -> torch.Tensor:
-    """Albedos (n, 64, 64), largest value 1 each, from candidates (m, 64, 64), likeliest first.
+                      rng: torch.Generator) -> Drawn:
+    """Samples from candidates (m, 64, 64), likeliest first.
 
     Args:
         seen: the one observation of all.
         inflation: by which K counts less in sums over its lags.
     """
-    drawn = candidates[: max(POOL, options.samples)]
+    drawn, expected = candidates[: max(POOL, options.samples)], []
     for _ in range(options.rounds):
-        drawn = annealed(sampler, seen, inflation, _in_common(drawn)[: options.samples], options, rng)
+        drawn, on_the_way = annealed(sampler, seen, inflation, _in_common(drawn)[: options.samples], options, rng)
+        expected.append(on_the_way)
     drawn = normalised(drawn)
     seen = _repeated(seen, len(drawn))
     variance = DATA_WEIGHT * posterior_variance(torch.full_like(seen.dof, options.last))
-    return normalised(towards_data(replace(seen, dof=seen.dof / inflation), drawn, variance, FINAL_ASCENT, 1.0 / inflation))
+    data = replace(seen, dof=seen.dof / inflation)
+    return Drawn(normalised(towards_data(data, drawn, variance, FINAL_ASCENT, 1.0 / inflation)), torch.cat(expected))
 
 
 @torch.no_grad()
 def annealed(sampler: Sampler, seen: Observation, inflation: float, starts: torch.Tensor, options: Annealing,
-             rng: torch.Generator) -> torch.Tensor:
-    """One round: albedos (n, 64, 64) from starts (n, 64, 64) in the same places."""
+             rng: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+    """One round: albedos (n, 64, 64) from starts (n, 64, 64) in the same places, and the mean of what the sampler expected."""
     count = len(starts)
     seen = _repeated(seen, count)
     data = replace(seen, dof=seen.dof / inflation)
@@ -84,14 +100,16 @@ def annealed(sampler: Sampler, seen: Observation, inflation: float, starts: torc
 
     levels = torch.linspace(options.first ** (1 / 3), options.last ** (1 / 3), options.steps, device=starts.device) ** 3
     albedo, noisy = starts, starts + levels[0] * noise()
+    total = torch.zeros_like(starts)
     for level, following in zip(levels, [*levels[1:], None], strict=True):
         sigma = level.expand(count)
-        albedo = sampler(seen, noisy, sigma, albedo).clamp(0.0, LARGEST)
-        albedo = towards_data(data, albedo, DATA_WEIGHT * posterior_variance(sigma), options.ascent)
+        expected = sampler(seen, noisy, sigma, albedo).clamp(0.0, LARGEST)
+        total += expected
+        albedo = towards_data(data, expected, DATA_WEIGHT * posterior_variance(sigma), options.ascent)
         if following is not None:
             kept = (1.0 - FRESH**2) ** 0.5 * following / level
             noisy = albedo + kept * (noisy - albedo) + FRESH * following * noise()
-    return albedo
+    return albedo, total / options.steps
 
 
 def _repeated(seen: Observation, count: int) -> Observation:

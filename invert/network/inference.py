@@ -1,5 +1,5 @@
 """From a measurement to a reconstruction: denoise, retrieve, fuse every proposal into a candidate, draw samples from the
-likeliest, average both."""
+likeliest, average."""
 
 from __future__ import annotations
 
@@ -50,17 +50,10 @@ AUGMENTED = {"fast": 1, "balanced": len(AUGMENTATIONS), "best": len(AUGMENTATION
 KEPT = 8
 """Number of likeliest candidates that are averaged where no samples are drawn."""
 
-BACKGROUND = 0.03
-"""Of the largest albedo, subtracted from the mean of samples: where each has noise of its own. On one-pixel edges (b 80, K 64)
-it costs .006 in correlation and gains .06 in SSIM."""
-
-CANDIDATES = 0.3
-"""Share of the candidates' mean in the answer: smooth where samples, at little light, have noise of their own. Two rendered
-frames of six letters gain .03 at 1/256 s and .01 at 1/512 s; one-pixel edges .01 at K 64, and lose .003 at K 256 and more."""
-
-SURE = 0.9
-"""Correlation that the fusion expects of its likeliest candidates from which on their mean is the answer, not that of the
-samples: two rendered frames of an F at 1/8 s give .96 so, and .95 by samples, which explain what no noise model holds."""
+EXPECTED = 0.7
+"""Share in the answer of what the sampler expected on the way to its samples: their own mean follows the data closer, and has
+more noise. Two rendered frames of six letters gain .03 in correlation at 1/256 s and .01 at 1/512 s over samples alone; one-pixel
+edges neither gain nor lose."""
 
 UNBOUNDED_DOF = 1e6
 """K of an estimate without measurable noise."""
@@ -135,8 +128,7 @@ def fuse(network: nn.Module, seen: Observation, shown: torch.Tensor, augmented: 
 def reconstruct_by_network(network: nn.Module, measurement: Measurement, quality: str, seed: int, device: str,
                            progress: Progress = lambda: None) -> NetworkAnswer:
     """Mean of the posterior's samples, which begin with the likeliest candidates: of all starts together, augmented, and of
-    each start; with a share of the candidates' own mean. Where the fusion is `SURE` of these, or no samples are drawn (`fast`,
-    the paper's networks), that mean alone."""
+    each start. Where no samples are drawn (`fast`, the paper's networks) the mean of the likeliest candidates."""
     augmented = AUGMENTED[quality]
     seen = observation([measurement]).part(slice(None), device)
     shown, agreement = seen.classical.expand(augmented, -1, -1, -1), [0.0, 0.0]
@@ -149,25 +141,25 @@ def reconstruct_by_network(network: nn.Module, measurement: Measurement, quality
             shown = torch.cat((shown, proposals(found, len(SHRINK_THRESHOLDS))))
     albedos, expected = fuse(network, seen, shown, augmented)
     likeliest = log_likelihoods(albedos, measurement).argsort(descending=True, stable=True)
-    kept, drawn = albedos[likeliest[:KEPT]], None
-    trust = expected[likeliest[:KEPT]].mean()
-    answer = together = _mean(kept, 0.7)
+    kept, samples = albedos[likeliest[:KEPT]], None
+    trust = float(expected[likeliest[:KEPT]].mean())
     if isinstance(network, CorrelographyNet) and quality in ANNEALING:
         drawn = posterior_samples(network.sampler, seen, measurement.noise.inflation, albedos[likeliest],
                                   ANNEALING[quality], torch.Generator().manual_seed(seed))
-        together = _mean(drawn, 0.0)
-        if float(trust.sigmoid()) < SURE:
-            answer = replace(together, image=_joined(together.image, answer.image))
-    averaged = kept if drawn is None else drawn
-    features = ConfidenceFeatures(float(trust), with_one_more(together.agreement, len(averaged)), *agreement)
-    return NetworkAnswer(answer.image, features, together.transfer if len(likeliest) > 1 else (), drawn)
+        samples, together = drawn.samples, _mean(drawn.samples, 0.0)
+        image = _with_expected(together.image, drawn.expected)
+    else:
+        together = _mean(kept, 0.7)
+        image = together.image
+    averaged = kept if samples is None else samples
+    features = ConfidenceFeatures(trust, with_one_more(together.agreement, len(averaged)), *agreement)
+    return NetworkAnswer(image, features, together.transfer if len(likeliest) > 1 else (), samples)
 
 
-def _joined(samples: torch.Tensor, candidates: torch.Tensor) -> torch.Tensor:
-    """Mean of samples (128, 128) without its background, and `CANDIDATES` of the candidates' laid over it; largest values 1."""
-    bare = normalised((samples - BACKGROUND * samples.amax()).clamp_min(0.0))
-    placed, _ = registered(normalised(candidates)[None], bare)
-    return (1.0 - CANDIDATES) * bare + CANDIDATES * placed[0]
+def _with_expected(samples: torch.Tensor, expected: torch.Tensor) -> torch.Tensor:
+    """Mean of samples (128, 128), and `EXPECTED` of the mean of albedos (n, 64, 64) laid over it; largest values 1."""
+    placed, _ = registered(padded(normalised(expected)), samples)
+    return (1.0 - EXPECTED) * normalised(samples) + EXPECTED * normalised(placed.mean(0))
 
 
 def _mean(albedos: torch.Tensor, alike: float) -> Consensus:

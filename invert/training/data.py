@@ -18,8 +18,8 @@ from radiometry.noise.model import draw_estimate, window_smoothed
 EMPTY_SHARE = 0.04
 """Share of samples that hold only noise, from which the network learns low confidence."""
 
-GREY_SHARE = 0.2
-"""Share of samples whose albedo varies smoothly over the object."""
+GREY_SHARE = 0.3
+"""Share of samples whose albedo varies over the object."""
 
 CORRELATED_SHARE = 0.7
 """Share of samples with the noise of whole frames, correlated from lag to lag; the rest have that of patches side by side."""
@@ -95,10 +95,17 @@ def varied(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batch:
 
 
 def _shaded(truth: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
-    """Albedos (n, 64, 64) times a smooth random field, about .1 to 1 and some 20 lags wide; largest value 1 each."""
-    coarse = torch.randn(len(truth), 1, 6, 6, generator=rng)
-    field = 0.1 + torch.sigmoid(2.0 * functional.interpolate(coarse, truth.shape[-2:], mode="bicubic")[:, 0])
-    return normalised(truth * field)
+    """Albedos (n, 64, 64) times a random field, about .1 to 1; largest value 1 each.
+
+    Its amplitude falls with spatial frequency, by a power between 1, as that of photographs does (D. J. Field, J. Opt. Soc.
+    Am. A 4, 2379, 1987, doi:10.1364/JOSAA.4.002379), and 3, where it is smooth.
+    """
+    side = truth.shape[-1]
+    frequency = side * torch.hypot(torch.fft.fftfreq(side)[:, None], torch.fft.rfftfreq(side))
+    power = 1.0 + 2.0 * torch.rand(len(truth), 1, 1, generator=rng)
+    white = torch.fft.rfft2(torch.randn(truth.shape, generator=rng))
+    field = torch.fft.irfft2(white * frequency.clamp_min(1.0) ** -power, s=truth.shape[-2:])
+    return normalised(truth * (0.1 + torch.sigmoid(2.0 * field / field.std((-2, -1), keepdim=True))))
 
 
 def hidden_in_noise(batch: Batch, rng: torch.Generator) -> Batch:

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from invert.likelihood import log_likelihoods
-from invert.network.annealing import Annealing, posterior_samples
+from invert.network.annealing import Annealing, Drawn, posterior_samples
 from invert.network.checkpoints import SHIPPED, load_network
 from invert.network.inference import observation
 from invert.registration import on_grid, registered
@@ -20,7 +20,7 @@ def sampler():
     return load_network(SHIPPED)[0].sampler
 
 
-def drawn(sampler, starts: torch.Tensor, seed: int) -> torch.Tensor:
+def drawn(sampler, starts: torch.Tensor, seed: int) -> Drawn:
     measurement = noisy()
     return posterior_samples(sampler, observation([measurement]), measurement.noise.inflation, starts, FEW,
                              torch.Generator().manual_seed(seed))
@@ -29,15 +29,15 @@ def drawn(sampler, starts: torch.Tensor, seed: int) -> torch.Tensor:
 def test_samples_come_nearer_to_the_object(sampler):
     """From its blurred picture: likelier, and more like it; another seed draws others."""
     blurred = torch.nn.functional.avg_pool2d(RIGHT[None], 7, 1, 3)
-    samples = drawn(sampler, (blurred / blurred.max()).expand(6, -1, -1), 1)
+    samples = drawn(sampler, (blurred / blurred.max()).expand(6, -1, -1), 1).samples
     assert samples.shape == (4, 64, 64)
     torch.testing.assert_close(samples.amax((-2, -1)), torch.ones(4))
     before, after = (registered(torch.stack([on_grid(one.numpy()) for one in images]), on_grid(RIGHT.numpy()))[1]
                      for images in (blurred, samples))
     assert float(after.min()) > float(before[0]) + 0.02
     assert float((log_likelihoods(samples, noisy()) - log_likelihoods(blurred, noisy())).min()) > 100.0
-    torch.testing.assert_close(drawn(sampler, (blurred / blurred.max()).expand(6, -1, -1), 1), samples)
-    assert float((drawn(sampler, (blurred / blurred.max()).expand(6, -1, -1), 2) - samples).abs().max()) > 0.01
+    torch.testing.assert_close(drawn(sampler, (blurred / blurred.max()).expand(6, -1, -1), 1).samples, samples)
+    assert float((drawn(sampler, (blurred / blurred.max()).expand(6, -1, -1), 2).samples - samples).abs().max()) > 0.01
 
 
 def test_the_sampler_removes_noise(sampler):

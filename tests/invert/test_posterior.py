@@ -22,6 +22,12 @@ def test_samples_are_laid_over_the_reconstruction():
     assert not drawn.deviation.any()
 
 
+def test_samples_follow_a_reconstruction_that_is_turned():
+    turned = RIGHT.flip((0, 1)).roll((4, -3), (0, 1)).numpy()
+    for one in shown(RIGHT, RIGHT.roll((3, -5), (0, 1))).laid_over(turned).samples:
+        np.testing.assert_allclose(one, turned, atol=1e-6)
+
+
 def test_mean_spread_and_probability_of_light():
     wider = RIGHT.clone()
     wider[5, 10] = 1.0

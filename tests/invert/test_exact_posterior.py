@@ -1,0 +1,77 @@
+"""Annealing of a toy whose posterior is known: at most six squares of twelve are bright.
+
+The network's place is taken by the exact expectation of the toy's albedo behind noise, and no steps towards the data follow.
+What is tested is the annealing itself: levels, noise kept and noise drawn anew.
+"""
+
+from itertools import combinations
+
+import pytest
+import torch
+
+from invert.likelihood import log_likelihoods
+from invert.network import annealing
+from invert.network.annealing import Annealing, annealed
+from invert.network.features import Observation
+from invert.network.inference import observation
+from invert.spectrum import Measurement, read_measurement
+from invert.training.data import at_noise
+
+ROWS, COLUMNS, MOST = 3, 4, 6
+SAMPLES = 2000
+TRUTH = (0, 1, 6, 8)
+
+
+def toy(bright: tuple[int, ...]) -> torch.Tensor:
+    """Squares of 3 x 3 lags on a grid of 5 by 7; (64, 64)."""
+    image = torch.zeros(64, 64)
+    for square in bright:
+        row, column = 22 + 5 * (square // COLUMNS), 18 + 7 * (square % COLUMNS)
+        image[row : row + 3, column : column + 3] = 1.0
+    return image
+
+
+ALL = torch.stack([toy(bright) for count in range(1, MOST + 1) for bright in combinations(range(ROWS * COLUMNS), count)])
+_NEAR = (..., slice(20, 38), slice(16, 44))
+"""Lags that hold every toy."""
+_TOYS = ALL[_NEAR].flatten(1)
+
+
+class ExactExpectation:
+    """E[albedo | noisy picture, estimate] over all toys."""
+
+    def __init__(self, measurement: Measurement) -> None:
+        self.log_posterior = log_likelihoods(ALL, measurement).float().log_softmax(0)
+
+    def __call__(self, seen: Observation, noisy: torch.Tensor, sigma: torch.Tensor, guess: torch.Tensor) -> torch.Tensor:
+        overlap = noisy[_NEAR].flatten(1) @ _TOYS.T - 0.5 * _TOYS.square().sum(1)
+        weight = (self.log_posterior + overlap / sigma.square()[:, None]).softmax(1)
+        expected = torch.zeros_like(noisy)
+        expected[_NEAR] = (weight @ _TOYS).unflatten(1, expected[_NEAR].shape[1:])
+        return expected
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("floor", "dof"), [(3.0, 64.0), (2.0, 64.0), (1.0, 16.0)])
+def test_samples_have_the_posteriors_probabilities(floor, dof, monkeypatch):
+    """Total variation distance below .1, of which counting samples makes up to .04; four or more objects are likely.
+
+    What is expected on the way has the posterior's mean, too, and the mean of twenty of it less noise.
+    """
+    monkeypatch.setattr(annealing, "towards_data", lambda data, albedo, *_: albedo)
+    measurement = read_measurement(at_noise(toy(TRUTH)[None], floor, dof, torch.Generator().manual_seed(7)).seen.estimate[0].numpy())
+    exact = ExactExpectation(measurement)
+    options = Annealing(SAMPLES, steps=24, first=4.0, last=0.05, rounds=1)
+    found, expected = annealed(exact, observation([measurement]), 1.0, torch.zeros(SAMPLES, 64, 64), options,
+                               torch.Generator().manual_seed(8))
+    found, expected = found[_NEAR].flatten(1), expected[_NEAR].flatten(1)
+    nearest = torch.cdist(found, _TOYS).argmin(1)
+    sampled = torch.bincount(nearest, minlength=len(ALL)) / SAMPLES
+    posterior = exact.log_posterior.exp()
+    assert float(0.5 * (sampled - posterior).abs().sum()) < 0.1
+    assert float(1.0 / posterior.square().sum()) > 4.0
+    mean = posterior @ _TOYS
+    torch.testing.assert_close(expected.mean(0), mean, atol=0.03, rtol=0.0)
+    by_samples, by_expected = (float((one.unflatten(0, (-1, 20)).mean(1) - mean).square().sum(1).mean())
+                               for one in (found, expected))
+    assert by_expected < 0.9 * by_samples
