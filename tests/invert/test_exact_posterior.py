@@ -61,7 +61,7 @@ def test_samples_have_the_posteriors_probabilities(floor, dof, monkeypatch):
     monkeypatch.setattr(annealing, "towards_data", lambda data, albedo, *_: albedo)
     measurement = read_measurement(at_noise(toy(TRUTH)[None], floor, dof, torch.Generator().manual_seed(7)).seen.estimate[0].numpy())
     exact = ExactExpectation(measurement)
-    options = Annealing(SAMPLES, steps=24, first=4.0, last=0.05, rounds=1)
+    options = Annealing(SAMPLES, steps=24, first=16.0, last=0.05, rounds=1)
     found, expected = annealed(exact, observation([measurement]), 1.0, torch.zeros(SAMPLES, 64, 64), options,
                                torch.Generator().manual_seed(8))
     found, expected = found[_NEAR].flatten(1), expected[_NEAR].flatten(1)
@@ -71,7 +71,7 @@ def test_samples_have_the_posteriors_probabilities(floor, dof, monkeypatch):
     assert float(0.5 * (sampled - posterior).abs().sum()) < 0.1
     assert float(1.0 / posterior.square().sum()) > 4.0
     mean = posterior @ _TOYS
-    torch.testing.assert_close(expected.mean(0), mean, atol=0.03, rtol=0.0)
+    torch.testing.assert_close(expected.mean(0), mean, atol=0.02, rtol=0.0)
     by_samples, by_expected = (float((one.unflatten(0, (-1, 20)).mean(1) - mean).square().sum(1).mean())
                                for one in (found, expected))
     assert by_expected < 0.9 * by_samples
