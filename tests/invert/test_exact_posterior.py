@@ -59,7 +59,8 @@ def test_samples_have_the_posteriors_probabilities(floor, dof, monkeypatch):
     What is expected on the way has the posterior's mean, too, and the mean of twenty of it less noise.
     """
     monkeypatch.setattr(annealing, "towards_data", lambda data, albedo, *_: albedo)
-    measurement = read_measurement(at_noise(toy(TRUTH)[None], floor, dof, torch.Generator().manual_seed(7)).seen.estimate[0].numpy())
+    estimate = at_noise(toy(TRUTH)[None], floor, dof, torch.Generator().manual_seed(7)).seen.estimate[0]
+    measurement = read_measurement(estimate.numpy())
     exact = ExactExpectation(measurement)
     options = Annealing(SAMPLES, steps=24, first=16.0, last=0.05, rounds=1)
     found, expected = annealed(exact, observation([measurement]), 1.0, torch.zeros(SAMPLES, 64, 64), options,
