@@ -52,8 +52,8 @@ KEPT = 8
 
 EXPECTED = 0.7
 """Share in the answer of what the sampler expected on the way to its samples: their own mean follows the data closer, and has
-more noise. Two rendered frames of six letters gain .02 in correlation at 1/256 s and .01 at 1/512 s over samples alone, edges of
-one pixel neither gain nor lose."""
+more noise. Two rendered frames of six letters gain .02 in correlation at 1/256 s and .01 at 1/512 s over samples alone; edges
+one pixel wide neither gain nor lose."""
 
 UNBOUNDED_DOF = 1e6
 """K of an estimate without measurable noise."""
