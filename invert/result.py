@@ -61,10 +61,11 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
     hold the method's, the warnings and the numbers of the speckle test.
     """
     (folder / "result.json").unlink(missing_ok=True)  # no stale result.json beside a half-written result
-    shown, comparison = result.albedo, {}
+    shown, drawn, comparison = result.albedo, result.posterior, {}
     floor_over_peak, floor_error = measurement.floor_over_peak, measurement.floor_over_peak_error
     if truth is not None:
         pearson, shown = aligned_pearson(result.albedo, truth)
+        drawn = drawn and drawn.laid_over(shown)
         comparison = {"pearson": pearson}
         floor_over_peak, floor_error = floor_over_known_peak(estimate, truth, bool(measurement.interpolated)), None
     summary = {
@@ -96,7 +97,7 @@ def write_result(folder: Path, estimate: Estimate, measurement: Measurement, res
         save_array(folder / "samples.npy", result.posterior.samples)
     save_picture(folder / "albedo.png", result.albedo)
     save_report(folder / "report.png", frame=estimate.frame, estimate=estimate.lags, albedo=shown, truth=truth,
-                posterior=result.posterior and result.posterior.laid_over(shown), numbers=_numbers(summary))
+                posterior=drawn, numbers=_numbers(summary))
     save_json(folder / "result.json", summary)
     return summary
 
