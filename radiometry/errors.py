@@ -78,6 +78,10 @@ GRACE_S = 20.0
 """Time that an interrupted command has to clean up."""
 
 
+QUIET_TRACKER = "ignore::UserWarning:multiprocessing.resource_tracker"
+"""Filter of warnings, since the process that tracks semaphores complains of those that an interrupted command leaves behind."""
+
+
 class Interrupted(KeyboardInterrupt):
     """SIGINT or SIGTERM reached a command."""
 
@@ -111,6 +115,7 @@ def exit_at_once_when_interrupted() -> None:
 def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str] | None = None) -> NoReturn:
     """Run a command's `main` and exit: 0; 2 with one line for bad input; 130 or 143 when interrupted."""
     arrived: list[Interrupted] = []
+    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, (os.environ.get("PYTHONWARNINGS"), QUIET_TRACKER)))
 
     def interrupt(number: int, _: Any) -> NoReturn:
         arrived.append(Interrupted(number))

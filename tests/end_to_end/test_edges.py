@@ -224,12 +224,14 @@ def test_an_evaluation_of_nothing_leaves_nothing(tmp_path, command):
 
 
 def test_an_interrupt_ends_what_waits_for_ever():
-    """A library that swallows the interrupt, or never comes back, is left after the time to clean up."""
+    """A library that swallows the interrupt, or never comes back, is left after the time to clean up; of the semaphore that it
+    leaves behind nobody complains."""
     program = """
-import os, threading, time
+import multiprocessing, os, threading, time
 import radiometry.errors as errors
 errors.GRACE_S = 1.0
 def main(argv):
+    semaphore = multiprocessing.get_context("spawn").Lock()
     threading.Timer(0.3, os.kill, (os.getpid(), 15)).start()
     while True:
         try:
