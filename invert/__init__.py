@@ -7,7 +7,7 @@
     methods.py       from a measurement to an albedo, by any method
     solvers/         classical phase retrieval, one method a file
     network/         the network: features, architecture, inference, weights files
-    likelihood.py    log-likelihood of candidates under the noise model
+    likelihood.py    log-likelihood of albedos under the noise model
     posterior.py     what samples say together: mean, spread, answers, sizes
     refinement.py    likelihood ascent of a reconstruction, judged by lags it has not seen
     registration.py  shift and twin image; registered mean of many starts

@@ -1,4 +1,4 @@
-"""Log-likelihood of candidate reconstructions under the Gamma noise model."""
+"""Log-likelihood of albedos under the Gamma noise model."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from radiometry.noise.model import window_smoothed
 
 PEDESTAL_LAGS = 32.0
 """Standard deviation of the pedestal that an estimate may have, half the 64-lag window of the object. The lab's estimates have
-such an excess, 1 to 4 % of the largest lag, of unknown origin; taken for part of the object it favours smeared candidates."""
+such an excess, 1 to 4 % of the largest lag, of unknown origin; taken for part of the object it favours smeared albedos."""
 
 LEAST_FLOOR = 1e-3
-"""Over the largest lag used; model errors of this size are to be expected of any candidate."""
+"""Over the largest lag used; model errors of this size are to be expected of any albedo."""
 
 _USED = torch.from_numpy((RING > 1) & INDEPENDENT)
 """Lags next to zero lag say little of a shape."""

@@ -51,7 +51,7 @@ NOTHING = Reconstruction(np.zeros((OBJECT, OBJECT), np.float32), False, 0.0, Non
 
 def iterations(method: str, quality: str) -> int:
     """How often a retrieval will report progress."""
-    return (RETRIEVAL[quality] if method == "unet" else method_options(method, quality)).iterations
+    return (RETRIEVAL if method == "unet" else method_options(method, quality)).iterations
 
 
 def retrieve(measurement: Measurement, method: str, quality: str, seed: int, device: str,

@@ -14,7 +14,7 @@ class ConfidenceFeatures(NamedTuple):
 
     Attributes:
         expected: logit of the correlation with the truth that the network expects.
-        agreement: of the candidates or samples that were averaged; see `with_one_more`.
+        agreement: of the augmentations or samples that were averaged; see `with_one_more`.
         retrieval_agreement: of the classical starts, from the estimate as it is.
         denoised_agreement: of the classical starts, from the denoised estimate.
     """

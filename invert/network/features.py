@@ -49,7 +49,7 @@ class Observation:
     def __len__(self) -> int:
         return len(self.estimate)
 
-    def part(self, which: slice, device: str) -> Observation:
+    def part(self, which: slice, device: str | torch.device) -> Observation:
         """Some of the objects, on a device."""
         return Observation(*(getattr(self, field.name)[which].to(device) for field in fields(self)))
 

@@ -59,6 +59,7 @@ class Score:
     def __init__(self, likelihood: Likelihood, albedo: torch.Tensor) -> None:
         estimate, floor, used, pedestal = likelihood.estimate, likelihood.floor, likelihood.used, likelihood.pedestal
         self._window, self._albedo, self._spectrum = likelihood.window, albedo, _spectrum(albedo)
+        self._lags = used.sum()
         signal = self._smoothed(self._spectrum.abs().square())
         scale = (signal * used).amax((-2, -1)).clamp_min(1e-6)[:, None, None]
         signal = signal / scale
@@ -69,7 +70,11 @@ class Score:
         self._weight = used * likelihood.dof * self._gain / expected.square()
         self._excess = estimate - expected
         ratio = (estimate / expected).clamp_min(1e-3)
-        self.deviance = (2.0 * used * likelihood.dof * (ratio - 1.0 - ratio.log())).sum((-2, -1)) / used.sum()
+        self.deviance = (2.0 * used * likelihood.dof * (ratio - 1.0 - ratio.log())).sum((-2, -1)) / self._lags
+
+    def log_likelihood(self) -> torch.Tensor:
+        """Of the albedos, (n,), in nats, but for a constant."""
+        return -0.5 * self._lags * self.deviance
 
     def gradient(self) -> torch.Tensor:
         """Of the log-likelihood, (n, 64, 64)."""

@@ -1,5 +1,4 @@
-"""From a measurement to a reconstruction: denoise, retrieve, fuse every proposal into a candidate, draw samples from the
-likeliest, average."""
+"""From a measurement to a reconstruction: denoise, retrieve, fuse, draw samples, average."""
 
 from __future__ import annotations
 
@@ -11,12 +10,11 @@ import numpy as np
 import torch
 from torch import nn
 
-from invert.likelihood import log_likelihoods
 from invert.network.annealing import ANNEALING, posterior_samples
 from invert.network.confidence import ConfidenceFeatures, with_one_more
 from invert.network.features import Observation
 from invert.network.model import CorrelographyNet
-from invert.network.proposals import overview, proposals
+from invert.network.overview import overview
 from invert.registration import Consensus, consensus, normalised, padded, registered
 from invert.solvers.base import Candidates, Progress
 from invert.solvers.hio import HioOptions, hio
@@ -33,22 +31,13 @@ AUGMENTATIONS: tuple[tuple[Transform, Transform], ...] = (
 """Test-time augmentation: mirrors and quarter turns, each with its inverse. A rotation by 180 degrees maps an autocorrelation
 onto itself and is left out."""
 
-SHRINK_THRESHOLDS = (0.03, 0.06, 0.1, 0.18)
-"""A low threshold of shrink-wrap keeps faint structure, a high one keeps noise out of the support; the likelihood of the
-resulting candidates decides between them."""
-
-RETRIEVAL = {
-    quality: HioOptions(starts=starts, iterations=300, error_reduction=50, shrink_from=100, shrink_every=30,
-                        shrink_threshold=SHRINK_THRESHOLDS)
-    for quality, starts in (("fast", 6), ("balanced", 40), ("best", 128))
-}
-"""The retrieval that makes proposals to the network: many starts are worth more than many iterations."""
+RETRIEVAL = HioOptions(starts=6, iterations=300, error_reduction=50, shrink_from=100, shrink_every=30,
+                       shrink_threshold=(0.03, 0.06, 0.1, 0.18))
+"""The retrieval that the network fuses. A low threshold of shrink-wrap keeps faint structure, a high one keeps noise out of the
+support."""
 
 AUGMENTED = {"fast": 1, "balanced": len(AUGMENTATIONS), "best": len(AUGMENTATIONS)}
-"""Augmentations of an estimate. With one, only the overview of all starts is fused; with more, each start as well."""
-
-KEPT = 8
-"""Number of likeliest candidates that are averaged where no samples are drawn."""
+"""Augmentations of an estimate."""
 
 EXPECTED = 0.7
 """Share in the answer of what the sampler expected on the way to its samples: their own mean follows the data closer, and has
@@ -65,7 +54,7 @@ class NetworkAnswer:
 
     Attributes:
         image: (128, 128), periodic.
-        transfer: phase retrieval transfer function of the candidates, empty where there was one.
+        transfer: phase retrieval transfer function of the samples or augmentations, empty where there was one.
         samples: of the posterior (n, 64, 64), equally likely; None where none were drawn.
     """
 
@@ -101,20 +90,20 @@ def denoise(network: CorrelographyNet, seen: Observation, augmented: int) -> tor
     return torch.stack(denoised).mean(0)
 
 
-def retrieved(measurement: Measurement, denoised: torch.Tensor, quality: str, seed: int, device: str,
+def retrieved(measurement: Measurement, denoised: torch.Tensor, seed: int, device: str,
               progress: Progress = lambda: None) -> Candidates:
     """Classical retrieval from an estimate and from its denoised signal (127, 127), which has less noise but less fine
     structure, too: images (2, starts, 128, 128)."""
     moduli = torch.stack((fourier_modulus(measurement), denoised_modulus(denoised.cpu().numpy(), measurement)))
     rng = torch.Generator(device=device).manual_seed(seed)
-    return hio(moduli.to(device), measurement.box, rng, RETRIEVAL[quality], progress)
+    return hio(moduli.to(device), measurement.box, rng, RETRIEVAL, progress)
 
 
 @torch.no_grad()
 def fuse(network: nn.Module, seen: Observation, shown: torch.Tensor, augmented: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Candidates from one observation beside each of n sets of classical reconstructions (n, PICTURES, 64, 64).
+    """What the network makes of one observation beside each of n sets of classical reconstructions (n, PICTURES, 64, 64).
 
-    The augmentations take turns, each undone in its candidate. Returns albedos (n, 64, 64) and logits (n,) of the correlations
+    The augmentations take turns, each undone in its albedo. Returns albedos (n, 64, 64) and logits (n,) of the correlations
     that the network expects.
     """
     pairs = [AUGMENTATIONS[index % augmented] for index in range(len(shown))]
@@ -127,33 +116,27 @@ def fuse(network: nn.Module, seen: Observation, shown: torch.Tensor, augmented: 
 
 def reconstruct_by_network(network: nn.Module, measurement: Measurement, quality: str, seed: int, device: str,
                            progress: Progress = lambda: None) -> NetworkAnswer:
-    """Mean of the posterior's samples, which begin with the likeliest candidates: of all starts together, augmented, and of
-    each start. Where no samples are drawn (`fast`, the paper's networks) the mean of the likeliest candidates."""
+    """The posterior's mean. Where no samples are drawn (`fast`, the paper's networks) what the network makes of the estimate,
+    the mean over its augmentations."""
     augmented = AUGMENTED[quality]
     seen = observation([measurement]).part(slice(None), device)
-    shown, agreement = seen.classical.expand(augmented, -1, -1, -1), [0.0, 0.0]
+    shown, agreement, samples = seen.classical, [0.0, 0.0], None
     if isinstance(network, CorrelographyNet):
         seen = replace(seen, denoised=denoise(network, seen, augmented))
-        found = retrieved(measurement, seen.denoised[0], quality, seed, device, progress)
-        together, agreement = overview(found)
-        shown = together.expand(augmented, -1, -1, -1)
-        if augmented > 1:
-            shown = torch.cat((shown, proposals(found, len(SHRINK_THRESHOLDS))))
-    albedos, expected = fuse(network, seen, shown, augmented)
-    likeliest = log_likelihoods(albedos, measurement).argsort(descending=True, stable=True)
-    kept, samples = albedos[likeliest[:KEPT]], None
-    trust = float(expected[likeliest[:KEPT]].mean())
+        together, agreement = overview(retrieved(measurement, seen.denoised[0], seed, device, progress))
+        shown = together[None]
+    albedos, expected = fuse(network, seen, shown.expand(augmented, -1, -1, -1), augmented)
     if isinstance(network, CorrelographyNet) and quality in ANNEALING:
-        drawn = posterior_samples(network.sampler, seen, measurement.noise.inflation, albedos[likeliest],
-                                  ANNEALING[quality], torch.Generator().manual_seed(seed))
+        drawn = posterior_samples(network.sampler, seen, measurement.noise.inflation, ANNEALING[quality],
+                                  torch.Generator().manual_seed(seed))
         samples, together = drawn.samples, _mean(drawn.samples, 0.0)
         image = _with_expected(together.image, drawn.expected)
     else:
-        together = _mean(kept, 0.7)
+        together = _mean(albedos, 0.7)
         image = together.image
-    averaged = kept if samples is None else samples
-    features = ConfidenceFeatures(trust, with_one_more(together.agreement, len(averaged)), *agreement)
-    return NetworkAnswer(image, features, together.transfer if len(likeliest) > 1 else (), samples)
+    averaged = albedos if samples is None else samples
+    features = ConfidenceFeatures(float(expected.mean()), with_one_more(together.agreement, len(averaged)), *agreement)
+    return NetworkAnswer(image, features, together.transfer if len(averaged) > 1 else (), samples)
 
 
 def _with_expected(samples: torch.Tensor, expected: torch.Tensor) -> torch.Tensor:

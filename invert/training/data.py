@@ -41,7 +41,7 @@ class Batch:
     signal: torch.Tensor
     draws: Draws | None = None
 
-    def part(self, which: slice, device: str) -> Batch:
+    def part(self, which: slice, device: str | torch.device) -> Batch:
         draws = None if self.draws is None else self.draws.part(which, device)
         return Batch(self.seen.part(which, device), self.truth[which].to(device), self.signal[which].to(device), draws)
 

@@ -52,7 +52,7 @@ class Draws:
         ratio = (FARTHER * left * torch.rand(PASSES, count, generator=rng)).exp()
         return cls(sigma, torch.randn(1 + PASSES, count, side, side, generator=rng), ratio, tuple(ascends.tolist()))
 
-    def part(self, which: slice, device: str) -> Draws:
+    def part(self, which: slice, device: str | torch.device) -> Draws:
         """Those of some of the samples, on a device."""
         noise, ratio = (one[:, which].to(device) for one in (self.noise, self.ratio))
         return Draws(self.sigma[which].to(device), noise, ratio, self.ascends)
@@ -82,6 +82,32 @@ def guessed(sampler: Sampler, seen: Observation, truth: torch.Tensor, draws: Dra
         if ascends:
             guess = towards_data(data, guess, DATA_WEIGHT * posterior_variance(sigma), ASCENT)
     return guess
+
+
+@dataclass(frozen=True)
+class Task:
+    """What the sampler is shown of n objects, and the albedos behind it; see `Sampler.forward`."""
+
+    seen: Observation
+    truth: torch.Tensor
+    noisy: torch.Tensor
+    sigma: torch.Tensor
+    guess: torch.Tensor
+
+    def answer(self, sampler: Sampler) -> torch.Tensor:
+        return sampler(self.seen, self.noisy, self.sigma, self.guess)
+
+    def joined(self, other: Task) -> Task:
+        """Those of this task, then those of another."""
+        seen = Observation(*(torch.cat(both) for both in zip(vars(self.seen).values(), vars(other.seen).values(), strict=True)))
+        names = ("truth", "noisy", "sigma", "guess")
+        return Task(seen, *(torch.cat((getattr(self, name), getattr(other, name))) for name in names))
+
+
+def hidden(sampler: Sampler, seen: Observation, truth: torch.Tensor, draws: Draws) -> Task:
+    """Truths hidden in noise."""
+    noisy = truth + draws.sigma[:, None, None] * draws.noise[0]
+    return Task(seen, truth, noisy, draws.sigma, guessed(sampler, seen, truth, draws))
 
 
 def denoising_loss(answer: torch.Tensor, truth: torch.Tensor, sigma: torch.Tensor) -> torch.Tensor:

@@ -10,8 +10,9 @@ from torch import nn
 from invert.network.inference import predict
 from invert.network.model import Denoiser, Fusion
 from invert.network.sampler import Sampler
+from invert.training.chains import CHAINS, Chains, chain_loss
 from invert.training.data import Batch
-from invert.training.denoising import Draws, denoising_loss, guessed
+from invert.training.denoising import Task, denoising_loss, hidden
 from invert.training.losses import LOSSES, noise_left, registered_pearson
 
 JUDGE_WEIGHT = 0.5
@@ -25,7 +26,10 @@ class DenoisedLags:
 
     measure = "share of the noise left"
 
-    def loss(self, module: nn.Module, batch: Batch) -> torch.Tensor:
+    def __init__(self) -> None:
+        self.state: dict[str, torch.Tensor] = {}
+
+    def loss(self, module: nn.Module, batch: Batch, _: torch.Generator | None = None) -> torch.Tensor:
         measured = batch.seen.estimate - batch.seen.floor[:, None, None]
         return noise_left(predict(module, batch.seen), batch.signal, measured).mean()
 
@@ -40,8 +44,9 @@ class Picture:
 
     def __init__(self, loss: str, judged: bool) -> None:
         self._loss, self._judged = LOSSES[loss], judged
+        self.state: dict[str, torch.Tensor] = {}
 
-    def loss(self, module: nn.Module, batch: Batch) -> torch.Tensor:
+    def loss(self, module: nn.Module, batch: Batch, _: torch.Generator) -> torch.Tensor:
         albedo, judgement = predict(module, batch.seen) if self._judged else (predict(module, batch.seen), None)
         shown = batch.truth.amax((-2, -1)) > 0.0
         # Samples of noise alone have no loss; a stand-in keeps their gradient finite.
@@ -61,24 +66,31 @@ class Picture:
 
 
 class DenoisedPicture:
-    """The sampler's: the expected albedo behind noise of every level."""
+    """The sampler's: the expected albedo behind noise of every level, and on the way through annealing."""
 
     measure = f"share of the albedo's energy missed behind noise of {MEASURED_AT}"
 
-    def loss(self, module: nn.Module, batch: Batch) -> torch.Tensor:
-        answer, draws = self._answer(module, batch)
-        return denoising_loss(answer, batch.truth, draws.sigma).mean()
+    def __init__(self) -> None:
+        self._chains = Chains()
+        self.state = self._chains.state
+
+    def loss(self, module: nn.Module, batch: Batch, rng: torch.Generator) -> torch.Tensor:
+        device, count = batch.truth.device, min((len(batch.truth) + 1) // 2, CHAINS)
+        which = self._chains.draw(batch.part(slice(count), "cpu"), rng)
+        chained, fresh = self._chains.task(which, device), self._task(module, batch.part(slice(count, None), device))
+        answer = chained.joined(fresh).answer(module)
+        self._chains.follow(which, chained, answer[:count].detach(), rng)
+        return torch.cat((chain_loss(answer[:count], chained.truth),
+                          denoising_loss(answer[count:], fresh.truth, fresh.sigma))).mean()
 
     def achieved(self, module: nn.Module, batch: Batch) -> float:
         level = torch.full_like(batch.seen.floor, MEASURED_AT)
-        answer, _ = self._answer(module, replace(batch, draws=replace(batch.draws, sigma=level)))
+        answer = self._task(module, replace(batch, draws=replace(batch.draws, sigma=level))).answer(module)
         return float((answer - batch.truth).square().sum() / batch.truth.square().sum())
 
-    def _answer(self, module: nn.Module, batch: Batch) -> tuple[torch.Tensor, Draws]:
-        draws = batch.draws
-        assert draws is not None
-        noisy = batch.truth + draws.sigma[:, None, None] * draws.noise[0]
-        return module(batch.seen, noisy, draws.sigma, guessed(module, batch.seen, batch.truth, draws)), draws
+    def _task(self, module: nn.Module, batch: Batch) -> Task:
+        assert batch.draws is not None
+        return hidden(module, batch.seen, batch.truth, batch.draws)
 
 
 def objective(part: nn.Module, loss: str) -> DenoisedLags | Picture | DenoisedPicture:

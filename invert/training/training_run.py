@@ -62,7 +62,7 @@ class Training:
         for group in self.optimiser.param_groups:
             group["lr"] = options.learning_rate * _schedule(self.step, options.steps)
         self.parallel.train()
-        loss = self.objective.loss(self.parallel, batch)
+        loss = self.objective.loss(self.parallel, batch, _rng(options.seed + 1 + self.rank, self.step))
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
         nn.utils.clip_grad_norm_(self.trained, 1.0)
@@ -123,6 +123,7 @@ class Training:
         tensors |= {f"average.{name}": value for name, value in self.average.module.state_dict().items()}
         for index, state in self.optimiser.state_dict()["state"].items():
             tensors |= {f"optimiser.{index}.{name}": torch.as_tensor(value) for name, value in state.items()}
+        tensors |= {f"objective.{name}": value for name, value in self.objective.state.items()}
         save_weights(self._checkpoint_path, tensors,
                      {"run": self._run(), "step": self.step, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds,
                       "curve": self.curve})
@@ -135,13 +136,15 @@ class Training:
         if card.get("run") != self._run():
             raise InputError("checkpoint", f"one of the run {self._run()}", f"{card.get('run')} in {self._checkpoint_path}",
                              "delete it or write to another name")
-        parts: dict[str, dict[str, torch.Tensor]] = {"network": {}, "average": {}, "optimiser": {}}
+        parts: dict[str, dict[str, torch.Tensor]] = {"network": {}, "average": {}, "optimiser": {}, "objective": {}}
         for name, value in tensors.items():
             kind, _, rest = name.partition(".")
             parts[kind][rest] = value
         self.network.load_state_dict(parts["network"])
         self.average.module.load_state_dict(parts["average"])
         self.average.n_averaged.fill_(card["step"])
+        for name, value in parts["objective"].items():
+            self.objective.state[name].copy_(value)
         states: dict[int, dict[str, torch.Tensor]] = {}
         for name, value in parts["optimiser"].items():
             index, _, rest = name.partition(".")

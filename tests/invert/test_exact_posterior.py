@@ -58,13 +58,13 @@ def test_samples_have_the_posteriors_probabilities(floor, dof, monkeypatch):
 
     What is expected on the way has the posterior's mean, too, and the mean of twenty of it less noise.
     """
-    monkeypatch.setattr(annealing, "towards_data", lambda data, albedo, *_: albedo)
+    monkeypatch.setattr(annealing, "after_data", lambda data, expected, *_: expected)
     estimate = at_noise(toy(TRUTH)[None], floor, dof, torch.Generator().manual_seed(7)).seen.estimate[0]
     measurement = read_measurement(estimate.numpy())
     exact = ExactExpectation(measurement)
-    options = Annealing(SAMPLES, steps=24, first=16.0, last=0.05, rounds=1)
-    found, expected = annealed(exact, observation([measurement]), 1.0, torch.zeros(SAMPLES, 64, 64), options,
-                               torch.Generator().manual_seed(8))
+    options = Annealing(SAMPLES, rounds=1, steps=24, first=16.0)
+    seen = observation([measurement])
+    found, expected = annealed(exact, seen, seen, torch.zeros(SAMPLES, 64, 64), options, torch.Generator().manual_seed(8))
     found, expected = found[_NEAR].flatten(1), expected[_NEAR].flatten(1)
     nearest = torch.cdist(found, _TOYS).argmin(1)
     sampled = torch.bincount(nearest, minlength=len(ALL)) / SAMPLES

@@ -28,10 +28,11 @@ def arguments(dataset: Path, output: Path) -> list[str]:
 
 
 @pytest.mark.slow
-def test_training_resumes_exactly_after_a_kill(tmp_path, dataset):
+@pytest.mark.parametrize("part", ["denoiser", "sampler"])
+def test_training_resumes_exactly_after_a_kill(tmp_path, dataset, part):
     whole, killed = tmp_path / "whole.safetensors", tmp_path / "killed.safetensors"
-    train(arguments(dataset, whole))
-    process = subprocess.Popen([sys.executable, "-m", "invert.train", *arguments(dataset, killed)],
+    train([*arguments(dataset, whole), "--part", part])
+    process = subprocess.Popen([sys.executable, "-m", "invert.train", *arguments(dataset, killed), "--part", part],
                                cwd=Path(__file__).parents[2], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     checkpoint = tmp_path / "killed.checkpoint.safetensors"
     while not checkpoint.is_file() and process.poll() is None:
@@ -40,7 +41,7 @@ def test_training_resumes_exactly_after_a_kill(tmp_path, dataset):
     process.wait()
     assert not killed.is_file()
     assert read_weights(checkpoint)[1]["step"] in (4, 8)
-    train(arguments(dataset, killed))
+    train([*arguments(dataset, killed), "--part", part])
     expected, found = read_weights(whole)[0], read_weights(killed)[0]
     for name, value in expected.items():
         torch.testing.assert_close(found[name], value, rtol=0, atol=0)

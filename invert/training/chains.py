@@ -1,0 +1,104 @@
+"""Training of the sampler on what it does itself: objects on their way through annealing, wrong in places as they are in use.
+
+Pictures of the truth behind noise, which the sampler is trained on otherwise, never show it its own mistakes (S. Ross et al.,
+AISTATS 2011, arXiv:1011.0686).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import torch
+
+from invert.network.annealing import ANNEALING, after_data, less_noisy
+from invert.network.features import Observation
+from invert.network.fisher_scoring import LARGEST
+from invert.network.sampler import SPREAD
+from invert.registration import OBJECT, laid_over
+from invert.training.data import Batch
+from invert.training.denoising import MOST, Task
+from radiometry.autocorrelation import LAGS
+
+CHAINS = 128
+"""Kept at a time; each step of training moves some of them on by one step of annealing."""
+
+FIRST_STEPS = 12
+"""Of a chain's first round, which begins with noise alone."""
+
+ROUNDS = 5
+"""Largest number of rounds of a chain."""
+
+FIRST = (0.4, 1.6)
+"""Noise that the other rounds begin with."""
+
+WEIGHT = 0.3
+"""Of a chain's squared error, over the variance of albedos, in the loss."""
+
+
+class Chains:
+    """Objects on their way through annealing.
+
+    Attributes:
+        state: for each chain its estimate, floor and K, the truth, the noisy picture and the albedo so far; of the round the
+            first noise, how many steps it has and how many were done; and how many rounds are left, this one among them.
+    """
+
+    def __init__(self) -> None:
+        lags, pictures = (CHAINS, 2 * LAGS + 1, 2 * LAGS + 1), (CHAINS, OBJECT, OBJECT)
+        shapes = {"estimate": lags, "floor": (CHAINS,), "dof": (CHAINS,), "truth": pictures, "noisy": pictures,
+                  "albedo": pictures, "first": (CHAINS,), "steps": (CHAINS,), "done": (CHAINS,), "left": (CHAINS,)}
+        self.state = {name: torch.zeros(shape) for name, shape in shapes.items()}
+
+    def draw(self, batch: Batch, rng: torch.Generator) -> torch.Tensor:
+        """Numbers of as many chains as a batch has objects, which take the places of those that have ended."""
+        seen, truth = batch.seen, batch.truth
+        which = torch.randperm(CHAINS, generator=rng)[: len(truth)]
+        ended = self.state["left"][which] == 0
+        rounds = torch.randint(1, ROUNDS + 1, (len(truth),), generator=rng)
+        begun = {"estimate": seen.estimate, "floor": seen.floor, "dof": seen.dof, "truth": truth,
+                 "noisy": MOST * torch.randn(truth.shape, generator=rng), "albedo": torch.zeros_like(truth),
+                 "first": torch.full((len(truth),), MOST), "steps": torch.full((len(truth),), float(FIRST_STEPS)),
+                 "done": torch.zeros(len(truth)), "left": rounds.float()}
+        for name, value in begun.items():
+            self.state[name][which[ended]] = value[ended]
+        return which
+
+    def task(self, which: torch.Tensor, device: torch.device) -> Task:
+        """Their next step of annealing."""
+        one = {name: value[which].to(device) for name, value in self.state.items()}
+        seen = Observation.bare(one["estimate"], one["floor"], one["dof"])
+        return Task(seen, one["truth"], one["noisy"], _level(one, one["done"]), one["albedo"])
+
+    def follow(self, which: torch.Tensor, task: Task, answer: torch.Tensor, rng: torch.Generator) -> None:
+        """Move chains on by what the sampler expects, as annealing does."""
+        one = {name: value[which] for name, value in self.state.items()}
+        data = replace(task.seen, dof=task.seen.dof / 2.0)  # between that of independent lags and of correlated ones
+        expected = answer.clamp(0.0, LARGEST)
+        albedo = after_data(data, expected, task.sigma, ANNEALING["balanced"].ascent).cpu()
+        noise = torch.randn(albedo.shape, generator=rng)
+        done = one["done"] + 1.0
+        low, high = map(math.log, FIRST)
+        first = (low + (high - low) * torch.rand(len(which), generator=rng)).exp()
+        ends = done >= one["steps"]
+        level, following = _level(one, one["done"]), _level(one, done)
+        noisy = less_noisy(albedo, one["noisy"], level[:, None, None], following[:, None, None], noise)
+        self.state["noisy"][which] = torch.where(ends[:, None, None], albedo + first[:, None, None] * noise, noisy)
+        self.state["albedo"][which] = albedo
+        self.state["done"][which] = torch.where(ends, 0.0, done)
+        self.state["left"][which] = one["left"] - ends.float()
+        self.state["first"][which] = torch.where(ends, first, one["first"])
+        self.state["steps"][which] = torch.where(ends, float(ANNEALING["balanced"].steps), one["steps"])
+
+
+def _level(one: dict[str, torch.Tensor], done: torch.Tensor) -> torch.Tensor:
+    """Noise of a round's step, (n,)."""
+    share = (done / (one["steps"] - 1.0)).clamp(0.0, 1.0)
+    return (one["first"] ** (1 / 3) * (1.0 - share) + ANNEALING["balanced"].last ** (1 / 3) * share) ** 3
+
+
+def chain_loss(answer: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """Squared error over the variance of albedos, (n,), against the truth shifted and turned to fit: a chain has gone its own
+    way."""
+    fitting = laid_over(truth[:, None], answer.detach())[:, 0]
+    return WEIGHT * (answer - fitting).square().mean((-2, -1)) / SPREAD**2

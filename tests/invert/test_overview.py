@@ -1,0 +1,46 @@
+"""What the fusion is shown of classical retrieval, and its augmentations."""
+
+import torch
+
+from invert.network.features import PICTURES
+from invert.network.inference import AUGMENTATIONS, fuse, observation
+from invert.network.overview import overview
+from invert.registration import registered
+from invert.solvers.base import Candidates
+from tests.invert.steps import MIRRORED_STEM, RIGHT, noisy, steps
+
+
+def padded(*pictures: torch.Tensor) -> torch.Tensor:
+    return torch.nn.functional.pad(torch.stack(pictures), (0, 64, 0, 64))
+
+
+def test_both_retrievals_are_shown_together():
+    """Of each the mean of its starts and the start of least residual, laid over one another; how far starts agree."""
+    turned, other = torch.roll(RIGHT.flip((0, 1)), (3, 2), (0, 1)), steps((10, 12, 3, 40), (50, 12, 3, 40))
+    found = Candidates(torch.stack((padded(RIGHT, turned), padded(other, RIGHT))),
+                       torch.tensor([[0.2, 0.1], [0.1, 0.2]]))
+    shown, agreement = overview(found)
+    assert shown.shape == (PICTURES, 64, 64)
+    assert float(shown.amax((-2, -1)).min()) == float(shown.max()) == 1.0
+    for picture, object_ in zip(shown[[0, 1, 3]], (RIGHT, RIGHT, other), strict=True):
+        assert float(registered(padded(picture), padded(object_)[0])[1]) > 0.95
+    assert agreement[0] > 0.99 > agreement[1]
+
+
+def test_a_start_that_came_to_nothing_is_shown_as_nothing():
+    images = torch.stack((padded(RIGHT, torch.zeros(64, 64)), padded(RIGHT, RIGHT)))
+    assert torch.isfinite(overview(Candidates(images, torch.tensor([[0.1, 1.0], [0.1, 0.1]])))[0]).all()
+
+
+class Copyist(torch.nn.Module):
+    """Draws the first picture that it is shown."""
+
+    def forward(self, seen):
+        return seen.classical[:, 0], torch.zeros(len(seen))
+
+
+def test_looks_are_turned_back():
+    seen = observation([noisy()])
+    shown = torch.stack((RIGHT, MIRRORED_STEM, RIGHT.mT, RIGHT, MIRRORED_STEM))[:, None].expand(-1, PICTURES, -1, -1)
+    albedo, _ = fuse(Copyist(), seen, shown, len(AUGMENTATIONS))
+    torch.testing.assert_close(albedo, shown[:, 0])
