@@ -45,8 +45,12 @@ ANNEALING = {"balanced": Annealing(12, rounds=6), "best": Annealing(32, rounds=1
 BEGINNING = {"first": 4.0, "steps": 8}
 """Noise that hides any object, and steps of what precedes the rounds."""
 
-HOPELESS = 60.0
-"""Nats by which a sample may be less likely than the likeliest before a copy of a likelier one takes its place."""
+HOPELESS, REPLACED = 60.0, 1 / 3
+"""Nats by which a sample may be less likely than a likelier one before that takes its place; share of the samples of which this
+is asked, the least likely. Were it asked of all, bright light would leave copies of one, right or wrong."""
+
+PROPOSED = 0.2
+"""Noise at which candidates follow the data before they are compared with samples."""
 
 FINAL_ASCENT = 50
 """Largest number of steps towards the data at the end, until the estimate is explained (Morozov's discrepancy principle)."""
@@ -77,19 +81,23 @@ class Drawn:
     expected: torch.Tensor
 
 
-def posterior_samples(sampler: Sampler, seen: Observation, inflation: float, options: Annealing,
+def posterior_samples(sampler: Sampler, seen: Observation, inflation: float, candidates: torch.Tensor, options: Annealing,
                       rng: torch.Generator) -> Drawn:
     """Samples of the posterior of one observation.
 
     Args:
         inflation: by which K counts less in sums over its lags.
+        candidates: albedos (m, 64, 64) that take the places of worse samples before the first round.
     """
-    seen = Observation(*(one.expand(options.samples, *one.shape[1:]) for one in vars(seen).values()))
+    seen = _repeated(seen, options.samples)
     data, expected = replace(seen, dof=seen.dof / inflation), []
+    candidates = after_data(_repeated(data, len(candidates)), candidates, seen.dof.new_full((len(candidates),), PROPOSED),
+                            options.ascent)
     nothing = torch.zeros(options.samples, OBJECT, OBJECT, device=seen.estimate.device)
     drawn, _ = annealed(sampler, seen, data, nothing, replace(options, **BEGINNING), rng)
-    for _ in range(options.rounds):
-        drawn = torch.stack([centred(one) for one in padded(without_hopeless(data, drawn))])
+    for number in range(options.rounds):
+        others = candidates[:0] if number else candidates
+        drawn = torch.stack([centred(one) for one in padded(without_hopeless(data, drawn, others))])
         drawn, on_the_way = annealed(sampler, seen, data, drawn, options, rng)
         expected.append(on_the_way)
     variance = DATA_WEIGHT * posterior_variance(torch.full_like(seen.dof, options.last))
@@ -146,15 +154,21 @@ def less_noisy(albedo: torch.Tensor, noisy: torch.Tensor, level: torch.Tensor, f
     return albedo + kept * (noisy - albedo) + FRESH * following * noise
 
 
-def without_hopeless(data: Observation, drawn: torch.Tensor) -> torch.Tensor:
-    """Albedos (n, 64, 64), those of hardly any probability replaced by the likelier ones in turn.
+def without_hopeless(data: Observation, drawn: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
+    """Albedos (n, 64, 64), of which the worst have made way for the likeliest of these and of others (m, 64, 64).
 
     Rounds would mend them, too, but later: an object of which much is right is mended faster than one of which little is.
     """
-    log_likelihood = Likelihood(data).at(drawn).log_likelihood()
-    order = log_likelihood.argsort(descending=True, stable=True)
-    hopeful = log_likelihood[order] > log_likelihood.max() - HOPELESS
-    good = order[hopeful]
+    pool = torch.cat((drawn, others))
+    likelihood = Likelihood(_repeated(data, len(pool))).at(pool).log_likelihood()
+    best = likelihood.argsort(descending=True, stable=True)
+    worst = likelihood[: len(drawn)].argsort(stable=True)[: int(REPLACED * len(drawn))]
+    best = best[: len(worst)]
     which = torch.arange(len(drawn), device=drawn.device)
-    which[order[~hopeful]] = good[torch.arange(len(drawn) - len(good), device=drawn.device) % len(good)]
-    return drawn[which]
+    which[worst] = torch.where(likelihood[worst] < likelihood[best] - HOPELESS, best, worst)
+    return pool[which]
+
+
+def _repeated(seen: Observation, count: int) -> Observation:
+    """One observation, or the first of several alike, for each of many albedos."""
+    return Observation(*(one[:1].expand(count, *one.shape[1:]) for one in vars(seen).values()))

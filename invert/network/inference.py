@@ -127,7 +127,7 @@ def reconstruct_by_network(network: nn.Module, measurement: Measurement, quality
         shown = together[None]
     albedos, expected = fuse(network, seen, shown.expand(augmented, -1, -1, -1), augmented)
     if isinstance(network, CorrelographyNet) and quality in ANNEALING:
-        drawn = posterior_samples(network.sampler, seen, measurement.noise.inflation, ANNEALING[quality],
+        drawn = posterior_samples(network.sampler, seen, measurement.noise.inflation, albedos, ANNEALING[quality],
                                   torch.Generator().manual_seed(seed))
         samples, together = drawn.samples, _mean(drawn.samples, 0.0)
         image = _with_expected(together.image, drawn.expected)

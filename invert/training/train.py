@@ -96,6 +96,9 @@ def _check(options: Any) -> None:
     if wanted > memory_bytes():
         raise InputError("--batch, --width", f"activations that fit into {memory_bytes() / 1e9:.1f} GB",
                          f"about {wanted / 1e9:.3g} GB", "lower one of them")
+    least = 2 * int(os.environ.get("WORLD_SIZE", "1")) if options.part == "sampler" else 1
+    if options.batch < least:
+        raise InputError("--batch", f"{least} or more for the sampler, two for each process", options.batch, "raise it")
     fuses = options.network == "unet" and options.part == "fusion"
     if bool(options.warm) != fuses or (fuses and (options.noise == "paper" or options.start_from is None)):
         raise InputError("--part fusion", "--warm STORES, --start-from WEIGHTS and --noise varied beside it",
