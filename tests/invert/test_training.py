@@ -89,8 +89,8 @@ def test_training_learns_and_warm_starts_are_used(tmp_path, dataset, command):
 
 
 def test_bad_training_arguments(tmp_path, command):
-    for extra, text in ((["--steps", 0], "--steps"), (["--width", 20], "--width"), (["--part", "sampler", "--batch", 1], "--batch"),
-                        ([], "none at")):
+    for extra, text in ((["--steps", 0], "--steps"), (["--width", 20], "--width"),
+                        (["--part", "sampler", "--batch", 1], "--batch"), ([], "none at")):
         code, _, err = command(train, tmp_path / "none.zarr", "-o", tmp_path / "w.safetensors", *extra)
         assert code == 2
         assert text in err
