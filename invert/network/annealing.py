@@ -40,7 +40,7 @@ class Annealing:
         return torch.linspace(self.first ** (1 / 3), self.last ** (1 / 3), self.steps) ** 3
 
 
-ANNEALING = {"balanced": Annealing(12, rounds=6), "best": Annealing(32, rounds=12)}
+ANNEALING = {"balanced": Annealing(12, rounds=8), "best": Annealing(32, rounds=12)}
 
 BEGINNING = {"first": 4.0, "steps": 8}
 """Noise that hides any object, and steps of what precedes the rounds."""
