@@ -37,7 +37,12 @@ class Annealing:
 
     def levels(self) -> torch.Tensor:
         """Noise of each step."""
-        return torch.linspace(self.first ** (1 / 3), self.last ** (1 / 3), self.steps) ** 3
+        return level_at(torch.linspace(0.0, 1.0, self.steps), self.first, self.last)
+
+
+def level_at(share: torch.Tensor, first: float | torch.Tensor, last: float) -> torch.Tensor:
+    """Noise when a share of a round's steps is done, evenly in its cube root."""
+    return (first ** (1 / 3) * (1.0 - share) + last ** (1 / 3) * share) ** 3
 
 
 ANNEALING = {"balanced": Annealing(12, rounds=8), "best": Annealing(32, rounds=12)}
@@ -45,7 +50,7 @@ ANNEALING = {"balanced": Annealing(12, rounds=8), "best": Annealing(32, rounds=1
 BEGINNING = {"first": 4.0, "steps": 8}
 """Noise that hides any object, and steps of what precedes the rounds."""
 
-HOPELESS, REPLACED = 60.0, 1 / 3
+MARGIN, REPLACED = 60.0, 1 / 3
 """Nats by which a sample may be less likely than a likelier one before that takes its place; share of the samples of which this
 is asked, the least likely. Were it asked of all, bright light would leave copies of one, right or wrong."""
 
@@ -60,7 +65,6 @@ FRESH = 0.5
 
 DATA_WEIGHT = 10.0
 """By how much the variance of what the sampler says exceeds that of a Gaussian; the best of 1, 3, 10 and 30 on edges."""
-
 
 BY_CHANCE = 0.025
 """Nats that steps towards the data gain by following noise, for each pixel that the data leave free to move. With more, edges
@@ -97,7 +101,7 @@ def posterior_samples(sampler: Sampler, seen: Observation, inflation: float, can
     drawn, _ = annealed(sampler, seen, data, nothing, replace(options, **BEGINNING), rng)
     for number in range(options.rounds):
         others = candidates[:0] if number else candidates
-        drawn = torch.stack([centred(one) for one in padded(without_hopeless(data, drawn, others))])
+        drawn = torch.stack([centred(one) for one in padded(resampled(data, drawn, others))])
         drawn, on_the_way = annealed(sampler, seen, data, drawn, options, rng)
         expected.append(on_the_way)
     variance = DATA_WEIGHT * posterior_variance(torch.full_like(seen.dof, options.last))
@@ -154,7 +158,7 @@ def less_noisy(albedo: torch.Tensor, noisy: torch.Tensor, level: torch.Tensor, f
     return albedo + kept * (noisy - albedo) + FRESH * following * noise
 
 
-def without_hopeless(data: Observation, drawn: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
+def resampled(data: Observation, drawn: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
     """Albedos (n, 64, 64), of which the worst have made way for the likeliest of these and of others (m, 64, 64).
 
     Rounds would mend them, too, but later: an object of which much is right is mended faster than one of which little is.
@@ -165,7 +169,7 @@ def without_hopeless(data: Observation, drawn: torch.Tensor, others: torch.Tenso
     worst = likelihood[: len(drawn)].argsort(stable=True)[: int(REPLACED * len(drawn))]
     best = best[: len(worst)]
     which = torch.arange(len(drawn), device=drawn.device)
-    which[worst] = torch.where(likelihood[worst] < likelihood[best] - HOPELESS, best, worst)
+    which[worst] = torch.where(likelihood[worst] < likelihood[best] - MARGIN, best, worst)
     return pool[which]
 
 

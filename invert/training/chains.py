@@ -7,17 +7,16 @@ AISTATS 2011, arXiv:1011.0686).
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import torch
 
-from invert.network.annealing import ANNEALING, after_data, less_noisy
+from invert.network.annealing import ANNEALING, after_data, less_noisy, level_at
 from invert.network.features import Observation
 from invert.network.fisher_scoring import LARGEST
 from invert.network.sampler import SPREAD
 from invert.registration import OBJECT, laid_over
 from invert.training.data import Batch
-from invert.training.denoising import MOST, Task
+from invert.training.denoising import MOST, Task, in_sums
 from radiometry.autocorrelation import LAGS
 
 CHAINS = 128
@@ -73,7 +72,7 @@ class Chains:
     def follow(self, which: torch.Tensor, task: Task, answer: torch.Tensor, rng: torch.Generator) -> None:
         """Move chains on by what the sampler expects, as annealing does."""
         one = {name: value[which] for name, value in self.state.items()}
-        data = replace(task.seen, dof=task.seen.dof / 2.0)  # between that of independent lags and of correlated ones
+        data = in_sums(task.seen)
         expected = answer.clamp(0.0, LARGEST)
         albedo = after_data(data, expected, task.sigma, ANNEALING["balanced"].ascent).cpu()
         noise = torch.randn(albedo.shape, generator=rng)
@@ -94,7 +93,7 @@ class Chains:
 def _level(one: dict[str, torch.Tensor], done: torch.Tensor) -> torch.Tensor:
     """Noise of a round's step, (n,)."""
     share = (done / (one["steps"] - 1.0)).clamp(0.0, 1.0)
-    return (one["first"] ** (1 / 3) * (1.0 - share) + ANNEALING["balanced"].last ** (1 / 3) * share) ** 3
+    return level_at(share, one["first"], ANNEALING["balanced"].last)
 
 
 def chain_loss(answer: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:

@@ -71,11 +71,16 @@ def moved(albedo: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
     return torch.stack(shifted)
 
 
+def in_sums(seen: Observation) -> Observation:
+    """Observations whose K is what it counts in sums over lags: between that of independent lags and of correlated ones."""
+    return replace(seen, dof=seen.dof / 2.0)
+
+
 @torch.no_grad()
 def guessed(sampler: Sampler, seen: Observation, truth: torch.Tensor, draws: Draws) -> torch.Tensor:
     """What the sampler itself makes of noisier pictures, step by step; zeros without earlier steps."""
     guess = torch.zeros_like(truth)
-    data = replace(seen, dof=seen.dof / 2.0)  # between that of independent lags and of correlated ones
+    data = in_sums(seen)
     for ratio, noise, ascends in zip(draws.ratio, draws.noise[1:], draws.ascends, strict=False):
         sigma = (draws.sigma * ratio).clamp_max(MOST)
         guess = sampler(seen, truth + sigma[:, None, None] * noise, sigma, guess).clamp(0.0, LARGEST)

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from invert.likelihood import log_likelihoods
-from invert.network.annealing import DATA_WEIGHT, HOPELESS, Annealing, Drawn, after_data, posterior_samples, without_hopeless
+from invert.network.annealing import DATA_WEIGHT, MARGIN, Annealing, Drawn, after_data, posterior_samples, resampled
 from invert.network.checkpoints import SHIPPED, load_network
 from invert.network.features import Observation
 from invert.network.fisher_scoring import towards_data
@@ -37,11 +37,13 @@ def test_samples_come_from_noise_to_the_object(sampler):
     likeness = registered(padded(found.samples), padded(RIGHT))[1]
     assert float(likeness.min()) > 0.6
     assert float(likeness.median()) > 0.7
+    blurred = torch.nn.functional.avg_pool2d(RIGHT[None], 7, 1, 3)
+    assert float((log_likelihoods(found.samples, noisy()) - log_likelihoods(blurred, noisy())).min()) > 100.0
     torch.testing.assert_close(drawn(sampler, 1).samples, found.samples)
     assert float((drawn(sampler, 2).samples - found.samples).abs().max()) > 0.01
 
 
-def test_the_hopeless_make_way_for_the_likely():
+def test_resampling_replaces_the_least_likely():
     """Of six the two worst: for copies of the two likeliest, or for a candidate that is likelier still."""
     measurement = noisy()
     seen = observation([measurement])
@@ -50,14 +52,14 @@ def test_the_hopeless_make_way_for_the_likely():
     drawn = torch.stack((MIRRORED_STEM.mT, faint, RIGHT.mT, faint.roll(1, 0), MIRRORED_STEM, faint.roll(2, 0)))
     nats = log_likelihoods(drawn, measurement)
     worst = nats.argsort()[:2].tolist()
-    assert float(nats[worst].max()) < float(nats.max()) - 2.0 * HOPELESS
-    kept = without_hopeless(data, drawn, drawn[:0])
+    assert float(nats[worst].max()) < float(nats.max()) - 2.0 * MARGIN
+    kept = resampled(data, drawn, drawn[:0])
     after = log_likelihoods(kept, measurement)
     for number in range(6):
         torch.testing.assert_close(after[number], nats.max() if number in worst else nats[number], atol=1.0, rtol=0.0)
-    kept = without_hopeless(data, drawn, RIGHT[None])
+    kept = resampled(data, drawn, RIGHT[None])
     torch.testing.assert_close(kept[worst[0]], RIGHT)
-    torch.testing.assert_close(without_hopeless(data, RIGHT.expand(6, -1, -1), faint[None]), RIGHT.expand(6, -1, -1))
+    torch.testing.assert_close(resampled(data, RIGHT.expand(6, -1, -1), faint[None]), RIGHT.expand(6, -1, -1))
 
 
 @pytest.mark.parametrize("seed", [6, 7, 8])
