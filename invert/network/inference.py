@@ -15,7 +15,7 @@ from invert.network.confidence import ConfidenceFeatures, with_one_more
 from invert.network.features import Observation
 from invert.network.model import CorrelographyNet
 from invert.network.overview import overview
-from invert.registration import Consensus, consensus, normalised, padded, registered
+from invert.registration import Consensus, centred, consensus, normalised, padded, registered
 from invert.solvers.base import Candidates, Progress
 from invert.solvers.hio import HioOptions, hio
 from invert.spectrum import Measurement, denoised_modulus, fourier_modulus
@@ -31,10 +31,14 @@ AUGMENTATIONS: tuple[tuple[Transform, Transform], ...] = (
 """Test-time augmentation: mirrors and quarter turns, each with its inverse. A rotation by 180 degrees maps an autocorrelation
 onto itself and is left out."""
 
-RETRIEVAL = HioOptions(starts=6, iterations=300, error_reduction=50, shrink_from=100, shrink_every=30,
+RETRIEVAL = HioOptions(iterations=300, error_reduction=50, shrink_from=100, shrink_every=30,
                        shrink_threshold=(0.03, 0.06, 0.1, 0.18))
 """The retrieval that the network fuses. A low threshold of shrink-wrap keeps faint structure, a high one keeps noise out of the
 support."""
+
+STARTS = {"fast": 6, "balanced": 16, "best": 32}
+"""Of the retrieval from the estimate, and as many from its denoised signal. In bright light samples take the places of the
+likeliest: with 16, edges one pixel wide gain .04 in correlation at K 256, .02 at K 10000, over none."""
 
 AUGMENTED = {"fast": 1, "balanced": len(AUGMENTATIONS), "best": len(AUGMENTATIONS)}
 """Augmentations of an estimate."""
@@ -90,13 +94,13 @@ def denoise(network: CorrelographyNet, seen: Observation, augmented: int) -> tor
     return torch.stack(denoised).mean(0)
 
 
-def retrieved(measurement: Measurement, denoised: torch.Tensor, seed: int, device: str,
+def retrieved(measurement: Measurement, denoised: torch.Tensor, starts: int, seed: int, device: str,
               progress: Progress = lambda: None) -> Candidates:
     """Classical retrieval from an estimate and from its denoised signal (127, 127), which has less noise but less fine
     structure, too: images (2, starts, 128, 128)."""
     moduli = torch.stack((fourier_modulus(measurement), denoised_modulus(denoised.cpu().numpy(), measurement)))
     rng = torch.Generator(device=device).manual_seed(seed)
-    return hio(moduli.to(device), measurement.box, rng, RETRIEVAL, progress)
+    return hio(moduli.to(device), measurement.box, rng, replace(RETRIEVAL, starts=starts), progress)
 
 
 @torch.no_grad()
@@ -120,14 +124,16 @@ def reconstruct_by_network(network: nn.Module, measurement: Measurement, quality
     the mean over its augmentations."""
     augmented = AUGMENTED[quality]
     seen = observation([measurement]).part(slice(None), device)
-    shown, agreement, samples = seen.classical, [0.0, 0.0], None
+    shown, agreement, found, samples = seen.classical, [0.0, 0.0], None, None
     if isinstance(network, CorrelographyNet):
         seen = replace(seen, denoised=denoise(network, seen, augmented))
-        together, agreement = overview(retrieved(measurement, seen.denoised[0], seed, device, progress))
+        found = retrieved(measurement, seen.denoised[0], STARTS[quality], seed, device, progress)
+        together, agreement = overview(found)
         shown = together[None]
     albedos, expected = fuse(network, seen, shown.expand(augmented, -1, -1, -1), augmented)
-    if isinstance(network, CorrelographyNet) and quality in ANNEALING:
-        drawn = posterior_samples(network.sampler, seen, measurement.noise.inflation, albedos, ANNEALING[quality],
+    if found is not None and quality in ANNEALING:
+        candidates = torch.cat((albedos, _in_windows(found)))
+        drawn = posterior_samples(network.sampler, seen, measurement.noise.inflation, candidates, ANNEALING[quality],
                                   torch.Generator().manual_seed(seed))
         samples, together = drawn.samples, _mean(drawn.samples, 0.0)
         image = _with_expected(together.image, drawn.expected)
@@ -137,6 +143,11 @@ def reconstruct_by_network(network: nn.Module, measurement: Measurement, quality
     averaged = albedos if samples is None else samples
     features = ConfidenceFeatures(float(expected.mean()), with_one_more(together.agreement, len(averaged)), *agreement)
     return NetworkAnswer(image, features, together.transfer if len(averaged) > 1 else (), samples)
+
+
+def _in_windows(found: Candidates) -> torch.Tensor:
+    """Every start of a retrieval as an albedo (n, 64, 64), largest value 1."""
+    return normalised(torch.stack([centred(one) for one in found.images.flatten(0, 1)]))
 
 
 def _with_expected(samples: torch.Tensor, expected: torch.Tensor) -> torch.Tensor:

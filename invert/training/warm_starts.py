@@ -60,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def _chunk(network: CorrelographyNet, targets: torch.Tensor, seed: int, chunk: int) -> dict[str, np.ndarray]:
     """Estimates at noise of every kind, as they are read, and their classical reconstructions."""
-    from invert.network.inference import denoise, observation, retrieved
+    from invert.network.inference import STARTS, denoise, observation, retrieved
     from invert.network.overview import overview
     from invert.spectrum import read_measurement
     from invert.training.data import varied
@@ -69,7 +69,7 @@ def _chunk(network: CorrelographyNet, targets: torch.Tensor, seed: int, chunk: i
     read = [read_measurement(estimate.numpy()) for estimate in batch.seen.estimate]
     seen = observation(read)
     denoised = denoise(network, seen, 1)
-    pictures = torch.stack([overview(retrieved(one, signal, seed, "cpu"))[0] if one.detectable else nothing
+    pictures = torch.stack([overview(retrieved(one, signal, STARTS["fast"], seed, "cpu"))[0] if one.detectable else nothing
                             for one, signal, nothing in zip(read, denoised, seen.classical, strict=True)])
     return {
         "albedo": (255.0 * batch.truth).round().to(torch.uint8).numpy(),
