@@ -121,8 +121,8 @@ LIGHT: dict[str, Nuisance] = {
     "levels 1 to 3": each(lambda frame, number: frame * (1.0 + 2.0 * (number % 2))),
     "blur 1 pixel": each(lambda frame, number: ndimage.gaussian_filter(frame, 0.5)),
     "blur 2 pixels": each(lambda frame, number: ndimage.gaussian_filter(frame, 1.0)),
-    "dust": of_wall(lambda rng: 1.0 - sum(0.7 * np.exp(-((ROW - y) ** 2 + (COLUMN - x) ** 2) / 1e-5)
-                                          for y, x in rng.uniform(-0.5, 0.5, (40, 2)))),
+    "dust": of_wall(lambda rng: np.prod([1.0 - 0.7 * np.exp(-((ROW - y) ** 2 + (COLUMN - x) ** 2) / 1e-5)
+                                         for y, x in rng.uniform(-0.5, 0.5, (40, 2))], 0)),
 }
 """What happens to light before it is counted."""
 

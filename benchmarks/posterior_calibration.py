@@ -9,15 +9,13 @@ more, between the probability that a pixel is bright and how often it is.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
 import torch
 from tqdm import tqdm
 
-from invert.evaluation.sets import Case, edges, grey, shapes
+from invert.evaluation.sets import NOISE_LEVELS, Case, edges, grey, shapes
 from invert.methods import retrieve
 from invert.posterior import BRIGHT, SIZES, Posterior, measured
 from invert.registration import laid_over
@@ -26,10 +24,13 @@ PROBABILITIES = (0.5, 0.8, 0.95)
 BINS = np.linspace(0.0, 1.0, 6)
 
 
-def families(photographs: Path, count: int, seed: int) -> dict[str, Iterator[Case]]:
-    """`count` objects of each family, at every noise level."""
-    sets = {"edges": edges(photographs, count, seed), "characters": shapes(count, seed), "grey": grey(photographs, count, seed)}
-    return {name: chain.from_iterable(level.cases for level in levels) for name, levels in sets.items()}
+def families(photographs: Path, count: int, seed: int) -> dict[str, list[Case]]:
+    """`count` objects of each family at every noise level, no object twice."""
+    levels = len(NOISE_LEVELS)
+    total = count * levels
+    sets = {"edges": edges(photographs, total, seed), "characters": shapes(total, seed), "grey": grey(photographs, total, seed)}
+    return {name: [case for number, level in enumerate(family) for case in level.cases[number::levels]]
+            for name, family in sets.items()}
 
 
 def intervals_hold(said: Posterior, truth: np.ndarray) -> np.ndarray:
@@ -60,7 +61,7 @@ def main() -> None:
     """Print the table, a family as soon as it is measured."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("photographs", type=Path, help="folder of photographs that training did not see, such as BSDS500/val")
-    parser.add_argument("--count", type=int, default=6, help="objects of each family; each is seen at eight noise levels")
+    parser.add_argument("--count", type=int, default=6, help="objects of each family at each of eight noise levels")
     parser.add_argument("--quality", choices=("balanced", "best"), default="balanced")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
@@ -69,7 +70,7 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|")
     for name, cases in families(options.photographs, options.count, options.seed).items():
         held, likely, shown = [], [], []
-        for case in tqdm(list(cases), desc=name, disable=None, leave=False):
+        for case in tqdm(cases, desc=name, disable=None, leave=False):
             found = retrieve(case.measurement, "unet", options.quality, 0, "cpu")
             if found.posterior is None:
                 continue
