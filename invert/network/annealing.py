@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from invert.network.features import Observation
+from invert.network.features import Observation, without_zero_lag
 from invert.network.fisher_scoring import LARGEST, Likelihood, towards_data
 from invert.network.sampler import Sampler, posterior_variance
 from invert.registration import OBJECT, centred, normalised, padded
+from radiometry.autocorrelation import LAGS
 
 
 @dataclass(frozen=True)
@@ -66,9 +67,10 @@ FRESH = 0.5
 DATA_WEIGHT = 10.0
 """By how much the variance of what the sampler says exceeds that of a Gaussian; the best of 1, 3, 10 and 30 on edges."""
 
-BY_CHANCE = 0.025
-"""Nats that steps towards the data gain by following noise, for each pixel that the data leave free to move. With more, edges
-one pixel wide lose what the data tell of them; with none, letters in little light follow the noise."""
+BY_CHANCE = 0.1
+"""Nats that steps towards the data gain by following noise, for each pixel that the data leave free to move, were all light
+floor; less by the floor's share. Edges one pixel wide at little floor lose what the data tell of them with more, letters over a
+high floor follow the noise with less."""
 
 
 @dataclass(frozen=True)
@@ -147,8 +149,15 @@ def after_data(data: Observation, expected: torch.Tensor, sigma: torch.Tensor, s
     gain = likelihood.at(moved).log_likelihood() - before.log_likelihood()
     information = before.information()
     free = (information / (information + variance.reciprocal()[:, None, None]) * (change != 0.0)).sum((-2, -1))
-    share = (1.0 - BY_CHANCE * free / gain.clamp_min(1e-6)).clamp_min(0.0)
+    by_chance = BY_CHANCE * floor_share(data) * free
+    share = (1.0 - by_chance / gain.clamp_min(1e-6)).clamp_min(0.0)
     return expected + share[:, None, None] * change
+
+
+def floor_share(data: Observation) -> torch.Tensor:
+    """Of the lags next to zero, the share that is floor, (n,): 0 to 1."""
+    near = without_zero_lag(data.estimate)[:, LAGS - 1 : LAGS + 2, LAGS - 1 : LAGS + 2].mean((-2, -1))
+    return (data.floor / near.clamp_min(1e-30)).clamp(0.0, 1.0)
 
 
 def less_noisy(albedo: torch.Tensor, noisy: torch.Tensor, level: torch.Tensor, following: torch.Tensor,

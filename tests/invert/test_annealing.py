@@ -4,7 +4,16 @@ import pytest
 import torch
 
 from invert.likelihood import log_likelihoods
-from invert.network.annealing import DATA_WEIGHT, MARGIN, Annealing, Drawn, after_data, posterior_samples, resampled
+from invert.network.annealing import (
+    DATA_WEIGHT,
+    MARGIN,
+    Annealing,
+    Drawn,
+    after_data,
+    floor_share,
+    posterior_samples,
+    resampled,
+)
 from invert.network.checkpoints import SHIPPED, load_network
 from invert.network.features import Observation
 from invert.network.fisher_scoring import towards_data
@@ -41,6 +50,16 @@ def test_samples_come_from_noise_to_the_object(sampler):
     assert float((log_likelihoods(found.samples, noisy()) - log_likelihoods(blurred, noisy())).min()) > 100.0
     torch.testing.assert_close(drawn(sampler, 1).samples, found.samples)
     assert float((drawn(sampler, 2).samples - found.samples).abs().max()) > 0.01
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 50.0])
+def test_the_floor_s_share_has_no_unit(unit):
+    """Lags of 3 beside zero lag over a floor of 1: a third, whatever the unit and zero lag itself; a floor above the lags: all."""
+    estimate = torch.ones(2, 127, 127)
+    estimate[:, 60:67, 60:67] = 3.0
+    estimate[:, 63, 63] = 1000.0
+    seen = Observation.bare(unit * estimate, unit * torch.tensor([1.0, 4.0]), torch.tensor([64.0, 64.0]))
+    torch.testing.assert_close(floor_share(seen), torch.tensor([1.0 / 3.0, 1.0]))
 
 
 def test_resampling_replaces_the_least_likely():
