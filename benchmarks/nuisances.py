@@ -29,6 +29,8 @@ PATCH = 257
 LEVEL = 0.4
 """Photoelectrons a pixel: a floor of about .15 of (r*r)(0) for a letter."""
 
+LETTERS = "FRL5"
+
 Frames = np.ndarray
 Nuisance = Callable[[Frames, np.random.Generator], Frames]
 
@@ -228,11 +230,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", "--output", type=Path, default=Path("out/nuisances"))
     parser.add_argument("--quality", default="fast")
-    parser.add_argument("--letters", default="FRL5")
     parser.add_argument("--only", default="", help="nuisances whose name holds this, beside the clean frames")
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
-    truths, rows = [shown(one) for one in options.letters], {}
+    truths, rows = [shown(one) for one in LETTERS], {}
     columns = [("1 frame", 1, False), ("2 frames", 2, False), ("10 frames", 10, False), ("1, no object", 1, True),
                ("2, no object", 2, True)]
     wanted = [names for names in cells() if names == ("clean",) or options.only in " + ".join(names)]

@@ -11,11 +11,10 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from invert.network.features import Observation, without_zero_lag
+from invert.network.features import Observation, mean_about_zero_lag, without_zero_lag
 from invert.network.fisher_scoring import LARGEST, Likelihood, towards_data
 from invert.network.sampler import Sampler, posterior_variance
 from invert.registration import OBJECT, centred, normalised, padded
-from radiometry.autocorrelation import LAGS
 
 
 @dataclass(frozen=True)
@@ -155,8 +154,8 @@ def after_data(data: Observation, expected: torch.Tensor, sigma: torch.Tensor, s
 
 
 def floor_share(data: Observation) -> torch.Tensor:
-    """Of the lags next to zero, the share that is floor, (n,): 0 to 1."""
-    near = without_zero_lag(data.estimate)[:, LAGS - 1 : LAGS + 2, LAGS - 1 : LAGS + 2].mean((-2, -1))
+    """Share of the floor in the lags beside zero lag, (n,): 0 to 1."""
+    near = mean_about_zero_lag(without_zero_lag(data.estimate))
     return (data.floor / near.clamp_min(1e-30)).clamp(0.0, 1.0)
 
 

@@ -60,7 +60,7 @@ def _whitened(seen: Observation) -> tuple[torch.Tensor, torch.Tensor, torch.Tens
     floor, freedom = seen.floor, seen.dof.clamp(*DOF_RANGE)
     filled = without_zero_lag(seen.estimate)
     signal = filled - floor[:, None, None]
-    near = signal[:, LAGS - 1 : LAGS + 2, LAGS - 1 : LAGS + 2].mean((-2, -1))
+    near = mean_about_zero_lag(signal)
     # Where there is no signal its height is a few times its error.
     height = torch.maximum(near, 3.0 * floor * (freedom * 4.0).rsqrt()).clamp_min(1e-30)
     scale = height[:, None, None]
@@ -150,3 +150,8 @@ def without_zero_lag(estimate: torch.Tensor) -> torch.Tensor:
     filled = estimate.clone()
     filled[:, LAGS, LAGS] = 0.5 * (estimate[:, LAGS, LAGS + 1] + estimate[:, LAGS + 1, LAGS])
     return filled
+
+
+def mean_about_zero_lag(lags: torch.Tensor) -> torch.Tensor:
+    """Mean (n,) of the nine lags at and beside zero lag, of lags (n, 127, 127) that have been filled there."""
+    return lags[:, LAGS - 1 : LAGS + 2, LAGS - 1 : LAGS + 2].mean((-2, -1))
