@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from radiometry.errors import ArgumentParser, InputError, check_device, run_command
-from radiometry.ranges import SEED, SI, WORKERS
+from radiometry.ranges import BLUR, SEED, SI, WORKERS
 from radiometry.workers import check_scheduler, check_workers
 
 METHOD_CHOICES = ("unet", "classical", "hio", "raar", "er", "altmin", "twf", "taf", "mtwf", "admm-tv")
@@ -33,7 +33,8 @@ def parser() -> ArgumentParser:
     p.add_argument("--dark", type=Path, help="dark frame to subtract")
     p.add_argument("--flat", type=Path, help="frame of even light to divide by")
     p.add_argument("--mask", type=Path, help="picture whose zero pixels are left out")
-    p.add_argument("--blur-pixels", type=SI, help="standard deviation of a known Gaussian blur, in pixels")
+    p.add_argument("--blur-pixels", type=BLUR,
+                   help="standard deviation of a known Gaussian blur, in pixels, 0 for none; looked for if not given")
     p.add_argument("--truth", type=Path, help="known albedo (.npy or picture, one pixel a lag) to compare with")
     p.add_argument("--weights", type=Path, help="another network, .safetensors, for --method unet")
     p.add_argument("--seed", type=SEED, default=0)

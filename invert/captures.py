@@ -25,7 +25,7 @@ from radiometry.files.corrections import Corrections
 from radiometry.files.output import output_folder, sole_writer
 from radiometry.version import version
 
-REVISION = 6
+REVISION = 7
 """To be raised when the same request gives another result."""
 
 Captures = dict[str, tuple[Path, ...]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -14,13 +14,13 @@ from invert.capture import printable
 from invert.patch_fit import fitting_grid
 from invert.spectrum import read_measurement
 from radiometry.autocorrelation import LAG_SIDE, LAGS, PatchGrid, automatic_patch_size, patch_grid
-from radiometry.errors import InputError, positive
+from radiometry.errors import InputError
 from radiometry.estimation.published import PublishedEstimator
 from radiometry.estimation.third_moment import FilteredFrames
 from radiometry.estimation.whole_frames import AutocorrelationEstimator, Mean, estimator_of
 from radiometry.files.capture import CameraFacts, Capture
 from radiometry.files.pictures import read_autocorrelation
-from radiometry.ranges import Range
+from radiometry.ranges import BLUR, Range
 from radiometry.transfer import gaussian_transfer, lag_transfer
 
 Patch = int | Literal["fit"] | None
@@ -39,6 +39,7 @@ class Estimate:
     Attributes:
         quantisation: step of an estimate stored as integers, 0 for none.
         transfer: H of the camera per lag (127, 127), None where the camera is unknown.
+        blur_pixels: standard deviation of a Gaussian blur, down and right, that `transfer` holds; None where it is unknown.
         pitches_m: object distance of one lag down and right, None where the camera is unknown.
         frame: first frame of the capture, for the report; None for published estimates.
         facts: how the frames were cut, for result.json.
@@ -50,6 +51,7 @@ class Estimate:
     lags: np.ndarray
     quantisation: float = 0.0
     transfer: np.ndarray | None = None
+    blur_pixels: tuple[float, float] | None = None
     pitches_m: tuple[float, float] | None = None
     frame: np.ndarray | None = None
     facts: dict[str, Any] = field(default_factory=dict)
@@ -85,7 +87,7 @@ def estimate_from_frames(capture: Capture, patch: Patch, device: str, mean: Mean
         patch: patch size in pixels; None chooses it from the lag pitch wanted (300 um), or takes an
             eighth of the frame where the camera is unknown; "fit" begins there and goes on to what suits the object
             (`invert.patch_fit`).
-        blur_pixels: standard deviation of a Gaussian blur beyond pupil and pixel, where it is known.
+        blur_pixels: standard deviation of a Gaussian blur beyond pupil and pixel, where it is known; 0 for none.
     """
     begin = time.perf_counter()
     geometry = capture.camera.lag_geometry
@@ -103,10 +105,10 @@ def estimate_from_frames(capture: Capture, patch: Patch, device: str, mean: Mean
     if patch == "fit":
         grid = fitting_grid(grid, lambda tried: read_measurement(estimated(tried)[1]))
     estimator, lags = estimated(grid)
-    return Estimate(
+    estimate = Estimate(
         name=", ".join(capture.names) or f"{len(capture.frames)} frames",
         lags=lags,
-        transfer=_transfer(capture, grid.patch_shape, blur_pixels),
+        transfer=_camera_transfer(capture.camera, grid.patch_shape),
         pitches_m=grid.lag_pitches_m(*geometry) if geometry else None,
         frame=capture.frames[0],
         facts={
@@ -118,15 +120,17 @@ def estimate_from_frames(capture: Capture, patch: Patch, device: str, mean: Mean
         filtered_frames=None if isinstance(estimator, PublishedEstimator) else estimator.filtered_frames(),
         seconds=time.perf_counter() - begin,
     )
-
-
-def _transfer(capture: Capture, patch_shape: tuple[int, int], blur_pixels: float | None) -> np.ndarray | None:
-    """H of pupil, pixel and blur, as far as they are known."""
-    camera = _camera_transfer(capture.camera, patch_shape)
     if blur_pixels is None:
-        return camera
-    blur = gaussian_transfer(np.arange(-LAGS, LAGS + 1), patch_shape, positive("--blur-pixels", blur_pixels))
-    return blur if camera is None else camera * blur
+        return estimate
+    deviation = BLUR.check("--blur-pixels", blur_pixels)
+    return blurred(estimate, (deviation, deviation))
+
+
+def blurred(estimate: Estimate, blur_pixels: tuple[float, float]) -> Estimate:
+    """An estimate from frames without a known blur, as that of frames with a Gaussian one (down, right)."""
+    patches = estimate.facts["patches"]
+    blur = gaussian_transfer(np.arange(-LAGS, LAGS + 1), (patches["size"], patches["width"]), blur_pixels)
+    return replace(estimate, transfer=blur if estimate.transfer is None else estimate.transfer * blur, blur_pixels=blur_pixels)
 
 
 def _camera_transfer(facts: CameraFacts, patch_shape: tuple[int, int]) -> np.ndarray | None:

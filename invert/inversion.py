@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from invert.blur_fit import with_blur_found
 from invert.capture import check_frame, read_capture
 from invert.estimate import Estimate, Patch, check_power, estimate_from_frames, published_estimate
 from invert.methods import Reconstruction, iterations, retrieve
@@ -86,7 +87,7 @@ def reconstruct(source: Source, *, method: str = "unet", quality: str = "balance
         patch: size in pixels; chosen from the lag pitch where None, and from the object's width as well where "fit".
         camera: facts for frames that carry none.
         corrections: dark frame, flat field and mask.
-        blur_pixels: standard deviation of a known Gaussian blur of the frames.
+        blur_pixels: standard deviation of a known Gaussian blur of the frames; where None, one is looked for.
         mean: of the frames, that is subtracted; see `radiometry.estimation.whole_frames`.
 
     Raises InputError for what cannot be inverted.
@@ -103,8 +104,9 @@ def reconstruct(source: Source, *, method: str = "unet", quality: str = "balance
 
 def retrieved(estimate: Estimate, *, method: str, quality: str, weights: str | Path | None = None, seed: int = 0,
               device: str = "cpu", read_s: float = 0.0, progress: Progress = lambda: None) -> Result:
-    """Read an estimate's noise and retrieve the albedo."""
+    """Read an estimate's noise, find a blur that the frames may have, and retrieve the albedo."""
     begin = time.perf_counter()
+    estimate = with_blur_found(estimate, lambda seen, number: retrieve(seen, "unet", "fast", seed + number, device).albedo)
     measurement = read_measurement(estimate.lags, estimate.quantisation, estimate.transfer)
     reconstruction = retrieve(measurement, method, quality, seed, device, progress, None if weights is None else Path(weights))
     test = speckle_test(estimate, measurement, reconstruction.albedo) if reconstruction.object_found else None

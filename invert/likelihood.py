@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 import torch
+from scipy.special import digamma
 
 from invert.spectrum import Measurement
 from radiometry.autocorrelation import LAGS
@@ -37,9 +39,11 @@ class NoiseLikelihood:
 
     Args:
         kind: dtype of the computation.
+        transfer: H per lag (127, 127) of a measurement that was not divided by it.
     """
 
-    def __init__(self, measurement: Measurement, device: torch.device | str = "cpu", kind: torch.dtype = torch.float64) -> None:
+    def __init__(self, measurement: Measurement, device: torch.device | str = "cpu", kind: torch.dtype = torch.float64,
+                 transfer: np.ndarray | None = None) -> None:
         self._used, self._pedestal = _USED.to(device), PEDESTAL[_USED].to(device, kind)
         estimate = torch.from_numpy(measurement.estimate).to(device, kind)[self._used]
         tiny = torch.finfo(kind).tiny
@@ -47,6 +51,7 @@ class NoiseLikelihood:
         self._estimate, self._floor = estimate / height, max(measurement.noise.floor / float(height), LEAST_FLOOR)
         self.inflation = measurement.noise.inflation
         self._dof = (measurement.noise.dof or 1.0) / self.inflation
+        self._transfer = 1.0 if transfer is None else torch.from_numpy(transfer).to(device, kind)[self._used]
 
     @property
     def lags(self) -> int:
@@ -57,6 +62,14 @@ class NoiseLikelihood:
         """Log-likelihood of each albedo (n, 64, 64), up to an additive constant; (n,)."""
         return self.by_lag(albedo).sum(1)
 
+    def misfit(self, albedo: torch.Tensor) -> float:
+        """Nats by which the estimate is less likely with an object (64, 64) than with any, beyond those that noise costs."""
+        likeliest = self._estimate.clamp_min(self._floor)
+        best = -self._dof * float((likeliest.log() + self._estimate / likeliest).sum())
+        dof = self._dof * self.inflation
+        by_noise = self._dof * (math.log(dof) - float(digamma(dof))) * int((self._estimate > self._floor).sum())
+        return best - by_noise - float(self(albedo[None])[0])
+
     def by_lag(self, albedo: torch.Tensor, weight: torch.Tensor | None = None) -> torch.Tensor:
         """What each used lag adds to the log-likelihood of each albedo, (n, lags).
 
@@ -64,7 +77,7 @@ class NoiseLikelihood:
             weight: of each lag, (lags,) or (n, lags), in the fit of the brightnesses; a lag of weight zero has no say in it.
         """
         weight = torch.ones_like(self._estimate) if weight is None else weight
-        signal = window_smoothed(albedo.to(self._estimate.dtype))[:, self._used]
+        signal = window_smoothed(albedo.to(self._estimate.dtype))[:, self._used] * self._transfer
         signal = signal / signal.detach().amax(1, keepdim=True).clamp_min(torch.finfo(signal.dtype).tiny)
         bright, faint = likeliest_brightnesses(signal, self._pedestal, self._estimate, self._floor, weight, 8)
         expected = self._floor + bright[:, None] * signal + faint[:, None] * self._pedestal

@@ -30,6 +30,10 @@ def trusted(found: Reconstruction, test: SpeckleTest | None, measurement: Measur
     """
     doubts = [] if test is None or test.third_moment is None else _doubts(test, facts["frames"])
     warnings = doubts + _of_frames(facts.get("mean_model", {}), facts.get("frames", 0))
+    if "blur_found_pixels" in facts:
+        down, right = facts["blur_found_pixels"]
+        warnings.append(f"frames look blurred by about {down:.1f}, {right:.1f} pixels (down, right), which was undone; "
+                        "check focus and motion, or give --blur-pixels")
     if "patches" in facts and overfull(measurement):
         warnings.append("the object may be wider than the lags show; try --patch fit, or frames of smaller pixels")
     return (replace(found, confidence=min(found.confidence, DOUBTFUL)) if doubts else found), warnings
@@ -56,7 +60,7 @@ def _of_frames(found: dict[str, Any], frames: int) -> list[str]:
         (found.get("frames_correlate", 0.0) > SAME_SPECKLE,
          f"frames share {100.0 * found.get('frames_correlate', 0.0):.0f} % of their power; was the laser moved between them?"),
         (found.get("saturated", 0.0) > SATURATED, f"{100.0 * found.get('saturated', 0.0):.2g} % of the pixels are saturated"),
-        (found.get("hot_pixels", 0) > 0, f"{found.get('hot_pixels')} hot pixels were replaced by their neighbours"),
+        (found.get("hot_pixels", 0) > 0, f"{found.get('hot_pixels')} hot pixels, or pixels of glints, were replaced"),
         (found.get("faulty_lines", 0) > 0, f"{found.get('faulty_lines')} rows or columns were replaced by their neighbours"),
         (found.get("spectral_lines", 0) > 0, f"{found.get('spectral_lines')} waves (fringes or lamp banding) were subtracted"),
         (max(map(abs, shift)) > 0.2, f"the camera moved by {shift[0]:.1f}, {shift[1]:.1f} pixels between frames"),

@@ -53,3 +53,5 @@ FRAMES = Range(1, 10**6)
 WORKERS = Range(1, 256)
 SI = Range(SMALLEST, LARGEST)
 """Bounds that no physical quantity in SI units leaves."""
+BLUR = Range(0.0, 1e4)
+"""Standard deviation of a blur in pixels."""

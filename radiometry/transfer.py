@@ -43,7 +43,7 @@ def lag_transfer(lags: np.ndarray, patch_shape: tuple[int, int], pixel_pitch_m: 
                               pupil_distance_m) ** 2
 
 
-def gaussian_transfer(lags: np.ndarray, patch_shape: tuple[int, int], blur_pixels: float) -> np.ndarray:
-    """H of a Gaussian blur of a standard deviation in pixels, shape (n, n) for lags (n,); see `lag_transfer`."""
-    row, column = (lags / pixels for pixels in patch_shape)
-    return np.exp(-((2.0 * np.pi * blur_pixels) ** 2) * (row[:, None] ** 2 + column[None, :] ** 2))
+def gaussian_transfer(lags: np.ndarray, patch_shape: tuple[int, int], blur_pixels: tuple[float, float]) -> np.ndarray:
+    """H of a Gaussian blur of standard deviations (down, right) in pixels, shape (n, n) for lags (n,); see `lag_transfer`."""
+    row, column = (lags * (2.0 * np.pi * blur / pixels) for blur, pixels in zip(blur_pixels, patch_shape, strict=True))
+    return np.exp(-(row[:, None] ** 2) - column[None, :] ** 2)

@@ -7,6 +7,7 @@ wall, fringes and the sensor's own pattern stay, and show as power that the fram
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -24,7 +25,12 @@ UNEVEN = 25.0
 """Power of a half wave over that of mere speckle from which the illumination is uneven: one frame in 40 000 by chance."""
 
 FAINTEST = 0.1
-"""Least of a fitted illumination over its mean."""
+"""Added to a fitted illumination over its mean before frames are divided by it: where hardly any light falls, that would
+multiply shot noise alone."""
+
+BLOCKS, NEWTON_STEPS = 64, 30
+"""Blocks of a frame along an axis, whose means an illumination is fitted to, and steps of the fit, none of which changes a
+block by more than a factor of e."""
 
 SHARED = 4.5
 """Standard deviations of the power that frames share from which there is a fixed pattern."""
@@ -41,10 +47,10 @@ _LARGEST_SHIFT = 32
 
 
 def flatten(image: torch.Tensor, patch: tuple[int, int]) -> tuple[torch.Tensor, bool]:
-    """Divide a frame (H, W) by its illumination, of mean 1, where that is uneven; and whether it is.
+    """Divide a frame (H, W) by its illumination where that is uneven, its mean kept; and whether it is.
 
-    The illumination is a sum of half waves (a discrete cosine transform, cut off) much longer than a patch: too long for any
-    lag but zero to hold them.
+    The illumination is the exponential of a polynomial, of as many zeros as half waves are much longer than a patch: too long
+    for any lag but zero to hold them.
     """
     sides = [length / size for length, size in zip(image.shape, patch, strict=True)]
     smooth, all_waves = ([math.floor(share * side) for side in sides] for share in (SMOOTH, REFERENCE))
@@ -55,12 +61,37 @@ def flatten(image: torch.Tensor, patch: tuple[int, int]) -> tuple[torch.Tensor, 
     kept = torch.zeros_like(waves, dtype=torch.bool)
     kept[: smooth[0] + 1, : smooth[1] + 1] = True
     reference = float(waves[~kept].square().mean())
-    mean = float(waves[0, 0])
+    mean = float(waves[0, 0]) / math.sqrt(image.numel())
     waves[0, 0] = 0.0
     if mean <= 0.0 or float(waves[kept].square().max()) <= UNEVEN * reference:
         return image, False
-    illumination = down.T @ (waves * kept) @ right * (math.sqrt(image.numel()) / mean) + 1.0
-    return image / illumination.clamp_min(FAINTEST), True
+    illumination = _illumination(image / mean, smooth)
+    return mean + (image - mean * illumination) * ((1.0 + FAINTEST) / (illumination + FAINTEST)), True
+
+
+def _illumination(image: torch.Tensor, degrees: Sequence[int]) -> torch.Tensor:
+    """Mean (H, W) of a frame (H, W) of mean 1: the exponential of a polynomial, fitted by Poisson's likelihood.
+
+    That is consistent whatever the variance (Gourieroux, Monfort, Trognon, Econometrica 52, 701, 1984, doi:10.2307/1913472).
+    """
+    blocks = torch.nn.functional.adaptive_avg_pool2d(image[None], [min(BLOCKS, side) for side in image.shape])[0].double()
+    coarse = [_polynomials(degree, side) for degree, side in zip(degrees, blocks.shape, strict=True)]
+    basis = torch.einsum("iy,jx->yxij", *coarse).flatten(2).flatten(0, 1).to(blocks)
+    seen, weights = blocks.flatten(), basis.new_zeros(basis.shape[1])
+    for _ in range(NEWTON_STEPS):
+        fitted = (basis @ weights).exp()
+        curvature = basis.T @ (fitted[:, None] * basis) + 1e-6 * torch.eye(len(weights)).to(basis)
+        step = torch.linalg.solve(curvature, basis.T @ (seen - fitted))
+        weights += step / (basis @ step).abs().max().clamp_min(1.0)
+    down, right = (_polynomials(degree, side).to(weights) for degree, side in zip(degrees, image.shape, strict=True))
+    fitted = (down.T @ weights.reshape(len(down), len(right)) @ right).exp()
+    return (fitted / fitted.mean()).to(image)
+
+
+def _polynomials(degree: int, length: int) -> torch.Tensor:
+    """Legendre polynomials of 0, 1, ... degrees at the middles of an axis's pixels, (degree + 1, length)."""
+    places = (np.arange(length) + 0.5) * (2.0 / length) - 1.0
+    return torch.from_numpy(np.polynomial.legendre.legvander(places, degree).T.copy())
 
 
 def _half_waves(count: int, length: int) -> torch.Tensor:

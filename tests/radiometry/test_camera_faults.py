@@ -6,6 +6,7 @@ import torch
 from scipy.ndimage import gaussian_filter
 
 from radiometry.autocorrelation import autocorrelate, patch_grid, window_smooth
+from radiometry.estimation.mean_model import flatten
 from radiometry.estimation.pixel_faults import repair
 from radiometry.estimation.spectral_lines import find_lines, without_waves
 from radiometry.estimation.whole_frames import AutocorrelationEstimator, estimate_autocorrelation
@@ -43,6 +44,14 @@ def test_hot_pixels_are_found_and_replaced(rng):
     assert repaired.numpy()[where].max() < 30.0
 
 
+def test_wide_grains_have_no_faulty_lines(rng):
+    """Means of lines follow one another so smoothly there that the median of nine is often the middle one."""
+    for axis in (0, 1):
+        wide = gaussian_filter(rng.standard_normal(SHAPE), [12.0 if axis == number else 2.0 for number in (0, 1)])
+        light = (wide / wide.std()).astype(np.float32) ** 2
+        assert repair(torch.from_numpy(light))[1].lines == 0
+
+
 @pytest.mark.parametrize("value", [0.0, 40.0])
 def test_dead_and_hot_lines_are_found(rng, value):
     frame = speckle(rng)
@@ -53,11 +62,56 @@ def test_dead_and_hot_lines_are_found(rng, value):
     assert abs(repaired.numpy()[:, 333].mean() / 3.0 - 1.0) < 0.3
 
 
+def test_a_glint_is_taken_out_with_its_margin_and_a_hot_line_is_not_one(rng):
+    frame = speckle(rng)
+    row, column = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    glint = 900.0 * np.exp(-((row - 170.0) ** 2 + (column - 400.0) ** 2) / 18.0)
+    repaired, faults = repair(torch.from_numpy((frame + glint).astype(np.float32)))
+    assert faults.hot_pixels > 9
+    changed = np.abs(repaired.numpy() - frame)
+    assert changed[glint > 1.0].max() < frame.max()
+    assert (changed[np.hypot(row - 170.0, column - 400.0) > 25.0] < 1e-6).all()
+    frame[200] = 900.0
+    repaired, faults = repair(torch.from_numpy(frame))
+    assert (repaired.numpy() == frame)[np.abs(row - 200) > 2].all()
+
+
 def test_saturation_is_seen(rng):
     frame = speckle(rng, photons=100.0)
     assert repair(torch.from_numpy(frame))[1].saturated < 1e-4
     limit = np.quantile(frame, 0.97)
     assert repair(torch.from_numpy(np.minimum(frame, limit)))[1].saturated == pytest.approx(0.03, abs=0.003)
+
+
+FALL = {"Gaussian": lambda row, column: np.exp(-14.0 * (row**2 + 0.6 * (column + 0.1) ** 2)),
+        "corner": lambda row, column: np.exp(-6.0 * ((row - 0.3) ** 2 + (column + 0.2) ** 2)),
+        "vignetting": lambda row, column: np.cos(np.arctan(1.2 * np.hypot(row, column))) ** 4,
+        "gradient": lambda row, column: 1.0 + 1.6 * row}
+
+
+@pytest.mark.parametrize("kind", FALL)
+@pytest.mark.parametrize("photons", [0.4, 30.0])
+def test_illumination_is_divided_out(rng, kind, photons):
+    """Speckle under an uneven illumination: its mean becomes even, and its lags those of speckle under an even one."""
+    row, column = (np.mgrid[: SHAPE[0], : SHAPE[1]] + 0.5) / np.array(SHAPE)[:, None, None] - 0.5
+    fall = FALL[kind](row, column)
+    light = speckle(rng, photons=1e4) / 1e4
+    flat, uneven = flatten(torch.from_numpy(rng.poisson(photons * light * fall).astype(np.float32)), (PATCH, PATCH))
+    assert uneven
+    blocks = flat.reshape(5, PATCH, 6, PATCH).mean((1, 3)) / flat.mean()
+    assert abs(blocks - 1.0).max() < 0.2
+    lags, even = (estimate_autocorrelation([frame], patch_grid(SHAPE, PATCH), "pooled")[0] for frame in (flat.numpy(), light))
+    signal = np.zeros((127, 127), bool)
+    signal[55:72, 44:83] = True
+    signal[63, 63] = False
+    assert np.corrcoef(lags[signal], even[signal])[0, 1] > 0.96
+
+
+def test_even_light_is_left_alone(rng):
+    frame = torch.from_numpy(speckle(rng, photons=0.4))
+    flat, uneven = flatten(frame, (PATCH, PATCH))
+    assert not uneven
+    assert flat is frame
 
 
 def spectrum_power(frame: np.ndarray) -> torch.Tensor:
