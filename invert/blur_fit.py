@@ -1,8 +1,8 @@
 """Blur that nobody told of: a camera out of focus, or moved during the exposure.
 
-Blur multiplies the estimate by H, which no estimate shows by itself: a smoother object has such an estimate. But its own
-r*r seldom fades like that, so that no reconstruction explains the estimate. Where one does not, others are made as if there
-were a blur, and one that explains most of what was left is taken for the frames'.
+Blur multiplies the estimate by H, which no estimate shows by itself: a softer object has such an estimate. But of objects with
+edges r*r seldom fades like that, so that reconstructions leave much of the estimate unexplained. Then others are made as if
+there were a blur, and one that explains most of what was left is taken for the frames'.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from invert.estimate import Estimate, blurred
 from invert.likelihood import NoiseLikelihood
 from invert.spectrum import Measurement, read_measurement
 
-BLURS = ((1.0, 1.0), (0.0, 1.44), (1.44, 0.0))
+BLURS = ((1.0, 1.0), (1.6, 1.6), (2.3, 2.3), (0.0, 1.44), (1.44, 0.0))
 """Tried, in 1 / 256 of a patch: deviations of a Gaussian down and right; the last two are those of motion by five."""
 
 LEAST_NATS, LEAST_SHARE = 200.0, 0.7
@@ -52,8 +52,8 @@ def with_blur_found(estimate: Estimate, reconstructed: Callable[[Measurement, in
     sharp = misfit(estimate)
     if not LEAST_NATS < sharp < np.inf:
         return estimate
-    unit = estimate.facts["patches"]["size"] / 256
-    tried = [blurred(estimate, (unit * down, unit * right)) for down, right in BLURS]
+    patches = estimate.facts["patches"]
+    tried = [blurred(estimate, (down * patches["size"] / 256, right * patches["width"] / 256)) for down, right in BLURS]
     left = [misfit(one) for one in tried]
     if sharp - min(left) < max(LEAST_NATS, LEAST_SHARE * sharp):
         return estimate

@@ -32,8 +32,8 @@ def trusted(found: Reconstruction, test: SpeckleTest | None, measurement: Measur
     warnings = doubts + _of_frames(facts.get("mean_model", {}), facts.get("frames", 0))
     if "blur_found_pixels" in facts:
         down, right = facts["blur_found_pixels"]
-        warnings.append(f"frames look blurred by about {down:.1f}, {right:.1f} pixels (down, right), which was undone; "
-                        "check focus and motion, or give --blur-pixels")
+        warnings.append(f"frames look blurred, as if by {down:.1f}, {right:.1f} pixels (down, right), unless the object has "
+                        "soft edges; that was undone; check focus and motion, or give --blur-pixels, 0 for none")
     if "patches" in facts and overfull(measurement):
         warnings.append("the object may be wider than the lags show; try --patch fit, or frames of smaller pixels")
     return (replace(found, confidence=min(found.confidence, DOUBTFUL)) if doubts else found), warnings

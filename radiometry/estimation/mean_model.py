@@ -25,8 +25,11 @@ UNEVEN = 25.0
 """Power of a half wave over that of mere speckle from which the illumination is uneven: one frame in 40 000 by chance."""
 
 FAINTEST = 0.1
-"""Added to a fitted illumination over its mean before frames are divided by it: where hardly any light falls, that would
-multiply shot noise alone."""
+"""Added to an illumination over its mean before frames are divided by it: where hardly any light falls, that would multiply
+shot noise alone."""
+
+MOST_ZEROS = 8
+"""Of the polynomial, along an axis."""
 
 BLOCKS, NEWTON_STEPS = 64, 30
 """Blocks of a frame along an axis, whose means an illumination is fitted to, and steps of the fit, none of which changes a
@@ -47,10 +50,11 @@ _LARGEST_SHIFT = 32
 
 
 def flatten(image: torch.Tensor, patch: tuple[int, int]) -> tuple[torch.Tensor, bool]:
-    """Divide a frame (H, W) by its illumination where that is uneven, its mean kept; and whether it is.
+    """Even out the illumination of a frame (H, W) where it is uneven; and whether it is.
 
-    The illumination is the exponential of a polynomial, of as many zeros as half waves are much longer than a patch: too long
-    for any lag but zero to hold them.
+    What exceeds the illumination is divided by it, over its mean, plus FAINTEST: speckle as bright everywhere, but where there
+    is hardly any light. The illumination is the exponential of a polynomial of as many zeros as half waves are much longer
+    than a patch, too long for any lag but zero to hold them. A frame whose light is negative somewhere is left alone.
     """
     sides = [length / size for length, size in zip(image.shape, patch, strict=True)]
     smooth, all_waves = ([math.floor(share * side) for side in sides] for share in (SMOOTH, REFERENCE))
@@ -65,8 +69,12 @@ def flatten(image: torch.Tensor, patch: tuple[int, int]) -> tuple[torch.Tensor, 
     waves[0, 0] = 0.0
     if mean <= 0.0 or float(waves[kept].square().max()) <= UNEVEN * reference:
         return image, False
-    illumination = _illumination(image / mean, smooth)
-    return mean + (image - mean * illumination) * ((1.0 + FAINTEST) / (illumination + FAINTEST)), True
+    coarse = torch.nn.functional.adaptive_avg_pool2d(image[None], 8)
+    if float(coarse.min()) < -0.05 * mean:
+        return image, False
+    illumination = _illumination(image / mean, [min(degree, MOST_ZEROS) for degree in smooth])
+    speckle = (image - mean * illumination) * ((1.0 + FAINTEST) / (illumination + FAINTEST))
+    return speckle + (mean - speckle.mean()), True
 
 
 def _illumination(image: torch.Tensor, degrees: Sequence[int]) -> torch.Tensor:
@@ -77,7 +85,7 @@ def _illumination(image: torch.Tensor, degrees: Sequence[int]) -> torch.Tensor:
     blocks = torch.nn.functional.adaptive_avg_pool2d(image[None], [min(BLOCKS, side) for side in image.shape])[0].double()
     coarse = [_polynomials(degree, side) for degree, side in zip(degrees, blocks.shape, strict=True)]
     basis = torch.einsum("iy,jx->yxij", *coarse).flatten(2).flatten(0, 1).to(blocks)
-    seen, weights = blocks.flatten(), basis.new_zeros(basis.shape[1])
+    seen, weights = blocks.flatten().clamp_min(0.0), basis.new_zeros(basis.shape[1])
     for _ in range(NEWTON_STEPS):
         fitted = (basis @ weights).exp()
         curvature = basis.T @ (fitted[:, None] * basis) + 1e-6 * torch.eye(len(weights)).to(basis)

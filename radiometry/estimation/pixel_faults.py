@@ -14,7 +14,8 @@ TAIL_DECADES = 5.0
 
 LINE_SIGMA = 9.0
 """Standard deviations of a line's mean from the median of nine from which it is faulty; those of speckle reach 6. They are read
-from the largest twentieth of all: where grains are wide, most means are that median."""
+from the largest twentieth of all, since where grains are wide most means are that median, and are a twelfth of the lines' own
+median deviation at least."""
 
 GLINT_PIXELS = 9
 """Hot pixels side by side from which on they are a glint, whose light fades into the speckle around it."""
@@ -59,14 +60,13 @@ def _replace_hot_pixels(image: torch.Tensor) -> tuple[torch.Tensor, int]:
     if float(image.max()) <= limit:
         return image, 0
     hot = image > limit
-    count = int(hot.sum())
     repaired = _without_glints(image, hot, hundredth)
-    hot &= repaired > limit
     height, width = image.shape
-    for row, column in torch.nonzero(hot).tolist():
+    for row, column in torch.nonzero(hot & (repaired > limit)).tolist():
         rows, columns = slice(max(row - 2, 0), min(row + 3, height)), slice(max(column - 2, 0), min(column + 3, width))
-        repaired[row, column] = image[rows, columns][~hot[rows, columns]].median() if not hot[rows, columns].all() else middle
-    return repaired, count
+        whole = ~hot[rows, columns]
+        repaired[row, column] = repaired[rows, columns][whole].median() if whole.any() else middle
+    return repaired, int(hot.sum())
 
 
 def _without_glints(image: torch.Tensor, hot: torch.Tensor, bright: float) -> torch.Tensor:
@@ -98,6 +98,7 @@ def _replace_lines(image: torch.Tensor) -> tuple[torch.Tensor, int]:
         means = image.mean(1 - axis).cpu().numpy().astype(np.float64)
         apart = means - median_filter(means, 9, mode="nearest")
         spread = float(np.quantile(np.abs(apart), 0.95)) / 1.96
+        spread = max(spread, float(np.median(np.abs(means - np.median(means)))) / 12.0)
         bad = np.abs(apart) > LINE_SIGMA * spread if spread > 0.0 else np.zeros(len(means), bool)
         if not bad.any() or bad.mean() > 0.02:
             continue

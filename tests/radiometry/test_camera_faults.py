@@ -107,6 +107,20 @@ def test_illumination_is_divided_out(rng, kind, photons):
     assert np.corrcoef(lags[signal], even[signal])[0, 1] > 0.96
 
 
+def test_frames_of_many_patches_and_negative_light(rng):
+    """The polynomial's zeros are few enough for its blocks; light that a dark frame made negative is left as it is."""
+    row, column = (np.mgrid[:1500, :6000] + 0.5) / np.array((1500, 6000))[:, None, None] - 0.5
+    fall = FALL["vignetting"](row, column) * 100.0
+    flat, uneven = flatten(torch.from_numpy(rng.poisson(fall).astype(np.float32)), (128, 128))
+    assert uneven
+    assert float(flat.mean()) == pytest.approx(fall.mean(), rel=1e-3)
+    assert float(abs(torch.nn.functional.adaptive_avg_pool2d(flat[None], 32) / flat.mean() - 1.0).max()) < 0.1
+    below = torch.from_numpy((fall - 0.5 * fall.mean()).astype(np.float32))
+    left, uneven = flatten(below, (128, 128))
+    assert not uneven
+    assert left is below
+
+
 def test_even_light_is_left_alone(rng):
     frame = torch.from_numpy(speckle(rng, photons=0.4))
     flat, uneven = flatten(frame, (PATCH, PATCH))
