@@ -115,7 +115,7 @@ def test_frames_of_many_patches_and_negative_light(rng):
     assert uneven
     assert float(flat.mean()) == pytest.approx(fall.mean(), rel=1e-3)
     assert float(abs(torch.nn.functional.adaptive_avg_pool2d(flat[None], 32) / flat.mean() - 1.0).max()) < 0.1
-    below = torch.from_numpy((fall - 0.5 * fall.mean()).astype(np.float32))
+    below = torch.from_numpy((fall - 0.8 * fall.mean()).astype(np.float32))
     left, uneven = flatten(below, (128, 128))
     assert not uneven
     assert left is below
