@@ -7,8 +7,12 @@ import pytest
 import torch
 from scipy.optimize import minimize, nnls
 
-from invert.likelihood import _brightnesses, log_likelihoods, nats_over
+from invert.likelihood import NoiseLikelihood, _brightnesses, log_likelihoods, nats_over
+from invert.methods import Reconstruction
+from invert.posterior import Posterior
 from invert.spectrum import read_measurement
+from invert.training.data import at_noise
+from invert.trust import trusted
 from radiometry.noise.level import RING, NoiseLevel
 from radiometry.noise.model import draw_estimate, log_likelihood, window_smoothed
 from tests.invert.steps import MIRRORED_STEM, RIGHT, noisy
@@ -70,6 +74,30 @@ def test_a_pedestal_is_not_taken_for_the_object(lags, light):
     shown = replace(read_measurement(drawn.float().numpy()), noise=NoiseLevel(0.1, 256.0, 40))
     right, wrong = log_likelihoods(torch.stack((RIGHT, smeared)), shown).tolist()
     assert right - wrong > 5.0
+
+
+def test_misfit_is_that_of_noise_for_the_object_and_more_for_others():
+    """The object's own is noise about zero: a sum over lags of variance 1 / 2 each, in nats, at large K."""
+    misfits = []
+    for seed in range(6):
+        estimate = at_noise(RIGHT[None], 0.3, 64.0, torch.Generator().manual_seed(seed)).seen.estimate[0]
+        likelihood = NoiseLikelihood(read_measurement(estimate.numpy()))
+        misfits.append([likelihood.misfit(one) for one in (RIGHT, MIRRORED_STEM, torch.zeros(64, 64))])
+    right, wrong, nothing = np.mean(misfits, 0)
+    assert abs(right) < 4.0 * (likelihood.lags / 2.0 / len(misfits)) ** 0.5
+    assert wrong > right + 20.0
+    assert nothing > wrong + 200.0
+
+
+def test_samples_that_leave_the_estimate_unexplained_are_doubted():
+    """A bar without its stem misses what shows the stem; the object with noise of its own does not."""
+    measurement, found = noisy(), Reconstruction(RIGHT.numpy(), True, 0.9, None)
+    without_stem = torch.where(RIGHT.sum(1, keepdim=True) > RIGHT.sum(1).max() - 0.5, RIGHT, 0.0)
+    for sample, doubted in ((RIGHT, False), (without_stem, True)):
+        drawn = Posterior(np.stack([sample.numpy()] * 3).astype(np.float32))
+        answer, warnings = trusted(replace(found, posterior=drawn), None, measurement, {})
+        assert any("no sample explains" in warning for warning in warnings) is doubted
+        assert answer.confidence == (0.5 if doubted else 0.9)
 
 
 def test_brightnesses_are_those_of_non_negative_least_squares():
