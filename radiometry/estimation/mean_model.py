@@ -49,16 +49,19 @@ _RING = np.maximum(*np.abs(np.mgrid[-LAGS : LAGS + 1, -LAGS : LAGS + 1]))
 _LARGEST_SHIFT = 32
 
 
-def flatten(image: torch.Tensor, patch: tuple[int, int]) -> tuple[torch.Tensor, bool]:
-    """Even out the illumination of a frame (H, W) where it is uneven; and whether it is.
+def flatten(image: torch.Tensor, patch: tuple[int, int], uneven: bool | None = None) -> tuple[torch.Tensor, bool]:
+    """Even out the illumination of a frame (H, W) where it is uneven; and whether that was done.
 
     What exceeds the illumination is divided by it, over its mean, plus FAINTEST: speckle as bright everywhere, but where there
     is hardly any light. The illumination is the exponential of a polynomial of as many zeros as half waves are much longer
     than a patch, too long for any lag but zero to hold them. A frame whose light is negative somewhere is left alone.
+
+    Args:
+        uneven: whether it is, if that is known: frames of one capture are treated alike, or what they share would not cancel.
     """
     sides = [length / size for length, size in zip(image.shape, patch, strict=True)]
     smooth, all_waves = ([math.floor(share * side) for side in sides] for share in (SMOOTH, REFERENCE))
-    if min(smooth) < 1 or all_waves == smooth:
+    if uneven is False or min(smooth) < 1 or all_waves == smooth:
         return image, False
     down, right = (_half_waves(count + 1, length).to(image) for count, length in zip(all_waves, image.shape, strict=True))
     waves = down @ image @ right.T
@@ -67,7 +70,7 @@ def flatten(image: torch.Tensor, patch: tuple[int, int]) -> tuple[torch.Tensor, 
     reference = float(waves[~kept].square().mean())
     mean = float(waves[0, 0]) / math.sqrt(image.numel())
     waves[0, 0] = 0.0
-    if mean <= 0.0 or float(waves[kept].square().max()) <= UNEVEN * reference:
+    if mean <= 0.0 or (uneven is None and float(waves[kept].square().max()) <= UNEVEN * reference):
         return image, False
     coarse = torch.nn.functional.adaptive_avg_pool2d(image[None], 8)
     if float(coarse.min()) < -0.05 * mean:

@@ -70,7 +70,7 @@ class AutocorrelationEstimator:
         self._first = self._sum = self._power = torch.empty(0)
         self._first_lags: np.ndarray | None = None
         self._levels: list[float] = []
-        self._uneven = False
+        self._uneven: bool | None = None
         self._narrow: list[torch.Tensor] = []
         self._faults: list[PixelFaults] = []
         self._lines = 0
@@ -81,8 +81,7 @@ class AutocorrelationEstimator:
         if self.mean == "auto":
             image, faults = repair(image)
             self._faults.append(faults)
-            image, uneven = flatten(image, self._patch)
-            self._uneven |= uneven
+            image, self._uneven = flatten(image, self._patch, self._uneven)
         level = float(image.mean(dtype=torch.float64))
         image = image - level
         self._levels.append(level)
@@ -137,7 +136,7 @@ class AutocorrelationEstimator:
             chosen = self._chosen(shared, estimate)
             estimate = np.where(chosen, estimate - self._drift() * shared, estimate)
             self.facts["fixed_pattern_lags"] = float(chosen.mean())
-        self.facts |= {"mean": self.mean, "uneven_illumination": self._uneven, "spectral_lines": self._lines}
+        self.facts |= {"mean": self.mean, "uneven_illumination": bool(self._uneven), "spectral_lines": self._lines}
         if self._faults:
             self.facts |= {"hot_pixels": sum(one.hot_pixels for one in self._faults),
                            "faulty_lines": max(one.lines for one in self._faults),

@@ -121,6 +121,23 @@ def test_frames_of_many_patches_and_negative_light(rng):
     assert left is below
 
 
+def test_frames_of_one_capture_are_flattened_alike(rng):
+    """A textured wall whose slope is strong enough in one frame to be evened out, and not in the other."""
+    frequency = np.hypot(np.fft.fftfreq(SHAPE[0])[:, None], np.fft.rfftfreq(SHAPE[1]))
+    frequency[0, 0] = np.inf
+    wall = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(SHAPE)) / frequency, s=SHAPE)
+    row = np.mgrid[: SHAPE[0], : SHAPE[1]][0] / SHAPE[0] - 0.5
+    counts = rng.poisson(10.0, (2, *SHAPE)) + 2.0 * wall / wall.std()
+
+    def seen(slope: float) -> list[torch.Tensor]:
+        return [torch.from_numpy((one + slope * share * row).astype(np.float32)) for one, share in zip(counts, (1, 0.9), strict=True)]
+
+    slope = next(slope for slope in np.arange(-30.0, 30.0, 0.1)
+                 if len({flatten(frame, (PATCH, PATCH))[1] for frame in seen(slope)}) == 2)
+    estimate, _ = estimate_autocorrelation(seen(slope), patch_grid(SHAPE, PATCH))
+    assert estimate[62, 63] < 30.0 * np.median(estimate)  # flattened one by one: some 400 times
+
+
 def test_even_light_is_left_alone(rng):
     frame = torch.from_numpy(speckle(rng, photons=0.4))
     flat, uneven = flatten(frame, (PATCH, PATCH))
