@@ -130,7 +130,8 @@ def test_frames_of_one_capture_are_flattened_alike(rng):
     counts = rng.poisson(10.0, (2, *SHAPE)) + 2.0 * wall / wall.std()
 
     def seen(slope: float) -> list[torch.Tensor]:
-        return [torch.from_numpy((one + slope * share * row).astype(np.float32)) for one, share in zip(counts, (1, 0.9), strict=True)]
+        sloping = [one + slope * share * row for one, share in zip(counts, (1.0, 0.9), strict=True)]
+        return [torch.from_numpy(frame.astype(np.float32)) for frame in sloping]
 
     slope = next(slope for slope in np.arange(-30.0, 30.0, 0.1)
                  if len({flatten(frame, (PATCH, PATCH))[1] for frame in seen(slope)}) == 2)
