@@ -24,9 +24,13 @@ LEAST_NATS, LEAST_SHARE = 200.0, 0.7
 """By how much a blur must lower the misfit, in nats and as a share. Of 27 captures of sharp letters none reached both, one came
 near (700 nats, .68); of 27 out of focus by a pixel 15 did, those that lose most by it."""
 
-
 TRIES = 2
 """Reconstructions of each; the better one counts, since a retrieval that fails explains nothing, blur or not."""
+
+
+def likelihood_as_seen(estimate: Estimate) -> NoiseLikelihood:
+    """That of the estimate before it is divided by its transfer."""
+    return NoiseLikelihood(read_measurement(estimate.lags, estimate.quantisation), transfer=estimate.transfer)
 
 
 def with_blur_found(estimate: Estimate, reconstructed: Callable[[Measurement, int], np.ndarray]) -> Estimate:
@@ -41,7 +45,7 @@ def with_blur_found(estimate: Estimate, reconstructed: Callable[[Measurement, in
 
     def misfit(tried: Estimate) -> float:
         seen = read_measurement(tried.lags, tried.quantisation, tried.transfer)
-        likelihood, least = NoiseLikelihood(as_seen, transfer=tried.transfer), np.inf
+        likelihood, least = likelihood_as_seen(tried), np.inf
         for number in range(TRIES):
             albedo = torch.from_numpy(reconstructed(seen, number))
             least = min(least, likelihood.misfit(albedo) if albedo.any() else np.inf)

@@ -89,6 +89,8 @@ def estimate_from_frames(capture: Capture, patch: Patch, device: str, mean: Mean
             (`invert.patch_fit`).
         blur_pixels: standard deviation of a Gaussian blur beyond pupil and pixel, where it is known; 0 for none.
     """
+    if blur_pixels is not None:
+        BLUR.check("--blur-pixels", blur_pixels)
     begin = time.perf_counter()
     geometry = capture.camera.lag_geometry
     shape = (capture.frames[0].shape[0], capture.frames[0].shape[1])
@@ -120,10 +122,7 @@ def estimate_from_frames(capture: Capture, patch: Patch, device: str, mean: Mean
         filtered_frames=None if isinstance(estimator, PublishedEstimator) else estimator.filtered_frames(),
         seconds=time.perf_counter() - begin,
     )
-    if blur_pixels is None:
-        return estimate
-    deviation = BLUR.check("--blur-pixels", blur_pixels)
-    return blurred(estimate, (deviation, deviation))
+    return estimate if blur_pixels is None else blurred(estimate, (blur_pixels, blur_pixels))
 
 
 def blurred(estimate: Estimate, blur_pixels: tuple[float, float]) -> Estimate:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from invert.blur_fit import with_blur_found
+from invert.blur_fit import likelihood_as_seen, with_blur_found
 from invert.capture import check_frame, read_capture
 from invert.estimate import Estimate, Patch, check_power, estimate_from_frames, published_estimate
 from invert.methods import Reconstruction, iterations, retrieve
@@ -110,7 +110,7 @@ def retrieved(estimate: Estimate, *, method: str, quality: str, weights: str | P
     measurement = read_measurement(estimate.lags, estimate.quantisation, estimate.transfer)
     reconstruction = retrieve(measurement, method, quality, seed, device, progress, None if weights is None else Path(weights))
     test = speckle_test(estimate, measurement, reconstruction.albedo) if reconstruction.object_found else None
-    reconstruction, warnings = trusted(reconstruction, test, measurement, estimate.facts)
+    reconstruction, warnings = trusted(reconstruction, test, measurement, likelihood_as_seen(estimate), estimate.facts)
     seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
     settings = {"method": method, "quality": quality, "seed": seed}
     return Result(estimate, measurement, reconstruction, settings, seconds, test, tuple(warnings))

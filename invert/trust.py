@@ -31,16 +31,17 @@ SATURATED = 1e-3
 SAME_SPECKLE = 0.3
 
 
-def trusted(found: Reconstruction, test: SpeckleTest | None, measurement: Measurement,
+def trusted(found: Reconstruction, test: SpeckleTest | None, measurement: Measurement, likelihood: NoiseLikelihood,
             facts: dict[str, Any]) -> tuple[Reconstruction, list[str]]:
     """Lower the confidence where the light is not shown to be speckle of this object; and the warnings of a capture.
 
     Args:
+        likelihood: of the estimate as it is: noise is even in lags that were not divided by the camera's transfer.
         facts: of the estimate: number of frames, and what the mean model found.
     """
     doubts = [] if test is None or test.third_moment is None else _doubts(test, facts["frames"])
     if found.posterior is not None:
-        doubts += _of_samples(found.posterior, measurement)
+        doubts += _of_samples(found.posterior, likelihood)
     warnings = doubts + _of_frames(facts.get("mean_model", {}), facts.get("frames", 0))
     if "blur_found_pixels" in facts:
         down, right = facts["blur_found_pixels"]
@@ -65,8 +66,7 @@ def _doubts(test: SpeckleTest, frames: int) -> list[str]:
     return []
 
 
-def _of_samples(drawn: Posterior, measurement: Measurement) -> list[str]:
-    likelihood = NoiseLikelihood(measurement)
+def _of_samples(drawn: Posterior, likelihood: NoiseLikelihood) -> list[str]:
     least = min(likelihood.misfit(torch.from_numpy(sample)) for sample in drawn.samples)
     nothing = likelihood.misfit(torch.zeros(OBJECT, OBJECT))
     if least <= max(UNFITTED_NATS, UNFITTED_SHARE * nothing):

@@ -81,7 +81,8 @@ class AutocorrelationEstimator:
         if self.mean == "auto":
             image, faults = repair(image)
             self._faults.append(faults)
-            image, self._uneven = flatten(image, self._patch, self._uneven)
+            image, uneven = flatten(image, self._patch, self._uneven)
+            self._uneven = uneven if self._uneven is None else self._uneven
         level = float(image.mean(dtype=torch.float64))
         image = image - level
         self._levels.append(level)

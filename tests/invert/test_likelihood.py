@@ -95,7 +95,7 @@ def test_samples_that_leave_the_estimate_unexplained_are_doubted():
     without_stem = torch.where(RIGHT.sum(1, keepdim=True) > RIGHT.sum(1).max() - 0.5, RIGHT, 0.0)
     for sample, doubted in ((RIGHT, False), (without_stem, True)):
         drawn = Posterior(np.stack([sample.numpy()] * 3).astype(np.float32))
-        answer, warnings = trusted(replace(found, posterior=drawn), None, measurement, {})
+        answer, warnings = trusted(replace(found, posterior=drawn), None, measurement, NoiseLikelihood(measurement), {})
         assert any("no sample explains" in warning for warning in warnings) is doubted
         assert answer.confidence == (0.5 if doubted else 0.9)
 
