@@ -7,8 +7,8 @@ never compared; and half of the information of two frames goes into a mean that 
 - patches lie everywhere: the expectation is the same, since the autocovariance of all pairs of pixels is weighted with a boxcar
   patch's own triangle (Blackman and Tukey, doi:10.1002/j.1538-7305.1958.tb03874.x; Welch, doi:10.1109/TAU.1967.1161901). K is
   `degrees_of_freedom`, and neighbouring lags correlate (`radiometry.noise.model.lag_correlation`);
-- the mean model is decided by what the frames show (`mean_model.py`): their mean, a smooth illumination where there is one, and
-  a fixed pattern at those lags where frames share power;
+- the mean model is decided by what the frames show: their mean, a smooth illumination where there is one
+  (`illumination.py`), and a fixed pattern at those lags where frames share power (`fixed_pattern.py`);
 - hot pixels, dead lines and periodic light are taken out first (`pixel_faults.py`, `spectral_lines.py`).
 """
 
@@ -25,7 +25,8 @@ from scipy.fft import next_fast_len
 
 from radiometry.autocorrelation import LAGS, PatchGrid
 from radiometry.errors import InputError
-from radiometry.estimation.mean_model import flatten, shared_lags, shift_between
+from radiometry.estimation.fixed_pattern import shared_lags, shift_between
+from radiometry.estimation.illumination import evened_out, is_uneven
 from radiometry.estimation.pixel_faults import PixelFaults, repair
 from radiometry.estimation.published import PublishedEstimator
 from radiometry.estimation.spectral_lines import LEAST_PATCHES, find_lines, lower_lines, without_waves
@@ -81,8 +82,10 @@ class AutocorrelationEstimator:
         if self.mean == "auto":
             image, faults = repair(image)
             self._faults.append(faults)
-            image, uneven = flatten(image, self._patch, self._uneven)
-            self._uneven = uneven if self._uneven is None else self._uneven
+            if self._uneven is None:  # frames of one capture are treated alike, or what they share would not cancel
+                self._uneven = is_uneven(image, self._patch)
+            if self._uneven:
+                image = evened_out(image, self._patch)
         level = float(image.mean(dtype=torch.float64))
         image = image - level
         self._levels.append(level)

@@ -7,32 +7,21 @@ import pytest
 from scipy.ndimage import gaussian_filter, uniform_filter1d
 
 import invert
-from data_gen.letters import letter
 from invert.__main__ import main
 from invert.metrics import aligned_pearson
 from radiometry.errors import InputError
+from tests.light import letter_cells, thrown
 
 PATCH, SHAPE = 257, (1028, 1232)
 BLUR = {"sharp": lambda light: light, "defocus": lambda light: gaussian_filter(light, 1.0),
         "motion": lambda light: uniform_filter1d(light, 5, axis=1)}
 
 
-def shown(character: str) -> np.ndarray:
-    return np.pad(letter(character).reshape(32, 8, 32, 8).mean((1, 3)) / 255.0, 16)
-
-
 def frames(character: str, kind: str, photons: float, seed: int) -> np.ndarray:
-    """Two frames of a letter 32 lags high; |FFT|^2 of a field drawn on a wider period, the blur before photons are counted."""
+    """Two frames of a letter, the blur before photons are counted."""
     rng = np.random.default_rng(seed)
-    places = [np.fft.fftfreq(round(1.2 * side)) * PATCH + 32.0 for side in SHAPE]
-    inside = [np.flatnonzero((place >= 0.0) & (place < 64.0)) for place in places]
-    cells = shown(character)[np.ix_(*(place[own].astype(int) for place, own in zip(places, inside, strict=True)))]
-    light = []
-    for _ in range(2):
-        field = np.zeros([len(place) for place in places], complex)
-        field[np.ix_(*inside)] = np.sqrt(cells) * (rng.standard_normal((*cells.shape, 2)) @ (1.0, 1.0j))
-        light.append(BLUR[kind](np.abs(np.fft.fft2(field)) ** 2)[: SHAPE[0], : SHAPE[1]])
-    return rng.poisson(photons * np.stack(light) / np.mean(light)).astype(np.float32)
+    light = [BLUR[kind](thrown(letter_cells(character), SHAPE, PATCH, rng))[: SHAPE[0], : SHAPE[1]] for _ in range(2)]
+    return rng.poisson(photons * np.stack(light)).astype(np.float32)
 
 
 @pytest.mark.parametrize(("kind", "down", "right"), [("defocus", 1.0, 1.0), ("motion", 0.0, 1.4)])
@@ -43,7 +32,7 @@ def test_a_blur_is_found_undone_and_named(kind, down, right):
         blurred = frames(character, kind, 2.0, seed)
         result = invert.reconstruct(blurred, quality="fast", patch=PATCH)
         untouched = invert.reconstruct(blurred, quality="fast", patch=PATCH, blur_pixels=0.0)
-        likeness = [aligned_pearson(one.albedo, shown(character))[0] for one in (result, untouched)]
+        likeness = [aligned_pearson(one.albedo, letter_cells(character))[0] for one in (result, untouched)]
         gained.append(likeness[0] - likeness[1])
         found.append(result.estimate.blur_pixels)
         assert (found[-1] is not None) == any("look blurred" in warning for warning in result.warnings)

@@ -7,32 +7,16 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 import invert
-from data_gen.letters import letter
 from invert.__main__ import main
 from invert.metrics import aligned_pearson
+from tests.light import letter_cells, thrown, wall_texture
 
 PATCH, SHAPE = 257, (1028, 1100)
 
 
 def letter_light(rng: np.random.Generator) -> np.ndarray:
-    """Intensity of mean 1 that an F of 32 lags throws."""
-    cells = letter("F").reshape(32, 8, 32, 8).mean((1, 3)) / 255.0
-    rows, columns = SHAPE[0] + 150, SHAPE[1] + 150
-    lag_rows, lag_columns = (np.fft.fftfreq(side) * PATCH + 16.0 for side in (rows, columns))
-    inside = [(lags >= 0.0) & (lags < 32.0) for lags in (lag_rows, lag_columns)]
-    amplitude = np.zeros((rows, columns))
-    amplitude[np.ix_(*inside)] = np.sqrt(cells[np.ix_(lag_rows[inside[0]].astype(int), lag_columns[inside[1]].astype(int))])
-    field = amplitude * (rng.standard_normal(amplitude.shape) + 1j * rng.standard_normal(amplitude.shape))
-    light = np.abs(np.fft.fft2(field)[: SHAPE[0], : SHAPE[1]]) ** 2
-    return light / light.mean()
-
-
-def texture(rng: np.random.Generator) -> np.ndarray:
-    """A wall's albedo of mean 1 and contrast .2, its power falling with the square of the frequency."""
-    frequency = np.hypot(np.fft.fftfreq(SHAPE[0])[:, None], np.fft.rfftfreq(SHAPE[1]))
-    frequency[0, 0] = np.inf
-    drawn = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(SHAPE)) / frequency, s=SHAPE)
-    return np.clip(1.0 + 0.2 * drawn / drawn.std(), 0.05, None)
+    """Intensity of mean 1 that an F throws."""
+    return thrown(letter_cells("F"), SHAPE, PATCH, rng)[: SHAPE[0], : SHAPE[1]]
 
 
 @pytest.mark.parametrize("count", [1, 3])
@@ -50,7 +34,7 @@ def test_speckle_of_a_letter_has_the_third_moment_of_the_letter(rng, count):
 
 
 def test_one_frame_of_a_textured_wall_is_doubted_and_two_show_nothing(rng, tmp_path, command):
-    wall = texture(rng)
+    wall = np.clip(1.0 + 0.2 * wall_texture(SHAPE, rng), 0.05, None)
     frames = [rng.poisson(3.0 * wall).astype(np.uint16) for _ in range(2)]
     np.save(tmp_path / "a.npy", frames[0])
     code, _, err = command(main, tmp_path / "a.npy", "-o", tmp_path / "out", "--quality", "fast", "--patch", PATCH)

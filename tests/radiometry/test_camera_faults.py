@@ -6,11 +6,12 @@ import torch
 from scipy.ndimage import gaussian_filter
 
 from radiometry.autocorrelation import autocorrelate, patch_grid, window_smooth
-from radiometry.estimation.mean_model import flatten
+from radiometry.estimation.illumination import evened_out, is_uneven
 from radiometry.estimation.pixel_faults import repair
 from radiometry.estimation.spectral_lines import find_lines, without_waves
 from radiometry.estimation.whole_frames import AutocorrelationEstimator, estimate_autocorrelation
 from radiometry.noise.level import RING
+from tests.light import wall_texture
 
 PATCH = 131
 SHAPE = (5 * PATCH, 6 * PATCH)
@@ -96,8 +97,9 @@ def test_illumination_is_divided_out(rng, kind, photons):
     row, column = (np.mgrid[: SHAPE[0], : SHAPE[1]] + 0.5) / np.array(SHAPE)[:, None, None] - 0.5
     fall = FALL[kind](row, column)
     light = speckle(rng, photons=1e4) / 1e4
-    flat, uneven = flatten(torch.from_numpy(rng.poisson(photons * light * fall).astype(np.float32)), (PATCH, PATCH))
-    assert uneven
+    frame = torch.from_numpy(rng.poisson(photons * light * fall).astype(np.float32))
+    assert is_uneven(frame, (PATCH, PATCH))
+    flat = evened_out(frame, (PATCH, PATCH))
     blocks = flat.reshape(5, PATCH, 6, PATCH).mean((1, 3)) / flat.mean()
     assert abs(blocks - 1.0).max() < 0.2
     lags, even = (estimate_autocorrelation([frame], patch_grid(SHAPE, PATCH), "pooled")[0] for frame in (flat.numpy(), light))
@@ -111,39 +113,32 @@ def test_frames_of_many_patches_and_negative_light(rng):
     """The polynomial's zeros are few enough for its blocks; light that a dark frame made negative is left as it is."""
     row, column = (np.mgrid[:1500, :6000] + 0.5) / np.array((1500, 6000))[:, None, None] - 0.5
     fall = FALL["vignetting"](row, column) * 100.0
-    flat, uneven = flatten(torch.from_numpy(rng.poisson(fall).astype(np.float32)), (128, 128))
-    assert uneven
+    frame = torch.from_numpy(rng.poisson(fall).astype(np.float32))
+    assert is_uneven(frame, (128, 128))
+    flat = evened_out(frame, (128, 128))
     assert float(flat.mean()) == pytest.approx(fall.mean(), rel=1e-3)
     assert float(abs(torch.nn.functional.adaptive_avg_pool2d(flat[None], 32) / flat.mean() - 1.0).max()) < 0.1
-    below = torch.from_numpy((fall - 0.8 * fall.mean()).astype(np.float32))
-    left, uneven = flatten(below, (128, 128))
-    assert not uneven
-    assert left is below
+    assert not is_uneven(torch.from_numpy((fall - 0.8 * fall.mean()).astype(np.float32)), (128, 128))
 
 
-def test_frames_of_one_capture_are_flattened_alike(rng):
+def test_frames_of_one_capture_are_evened_out_alike(rng):
     """A textured wall whose slope is strong enough in one frame to be evened out, and not in the other."""
-    frequency = np.hypot(np.fft.fftfreq(SHAPE[0])[:, None], np.fft.rfftfreq(SHAPE[1]))
-    frequency[0, 0] = np.inf
-    wall = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(SHAPE)) / frequency, s=SHAPE)
+    wall = wall_texture(SHAPE, rng)
     row = np.mgrid[: SHAPE[0], : SHAPE[1]][0] / SHAPE[0] - 0.5
-    counts = rng.poisson(10.0, (2, *SHAPE)) + 2.0 * wall / wall.std()
+    counts = rng.poisson(10.0, (2, *SHAPE)) + 2.0 * wall
 
     def seen(slope: float) -> list[torch.Tensor]:
         sloping = [one + slope * share * row for one, share in zip(counts, (1.0, 0.9), strict=True)]
         return [torch.from_numpy(frame.astype(np.float32)) for frame in sloping]
 
     slope = next(slope for slope in np.arange(-30.0, 30.0, 0.1)
-                 if len({flatten(frame, (PATCH, PATCH))[1] for frame in seen(slope)}) == 2)
+                 if len({is_uneven(frame, (PATCH, PATCH)) for frame in seen(slope)}) == 2)
     estimate, _ = estimate_autocorrelation(seen(slope), patch_grid(SHAPE, PATCH))
-    assert estimate[62, 63] < 30.0 * np.median(estimate)  # flattened one by one: some 400 times
+    assert estimate[62, 63] < 30.0 * np.median(estimate)  # evened out one by one: some 400 times
 
 
 def test_even_light_is_left_alone(rng):
-    frame = torch.from_numpy(speckle(rng, photons=0.4))
-    flat, uneven = flatten(frame, (PATCH, PATCH))
-    assert not uneven
-    assert flat is frame
+    assert not is_uneven(torch.from_numpy(speckle(rng, photons=0.4)), (PATCH, PATCH))
 
 
 def spectrum_power(frame: np.ndarray) -> torch.Tensor:

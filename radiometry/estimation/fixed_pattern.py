@@ -1,0 +1,66 @@
+"""A pattern that stays while the speckle changes from frame to frame, and a camera that moved between frames.
+
+A textured wall, fringes and the sensor's own pattern stay, and show as power that the frames share.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+from scipy.ndimage import binary_dilation, uniform_filter
+
+from radiometry.autocorrelation import LAGS
+
+SHARED = 4.5
+"""Standard deviations of the power that frames share from which there is a fixed pattern."""
+
+_BLOCK = 5
+_BLOCK_DEVIATION = 0.262
+"""Standard deviation of the mean of 5 x 5 lags over that of one: (1 + 2 sum (1 - n / 5) rho_n) / 5, rho_n = .152 / n^2."""
+
+_SUM_DEVIATION = 1.5
+"""That of the sum of many lags over that of as many independent ones: 1 + 2 sum rho_n."""
+
+_RING = np.maximum(*np.abs(np.mgrid[-LAGS : LAGS + 1, -LAGS : LAGS + 1]))
+_LARGEST_SHIFT = 32
+
+
+def shared_lags(shared: np.ndarray, power: np.ndarray, dof: float) -> np.ndarray:
+    """Lags at which frames share power: one by one, in blocks, or over the rings around zero lag; bool (127, 127).
+
+    Args:
+        shared: real part of the frames' cross-spectrum. power: that of the frames, in the same unit.
+        dof: K of `shared`, whose variance is power^2 / K without a fixed pattern.
+    """
+    sigma = np.divide(shared * math.sqrt(dof), power, out=np.zeros_like(shared), where=power > 0.0)
+    sigma[LAGS, LAGS] = 0.0
+    chosen = binary_dilation(sigma > SHARED, np.ones((3, 3), bool))
+    chosen |= binary_dilation(uniform_filter(sigma, _BLOCK, mode="nearest") > SHARED * _BLOCK_DEVIATION, np.ones((3, 3), bool))
+    for ring in (2, 4, 8, 16, 32, LAGS):
+        inside = ring >= _RING
+        # Both signs of a lag hold the same.
+        if sigma[inside].sum() > SHARED * _SUM_DEVIATION * math.sqrt(2.0 * inside.sum()):
+            chosen |= inside
+    return chosen
+
+
+def shift_between(first: torch.Tensor, other: torch.Tensor, shape: tuple[int, int]) -> tuple[float, float]:
+    """Pixels (down, right) by which what two frames share has moved from the first to the other, to a part of a pixel.
+
+    Args:
+        first, other: their spectra (rows, columns // 2 + 1) on a grid of `shape`.
+    """
+    cross = torch.fft.irfft2(first.conj() * other, s=shape)
+    reach = min(_LARGEST_SHIFT, min(shape) // 4)
+    near = torch.roll(cross, (reach, reach), (0, 1))[: 2 * reach + 1, : 2 * reach + 1].cpu().numpy()
+    peak = np.array(np.unravel_index(near.argmax(), near.shape))
+    finer = []
+    for axis, middle in enumerate(peak):
+        if not 0 < middle < 2 * reach:
+            return 0.0, 0.0
+        before, here, after = (near[tuple(peak + step * np.eye(2, dtype=int)[axis])] for step in (-1, 0, 1))
+        bend = float(before - 2.0 * here + after)
+        finer.append(float(middle) - reach + (0.5 * float(before - after) / bend if bend < 0.0 else 0.0))
+    return finer[0], finer[1]
