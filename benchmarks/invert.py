@@ -15,6 +15,7 @@ import numpy as np
 import torch
 
 from invert.estimate import estimate_from_frames
+from invert.inversion import reconstruct
 from invert.methods import retrieve
 from invert.network.checkpoints import SHIPPED, load_network
 from invert.network.inference import denoise, fuse, observation, predict
@@ -56,10 +57,6 @@ def main() -> None:
     paper = load_network(paper_weights)[0] if paper_weights else PaperUnet().to(memory_format=torch.channels_last).eval()
     seen = observation([measurement])
 
-    def whole() -> None:
-        fresh = estimate_from_frames(capture, None, "cpu")
-        retrieve(read_measurement(fresh.lags, transfer=fresh.transfer), "unet", "fast", 0, "cpu")
-
     def paper_look() -> None:
         with torch.no_grad():
             predict(paper, seen)
@@ -68,8 +65,8 @@ def main() -> None:
     rows = [
         ("autocorrelation of two frames", lambda: estimate_from_frames(capture, None, "cpu")),
         ("noise level", lambda: read_measurement(estimate.lags, transfer=estimate.transfer)),
-        ("network, batch 1: all three parts", lambda: (denoise(network, seen, 1), fuse(network, seen, seen.classical, 1))),
-        ("two frames to albedo, fast", whole),
+        ("denoiser, sketch and fusion, batch 1", lambda: (denoise(network, seen, 1), fuse(network, seen, seen.classical, 1))),
+        ("two frames to albedo, fast", lambda: reconstruct(capture, quality="fast")),
         ("estimate to albedo, balanced", lambda: retrieve(measurement, "unet", "balanced", 0, "cpu")),
         ("estimate to albedo, best", lambda: retrieve(measurement, "unet", "best", 0, "cpu")),
         ("estimate to albedo, classical", lambda: retrieve(measurement, "classical", "balanced", 0, "cpu")),

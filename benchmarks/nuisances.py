@@ -121,8 +121,8 @@ LIGHT: dict[str, Nuisance] = {
     "camera moved 5 pixels, textured": shifted(5.0),
     "glint": of_light(lambda rng, count: [400.0 * np.exp(-((ROW - 0.2) ** 2 + COLUMN**2) / 2e-5)] * count),
     "levels 1 to 3": each(lambda frame, number: frame * (1.0 + 2.0 * (number % 2))),
-    "blur 1 pixel": each(lambda frame, number: ndimage.gaussian_filter(frame, 0.5)),
-    "blur 2 pixels": each(lambda frame, number: ndimage.gaussian_filter(frame, 1.0)),
+    "blur, deviation .5 pixel": each(lambda frame, number: ndimage.gaussian_filter(frame, 0.5)),
+    "blur, deviation 1 pixel": each(lambda frame, number: ndimage.gaussian_filter(frame, 1.0)),
     "dust": of_wall(lambda rng: np.prod([1.0 - 0.7 * np.exp(-((ROW - y) ** 2 + (COLUMN - x) ** 2) / 1e-5)
                                          for y, x in rng.uniform(-0.5, 0.5, (40, 2))], 0)),
 }

@@ -3,7 +3,7 @@
 An object like the lab's 7 over floors from a quarter to four times the largest lag of the signal. What an estimate holds at
 best: the nats by which the object is likelier than the bar alone, and than the stem in the nearest other place (divergences of
 the noise model), and how often an observer who knows bar and stem picks the right one of five places. Beside it, what the
-default draws from the same estimates, and which of the five is nearest to that; the share of its samples that are nearest to
+network draws from the same estimates, and which of the five is nearest to that; the share of its samples that are nearest to
 the right one, and the calibration error of these shares as probabilities of the five places: the mean difference between what
 is expected and what happens, over tenths. Estimates are the noise model's (K 64); or, with --rendered, of two rendered frames
 of the reference scene, exposed for the floor said. Or, with files of the lab's 7, what the same observer sees in these.
@@ -119,6 +119,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=16, help="estimates a floor")
     parser.add_argument("--floors", type=float, nargs="+", default=FLOORS)
+    parser.add_argument("--quality", choices=("fast", "balanced", "best"), default="balanced")
     parser.add_argument("--rendered", action="store_true", help="estimates from two rendered frames each")
     parser.add_argument("--measured", type=Path, nargs="+", help="published autocorrelations of such an object, instead")
     options = parser.parse_args()
@@ -136,7 +137,7 @@ def main() -> None:
         measurements = (rendered if options.rendered else modelled)(floor, count)
         for number, measurement in enumerate(tqdm(measurements, total=count, desc=f"floor {floor:g}", disable=None)):
             observed.append(int(log_likelihoods(CANDIDATES[:-1], measurement).argmax()))
-            result = retrieve(measurement, "unet", "balanced", number, "cpu")
+            result = retrieve(measurement, "unet", options.quality, number, "cpu")
             if result.object_found:
                 likeness.append(registered(candidates, on_grid(result.albedo))[1])
             if result.posterior is not None:

@@ -3,6 +3,7 @@
     inversion.py     all of it in one call
     capture.py       reads and checks the frames of a capture
     estimate.py      frames -> autocorrelation estimate, with what is known of the camera
+    patch_fit.py     lag pitch by the object's width (blur_fit.py: a blur that is not known)
     spectrum.py      noisy estimate -> noise level, detection, Fourier modulus
     methods.py       from a measurement to an albedo, by any method
     solvers/         classical phase retrieval, one method a file
@@ -20,7 +21,7 @@
     evaluation/      methods compared on test sets: evaluate.py is its command
     __main__.py      the command
 
-Nothing here imports Mitsuba but the test sets of rendered frames.
+Nothing here imports Mitsuba but the evaluation's test sets of rendered frames.
 """
 
 from typing import TYPE_CHECKING

@@ -1,9 +1,9 @@
-"""Blur that nobody told of: a camera out of focus, or moved during the exposure.
+"""A blur that is not known: a camera out of focus, or moved during the exposure.
 
-Blur multiplies the estimate by H, which no estimate shows by itself: a softer object has such an estimate. But of objects with
-edges r*r seldom fades like that, so that reconstructions leave much of the estimate unexplained. Then others are made as if
-there were a blur. Where that explains most of what was left, the blur with which any of all these fits best is taken for the
-frames'.
+Blur multiplies the estimate by H, and a softer object would look the same. But objects with edges seldom have an r*r that fades
+like that, so reconstructions leave much of the estimate unexplained. Then reconstructions are made with each of some blurs;
+where one explains half of what was left, the blur that fits best with any of all these reconstructions is accepted, provided
+that it lowers the least misfit by a fifth.
 """
 
 from __future__ import annotations

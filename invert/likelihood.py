@@ -63,7 +63,8 @@ class NoiseLikelihood:
         return self.by_lag(albedo).sum(1)
 
     def misfit(self, albedo: torch.Tensor) -> float:
-        """Nats by which the estimate is less likely with an object (64, 64) than with any, beyond those that noise costs."""
+        """Nats by which the estimate is less likely with this object (64, 64) than with an expectation fitted to each lag,
+        beyond those that noise costs."""
         likeliest = self._estimate.clamp_min(self._floor)
         best = -self._dof * float((likeliest.log() + self._estimate / likeliest).sum())
         dof = self._dof * self.inflation

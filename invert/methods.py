@@ -34,7 +34,7 @@ class Reconstruction:
         confidence: of a network, the correlation with the truth that it expects; of any other method, the agreement of the
             best starts with one another; 0 to 1.
         residual: relative squared error of the Fourier modulus, least over the starts; None for a network.
-        transfer: phase retrieval transfer function of the starts, or of the test-time augmentations, empty where there was one.
+        transfer: phase retrieval transfer function of the starts, augmentations or samples, empty where there was one.
         posterior: samples of what else the object may be; None for all but the default network above `fast`.
     """
 

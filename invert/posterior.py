@@ -58,7 +58,7 @@ class Posterior:
     """Equally likely objects, (n, 64, 64), float32, largest value 1 each, registered to the reconstruction.
 
     Attributes:
-        errors: of their sizes, as calibration found them; without, samples are taken for as far apart as truth and samples.
+        errors: of their sizes, as calibration found them; without them, intervals are the samples' own quantiles.
     """
 
     samples: np.ndarray

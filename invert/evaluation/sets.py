@@ -19,7 +19,7 @@ from radiometry.estimation.whole_frames import Mean
 from radiometry.files.pictures import read_autocorrelation
 
 NOISE_LEVELS = ((80.0, 64.0), (80.0, 16.0), (80.0, 256.0), (80.0, 1e4), (5.0, 64.0), (5.0, 1e4), (200.0, 64.0), (200.0, 256.0))
-"""Floor (of 255 at the largest lag but zero) and K; the authors' training point first."""
+"""Floor (of 255 at the largest lag but zero) and K; near the paper's training point (b 70, K 67) first."""
 
 EXPOSURES_S = tuple(2.0**-power for power in range(2, 10))
 EDGE_EXPOSURES_S = (1 / 8, 1 / 32, 1 / 128)

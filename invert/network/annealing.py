@@ -67,8 +67,8 @@ DATA_WEIGHT = 10.0
 """By how much the variance of what the sampler says exceeds that of a Gaussian; the best of 1, 3, 10 and 30 on edges."""
 
 BY_CHANCE = 0.1
-"""Nats that steps towards the data gain by following noise, for each pixel that the data leave free to move, were all light
-floor; less by the floor's share. Edges one pixel wide at little floor lose what the data tell of them with more, letters over a
+"""Nats that steps towards the data gain from noise alone, for each pixel that the data rather than the prior determine; times
+the floor's share of the light. Edges one pixel wide at little floor lose what the data tell of them with more, letters over a
 high floor follow the noise with less."""
 
 

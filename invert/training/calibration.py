@@ -2,7 +2,7 @@
 
 On targets held out from training, at noise of every kind, the correlation that each quality achieves is fitted by a
 logistic function of what is known without the truth (`network/confidence.py`), and the error of sizes, over the spread of the
-samples, is taken down (`invert/posterior.py`). Both go into the weights' card.
+samples, is recorded (`invert/posterior.py`). Both go into the weights' card.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         if all(observed.errors.values()):
             card["calibration"]["sizes"] = {size: np.quantile(errors, np.linspace(0.0, 1.0, QUANTILES)).tolist()
                                             for size, errors in observed.errors.items()}
-    card["calibration"]["best"] = card["calibration"]["balanced"]  # the same augmentations; more starts change little
+    card["calibration"]["best"] = card["calibration"]["balanced"]  # more starts, samples and rounds change little
     save_weights(options.weights, tensors, card)
 
 

@@ -47,7 +47,7 @@ class Batch:
 
 
 def at_noise(truth: torch.Tensor, floor: torch.Tensor | float, dof: torch.Tensor | float, rng: torch.Generator) -> Batch:
-    """Estimates of truths at a noise level, b in units of the largest lag but zero: the authors' measure (80 of 255)."""
+    """Estimates of truths at a noise level, b in units of the largest lag but zero, of which the paper gives 255ths."""
     n = len(truth)
     floor = torch.as_tensor(floor).expand(n).float()
     dof = torch.as_tensor(dof).expand(n).float()

@@ -24,7 +24,7 @@ ASCENT, ASCENT_SHARE = 3, 0.7
 """Steps towards the data after such a step, and how often they are taken."""
 
 DATA_WEIGHT = 3.0
-"""Of these steps; as `invert.network.annealing` has one."""
+"""Factor on the prior's variance in these steps; in use it is that of `invert.network.annealing`."""
 
 STRAY = 6
 """Largest shift of an object out of the middle of its window, in lags."""

@@ -1,7 +1,8 @@
 """`python -m invert.train DATASET -o WEIGHTS.safetensors`: train a network; resumes exactly.
 
 Every step's data depend on the seed and the step alone, so a run that was stopped goes on as if it had not been (to the
-last bit with the same number of threads), and several GPUs (torchrun) see together what one would.
+last bit with the same number of threads), and several GPUs (torchrun) see together what one would. Except for the
+sampler: each process keeps chains of its own, and a checkpoint holds those of the first.
 """
 
 from __future__ import annotations

@@ -13,9 +13,9 @@ TAIL_DECADES = 5.0
 """How many decades beyond the frame's own number of pixels an exponential tail must be continued to reach a hot pixel."""
 
 LINE_SIGMA = 9.0
-"""Standard deviations of a line's mean from the median of nine from which it is faulty; those of speckle reach 6. They are read
-from the largest twentieth of all, since where grains are wide most means are that median, and are a twelfth of the lines' own
-median deviation at least."""
+"""A line is faulty whose mean lies this many standard deviations off the median of the nine lines around it; speckle reaches 6.
+The deviation is that of the 95 % quantile of all differences, since most are zero where grains are wide, and at least a twelfth
+of the median deviation of all lines' means."""
 
 GLINT_PIXELS = 9
 """Hot pixels side by side from which on they are a glint, whose light fades into the speckle around it."""
