@@ -8,7 +8,7 @@ that it lowers the least misfit by a fifth.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -17,6 +17,7 @@ import torch
 
 from invert.estimate import Estimate, blurred
 from invert.likelihood import NoiseLikelihood
+from invert.methods import Reconstruction
 from invert.spectrum import Measurement, read_measurement
 
 BLURS = ((1.0, 1.0), (1.6, 1.6), (2.3, 2.3), (0.0, 1.44), (1.44, 0.0))
@@ -39,44 +40,45 @@ def likelihood_as_seen(estimate: Estimate) -> NoiseLikelihood:
     return NoiseLikelihood(read_measurement(estimate.lags, estimate.quantisation), transfer=estimate.transfer)
 
 
-def with_blur_found(estimate: Estimate, reconstructed: Callable[[Measurement, int], np.ndarray]) -> Estimate:
-    """The estimate, a blur that explains it in its `transfer` and `facts`; as it is without one, and where the blur is known.
+def with_blur_found(estimate: Estimate, reconstructed: Callable[[Measurement, int], Reconstruction]) \
+        -> tuple[Estimate, Reconstruction | None]:
+    """The estimate, a blur that explains it in its `transfer` and `facts`, and the first reconstruction made of it.
+
+    Without such a blur the estimate is as it was; where the blur is known, none is looked for and no reconstruction made.
 
     Args:
-        reconstructed: albedo (64, 64) of a measurement, zero where none is found; of another seed with each number.
+        reconstructed: of a measurement, from another seed with each number.
     """
     as_seen = read_measurement(estimate.lags, estimate.quantisation)
     if estimate.blur_pixels is not None or "patches" not in estimate.facts or not as_seen.detectable or not as_seen.noise.dof:
-        return estimate
+        return estimate, None
 
-    def attempts(tried: Estimate) -> list[torch.Tensor]:
-        """Albedos that are made as if the blur were such, up to the first that explains the estimate."""
-        seen = read_measurement(tried.lags, tried.quantisation, tried.transfer)
-        likelihood, albedos = likelihood_as_seen(tried), []
-        for number in range(TRIES):
-            albedo = torch.from_numpy(reconstructed(seen, number))
-            albedos += [albedo] if albedo.any() else []
-            if albedo.any() and likelihood.misfit(albedo) < LEAST_NATS:
-                break
-        return albedos
-
-    def misfit(tried: Estimate, albedos: list[torch.Tensor]) -> float:
+    def misfit(tried: Estimate, made: Sequence[Reconstruction]) -> float:
         likelihood = likelihood_as_seen(tried)
-        return min((likelihood.misfit(albedo) for albedo in albedos), default=np.inf)
+        return min((likelihood.misfit(torch.from_numpy(one.albedo)) for one in made if one.object_found), default=np.inf)
+
+    def attempts(tried: Estimate) -> list[Reconstruction]:
+        """Reconstructions as if the blur were such, up to the first that explains the estimate."""
+        seen, made = read_measurement(tried.lags, tried.quantisation, tried.transfer), []
+        for number in range(TRIES):
+            made.append(reconstructed(seen, number))
+            if misfit(tried, made[-1:]) < LEAST_NATS:
+                break
+        return made
 
     sharp = attempts(estimate)
     unexplained = misfit(estimate, sharp)
     if not LEAST_NATS < unexplained < np.inf:
-        return estimate
+        return estimate, sharp[0]
     patches = estimate.facts["patches"]
     tried = [blurred(estimate, (down * patches["size"] / 256, right * patches["width"] / 256)) for down, right in BLURS]
     made = [attempts(one) for one in tried]
     if unexplained - min(map(misfit, tried, made)) < max(LEAST_NATS, LEAST_SHARE * unexplained):
-        return estimate
-    # An albedo that was found with one blur may fit better with another.
-    albedos = [*sharp, *chain(*made)]
-    left = [misfit(one, albedos) for one in tried]
-    if min(left) > (1.0 - LEAST_SHARE_OF_ALL) * misfit(estimate, albedos):
-        return estimate
-    best = tried[int(np.argmin(left))]
-    return replace(best, facts=best.facts | {"blur_found_pixels": best.blur_pixels})
+        return estimate, sharp[0]
+    # What was made with one blur may fit better with another.
+    together = [*sharp, *chain(*made)]
+    left = [misfit(one, together) for one in tried]
+    if min(left) > (1.0 - LEAST_SHARE_OF_ALL) * misfit(estimate, together):
+        return estimate, sharp[0]
+    best = int(np.argmin(left))
+    return replace(tried[best], facts=estimate.facts | {"blur_found_pixels": tried[best].blur_pixels}), made[best][0]

@@ -106,9 +106,13 @@ def retrieved(estimate: Estimate, *, method: str, quality: str, weights: str | P
               device: str = "cpu", read_s: float = 0.0, progress: Progress = lambda: None) -> Result:
     """Read an estimate's noise, find a blur that the frames may have, and retrieve the albedo."""
     begin = time.perf_counter()
-    estimate = with_blur_found(estimate, lambda seen, number: retrieve(seen, "unet", "fast", seed + number, device).albedo)
+    estimate, draft = with_blur_found(estimate, lambda seen, number: retrieve(seen, "unet", "fast", seed + number, device))
     measurement = read_measurement(estimate.lags, estimate.quantisation, estimate.transfer)
-    reconstruction = retrieve(measurement, method, quality, seed, device, progress, None if weights is None else Path(weights))
+    asked = method, quality, None if weights is None else Path(weights)
+    if draft is not None and asked == ("unet", "fast", None):
+        reconstruction = draft
+    else:
+        reconstruction = retrieve(measurement, *asked[:2], seed, device, progress, asked[2])
     test = speckle_test(estimate, measurement, reconstruction.albedo) if reconstruction.object_found else None
     reconstruction, warnings = trusted(reconstruction, test, measurement, likelihood_as_seen(estimate), estimate.facts)
     seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
