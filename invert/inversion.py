@@ -108,11 +108,11 @@ def retrieved(estimate: Estimate, *, method: str, quality: str, weights: str | P
     begin = time.perf_counter()
     estimate, draft = with_blur_found(estimate, lambda seen, number: retrieve(seen, "unet", "fast", seed + number, device))
     measurement = read_measurement(estimate.lags, estimate.quantisation, estimate.transfer)
-    asked = method, quality, None if weights is None else Path(weights)
-    if draft is not None and asked == ("unet", "fast", None):
+    file = None if weights is None else Path(weights)
+    if draft is not None and (method, quality, file) == ("unet", "fast", None):
         reconstruction = draft
     else:
-        reconstruction = retrieve(measurement, *asked[:2], seed, device, progress, asked[2])
+        reconstruction = retrieve(measurement, method, quality, seed, device, progress, file)
     test = speckle_test(estimate, measurement, reconstruction.albedo) if reconstruction.object_found else None
     reconstruction, warnings = trusted(reconstruction, test, measurement, likelihood_as_seen(estimate), estimate.facts)
     seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
