@@ -40,8 +40,9 @@ def likelihood_as_seen(estimate: Estimate) -> NoiseLikelihood:
     return NoiseLikelihood(read_measurement(estimate.lags, estimate.quantisation), transfer=estimate.transfer)
 
 
-def with_blur_found(estimate: Estimate, reconstructed: Callable[[Measurement, int], Reconstruction]) \
-        -> tuple[Estimate, Reconstruction | None]:
+def with_blur_found(
+    estimate: Estimate, reconstructed: Callable[[Measurement, int], Reconstruction]
+) -> tuple[Estimate, Reconstruction | None]:
     """The estimate, a blur that explains it in its `transfer` and `facts`, and the first reconstruction made of it.
 
     Without such a blur the estimate is as it was; where the blur is known, none is looked for and no reconstruction made.
