@@ -8,6 +8,7 @@ from scipy.ndimage import gaussian_filter, uniform_filter1d
 
 import invert
 from invert.__main__ import main
+from invert.methods import retrieve
 from invert.metrics import aligned_pearson
 from radiometry.errors import InputError
 from tests.light import letter_cells, thrown
@@ -35,6 +36,7 @@ def test_a_blur_is_found_undone_and_named(kind, down, right):
         likeness = [aligned_pearson(one.albedo, letter_cells(character))[0] for one in (result, untouched)]
         gained.append(likeness[0] - likeness[1])
         found.append(result.estimate.blur_pixels)
+        assert (result.albedo == retrieve(result.measurement, "unet", "fast", 0, "cpu").albedo).all()
         assert (found[-1] is not None) == any("look blurred" in warning for warning in result.warnings)
     assert found.count(None) < 3
     assert [one for one in found if one] == [pytest.approx((down, right), abs=0.1)] * (3 - found.count(None))
@@ -47,6 +49,7 @@ def test_sharp_frames_are_not_taken_for_blurred(photons):
         result = invert.reconstruct(frames(character, "sharp", photons, seed), quality="fast", patch=PATCH)
         assert result.estimate.blur_pixels is None
         assert result.object_found
+        assert (result.albedo == retrieve(result.measurement, "unet", "fast", 0, "cpu").albedo).all()
 
 
 def test_what_is_told_of_the_blur_is_heeded(tmp_path, command):
