@@ -14,15 +14,15 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from invert.estimate import estimate_from_frames
-from invert.inversion import reconstruct
+from correlograph.files.capture import CameraFacts, Capture
+from invert.measure.estimate import estimate_from_frames
+from invert.measure.spectrum import fourier_modulus, read_measurement
 from invert.methods import retrieve
 from invert.network.checkpoints import SHIPPED, load_network
 from invert.network.inference import denoise, fuse, observation, predict
 from invert.network.paper_unet import PaperUnet
+from invert.pipeline import reconstruct
 from invert.solvers.hio import HioOptions, hio
-from invert.spectrum import fourier_modulus, read_measurement
-from radiometry.files.capture import CameraFacts, Capture
 from scenes import scene_path
 from sim.frame import Simulation
 from sim.scene_file import load_scene

@@ -13,11 +13,11 @@ import numpy as np
 import torch
 
 import sim
+from invert.albedo.metrics import aligned_pearson
+from invert.albedo.registration import centred, consensus
+from invert.measure.spectrum import read_measurement
 from invert.methods import retrieve
-from invert.metrics import aligned_pearson
-from invert.registration import centred, consensus
 from invert.solvers.hio import HioOptions, hio
-from invert.spectrum import read_measurement
 from radiometry.estimation.whole_frames import estimate_autocorrelation
 from radiometry.prediction import predict
 from sim.frame import Simulation

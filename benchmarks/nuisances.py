@@ -20,9 +20,9 @@ from scipy import ndimage
 from tqdm import tqdm
 
 import invert
+from correlograph.errors import InputError
 from data_gen.letters import letter
-from invert.metrics import aligned_pearson
-from radiometry.errors import InputError
+from invert.albedo.metrics import aligned_pearson
 
 SHAPE = (1028, 1232)
 PATCH = 257

@@ -15,10 +15,10 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
+from invert.albedo.posterior import BRIGHT, SIZES, Posterior, measured
+from invert.albedo.registration import laid_over
 from invert.evaluation.sets import NOISE_LEVELS, Case, edges, grey, shapes
 from invert.methods import retrieve
-from invert.posterior import BRIGHT, SIZES, Posterior, measured
-from invert.registration import laid_over
 
 PROBABILITIES = (0.5, 0.8, 0.95)
 BINS = np.linspace(0.0, 1.0, 6)

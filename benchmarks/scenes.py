@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from correlograph.files.frames import read_frame
 from invert.__main__ import main as invert
-from invert.metrics import aligned_pearson
-from radiometry.files.frames import read_frame
+from invert.albedo.metrics import aligned_pearson
 from radiometry.noise.level import centre_dimmed
 from scenes import scene_path
 from sim.__main__ import main as sim

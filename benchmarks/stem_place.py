@@ -20,11 +20,11 @@ import torch
 from scipy.optimize import brentq
 from tqdm import tqdm
 
-from invert.likelihood import log_likelihoods
+from correlograph.files.images import read_autocorrelation
+from invert.albedo.registration import on_grid, registered
+from invert.likelihood.gamma import log_likelihoods
+from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import retrieve
-from invert.registration import on_grid, registered
-from invert.spectrum import Measurement, read_measurement
-from radiometry.files.pictures import read_autocorrelation
 from radiometry.noise.level import NoiseLevel
 from radiometry.noise.model import draw_estimate, window_smoothed
 

@@ -8,9 +8,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from radiometry.errors import ArgumentParser, InputError, run_command
-from radiometry.ranges import SEED, SI, WORKERS, Range
-from radiometry.workers import check_scheduler, check_workers
+from correlograph.command import ArgumentParser, run_command
+from correlograph.errors import InputError
+from correlograph.ranges import SEED, SI, WORKERS, Range
+from correlograph.workers import check_scheduler, check_workers
 
 PACKAGES = ("correlograph", "matplotlib", "mitsuba", "numpy", "pillow", "scikit-image", "scipy", "torch", "zarr")
 """What a dataset's bytes depend on beside its arguments."""
@@ -41,10 +42,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Find the photographs, open the store, make the shards that are missing."""
     options = parser().parse_args(argv)
     _check(options)
+    from correlograph.files.output import sole_writer
+    from correlograph.files.store import begin, missing_parts, store_address
     from data_gen.schedule import make_shards, predicted_seconds
     from data_gen.store import PAIR_BYTES, dataset_schema
-    from radiometry.files.output import sole_writer
-    from radiometry.files.store import begin, missing_parts, store_address
 
     address = store_address(options.output)
     recipe, manifest = _recipe(options)

@@ -8,9 +8,9 @@ import numpy as np
 import torch
 import zarr
 
+from correlograph.errors import InputError
+from correlograph.files.store import Schema, arguments_of, open_whole, read_array
 from data_gen.store import dataset_schema
-from radiometry.errors import InputError
-from radiometry.files.store import Schema, arguments_of, open_whole, read_array
 
 
 def open_dataset(address: str) -> zarr.Group:

@@ -17,8 +17,8 @@ from PIL import Image
 from scipy import ndimage
 from skimage.feature import canny
 
-from radiometry.autocorrelation import OBJECT_SIDE
-from radiometry.errors import InputError
+from correlograph.errors import InputError
+from correlograph.lags import OBJECT_SIDE
 
 WINDOW = (36, 60)
 """Smallest and largest side of a crop; it lies in the target's middle."""

@@ -13,10 +13,11 @@ import numpy as np
 from PIL import Image, ImageDraw
 from scipy.ndimage import distance_transform_edt
 
+from correlograph.command import ArgumentParser, run_command
+from correlograph.errors import InputError
+from correlograph.files.output import atomic, output_folder
+from correlograph.ranges import SI
 from data_gen.fonts import dejavu_sans
-from radiometry.errors import ArgumentParser, InputError, run_command
-from radiometry.files.output import atomic, output_folder
-from radiometry.ranges import SI
 
 BITMAP_SIDE = 256
 FILL = 0.2
@@ -66,12 +67,16 @@ def save_mesh(path: Path, bitmap: np.ndarray, depth_m: float, cells: int = 64) -
         partial.write_bytes(mesh.export(file_type="ply", vertex_normal=False))
 
 
+def parser() -> ArgumentParser:
+    p = ArgumentParser(prog="python -m data_gen.letters", description="Draw characters as albedo bitmaps.")
+    p.add_argument("folder")
+    p.add_argument("characters", nargs="+", help="one character each")
+    p.add_argument("--mesh-depth-m", type=SI, help="write solid letters of this depth, G.ply, instead of bitmaps")
+    return p
+
+
 def main(argv: Sequence[str] | None = None) -> None:
-    parser = ArgumentParser(prog="python -m data_gen.letters", description="Draw characters as albedo bitmaps.")
-    parser.add_argument("folder")
-    parser.add_argument("characters", nargs="+", help="one character each")
-    parser.add_argument("--mesh-depth-m", type=SI, help="write solid letters of this depth, G.ply, instead of bitmaps")
-    options = parser.parse_args(argv)
+    options = parser().parse_args(argv)
     for character in options.characters:
         if len(character) != 1 or not character.isalnum():
             raise InputError("characters", "single letters or digits", character, "separate them by blanks")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from radiometry.estimation.whole_frames import estimate_autocorrelation
 from radiometry.noise.model import draw_estimate, expected_spectrum, window_smoothed
 from radiometry.prediction import noise_terms, predict

@@ -8,22 +8,27 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from radiometry.errors import ArgumentParser, InputError, run_command
-from radiometry.files.output import atomic
+from correlograph.command import ArgumentParser, run_command
+from correlograph.errors import InputError
+from correlograph.files.output import atomic
+from correlograph.ranges import Range
 from radiometry.noise.level import centre_dimmed
-from radiometry.ranges import Range
 
 COLUMNS = 8
 
 
+def parser() -> ArgumentParser:
+    p = ArgumentParser(prog="python -m data_gen.preview", description="Draw a contact sheet of a dataset.")
+    p.add_argument("dataset")
+    p.add_argument("-o", "--output", type=Path, help="picture; DATASET.preview.png by default")
+    p.add_argument("--rows", type=Range(1, 50), default=3)
+    return p
+
+
 def main(argv: Sequence[str] | None = None) -> None:
-    parser = ArgumentParser(prog="python -m data_gen.preview", description="Draw a contact sheet of a dataset.")
-    parser.add_argument("dataset")
-    parser.add_argument("-o", "--output", type=Path, help="picture; DATASET.preview.png by default")
-    parser.add_argument("--rows", type=Range(1, 50), default=3)
-    options = parser.parse_args(argv)
+    options = parser().parse_args(argv)
+    from correlograph.files.store import read_rows
     from data_gen.dataset import dataset_schema_of, open_dataset
-    from radiometry.files.store import read_rows
     from radiometry.noise.model import window_smoothed
 
     group = open_dataset(options.dataset)

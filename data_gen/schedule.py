@@ -7,11 +7,11 @@ from functools import partial
 
 from tqdm import tqdm
 
+from correlograph.errors import InputError
+from correlograph.workers import cluster_client
 from data_gen.store import shard_size
 from data_gen.targets import BLOCK, draw_block
 from data_gen.work import Recipe, make_shard, measure
-from radiometry.errors import InputError
-from radiometry.workers import cluster_client
 
 
 def make_shards(address: str, recipe: Recipe, shards: list[int], workers: int, scheduler: str | None) -> int:

@@ -10,8 +10,8 @@ import numpy as np
 from PIL import Image, ImageDraw
 from scipy import ndimage
 
+from correlograph.lags import OBJECT_SIDE
 from data_gen.fonts import dejavu_sans
-from radiometry.autocorrelation import OBJECT_SIDE
 
 FINE = 4
 _CANVAS = OBJECT_SIDE * FINE

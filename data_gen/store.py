@@ -2,14 +2,14 @@
 
 Arrays: `albedo` uint8 (n, 64, 64), 255 for albedo 1; `split` uint8 (n,), 0 training, 1 validation; and, unless the dataset
 holds targets only, `autocorrelation` float16 (n, 127, 127) in units of (r*r)(0), zero lag at [63, 63], `floor_over_peak` and
-`dof` float32 (n,). The manifest is the group's attributes; how a store is kept whole: `radiometry/files/store.py`.
+`dof` float32 (n,). The manifest is the group's attributes; how a store is kept whole: `correlograph/files/store.py`.
 """
 
 from __future__ import annotations
 
+from correlograph.files.store import Schema
+from correlograph.lags import LAG_SIDE, OBJECT_SIDE
 from data_gen.targets import BLOCK
-from radiometry.autocorrelation import LAG_SIDE, OBJECT_SIDE
-from radiometry.files.store import Schema
 
 PAIR_BYTES = OBJECT_SIDE * OBJECT_SIDE // 16 + 2 * LAG_SIDE * LAG_SIDE + 8
 """Bytes of a sample with its measurement, targets compressed about sixteenfold."""

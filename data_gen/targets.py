@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from correlograph.errors import InputError
+from correlograph.lags import OBJECT_SIDE
 from data_gen.edges import Photographs, edge_targets, read_luminance
 from data_gen.shapes import ALPHABET, filled, glyph, strokes
-from radiometry.autocorrelation import OBJECT_SIDE
-from radiometry.errors import InputError
 
 BLOCK = 64
 """Targets of one origin."""

@@ -9,11 +9,11 @@ import numpy as np
 import torch
 import zarr
 
+from correlograph.errors import InputError
+from correlograph.files.store import write_part
 from data_gen.measurement import SceneMeasurement, draw_noise_levels, model_measurement
 from data_gen.store import dataset_schema, shard_size
 from data_gen.targets import BLOCK, TargetSource, draw_block
-from radiometry.errors import InputError
-from radiometry.files.store import write_part
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 
 import invert
 import sim
-from invert.metrics import aligned_pearson
+from invert.albedo.metrics import aligned_pearson
 
 capture = sim.render(sim.load("corner_letter", exposure=1 / 64, albedo="R.png"), frames=2, seed=4)
 methods = ("unet", "classical", "hio", "raar", "altmin")

@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import invert
 import radiometry
 import sim
-from invert.metrics import aligned_pearson
+from invert.albedo.metrics import aligned_pearson
 
 standoffs = (0.7, 1.0, 1.5, 2.0, 3.0)
 rows = []

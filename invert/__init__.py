@@ -28,10 +28,10 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
-from radiometry.version import version
+from correlograph.version import version
 
 if TYPE_CHECKING:
-    from invert.inversion import CameraFacts, Capture, Corrections, Result, reconstruct
+    from invert.pipeline import CameraFacts, Capture, Corrections, Result, reconstruct
 
 __all__ = ["CameraFacts", "Capture", "Corrections", "Result", "reconstruct"]
 __version__ = version()

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from radiometry.errors import ArgumentParser, InputError, check_device, run_command
-from radiometry.ranges import BLUR, SEED, SI, WORKERS
-from radiometry.workers import check_scheduler, check_workers
+from correlograph.command import ArgumentParser, run_command
+from correlograph.errors import InputError, check_device
+from correlograph.ranges import BLUR, SEED, SI, WORKERS
+from correlograph.workers import check_scheduler, check_workers
 
 METHOD_CHOICES = ("unet", "classical", "hio", "raar", "er", "altmin", "twf", "taf", "mtwf", "admm-tv")
 
@@ -48,8 +49,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Find the captures; invert one, or all of them on workers."""
     options = parser().parse_args(argv)
     _check(options)
-    from invert.captures import find_captures
-    from radiometry.files.output import output_folder, sole_writer
+    from correlograph.files.output import output_folder, sole_writer
+    from invert.batch.captures import find_captures
 
     captures = find_captures(options.inputs, options.autocorrelation)
     if "" in captures:
@@ -57,7 +58,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         return
     if options.scheduler is not None:
         check_scheduler(options.scheduler)
-    from invert.many_captures import invert_captures
+    from invert.batch.many_captures import invert_captures
 
     output = output_folder(options.output)
     with sole_writer(output):
@@ -68,8 +69,8 @@ def main(argv: Sequence[str] | None = None) -> None:
 def _invert_one(request: Any, files: Sequence[Path], output: Path) -> None:
     from tqdm import tqdm
 
-    from invert.captures import invert_capture
-    from invert.inversion import steps
+    from invert.batch.captures import invert_capture
+    from invert.pipeline import steps
 
     with tqdm(total=steps(request.method, request.quality), desc=request.method, unit="it", disable=None, leave=False) as bar:
         summary = invert_capture(request, files, output, bar.update)
@@ -79,9 +80,9 @@ def _invert_one(request: Any, files: Sequence[Path], output: Path) -> None:
 
 
 def _request(options: Any) -> Any:
-    from invert.captures import Request
-    from radiometry.files.capture import CameraFacts
-    from radiometry.files.corrections import Corrections
+    from correlograph.files.capture import CameraFacts
+    from correlograph.files.corrections import Corrections
+    from invert.batch.captures import Request
 
     dark, flat, mask, weights, truth = (path and path.resolve() for path in (options.dark, options.flat, options.mask,
                                                                              options.weights, options.truth))
@@ -107,7 +108,7 @@ def _patch(text: str) -> Any:
     """Patch size in pixels, None for auto, or fit."""
     if text in ("auto", "fit"):
         return None if text == "auto" else text
-    from invert.estimate import PATCH
+    from invert.measure.estimate import PATCH
 
     try:
         size = int(text)

@@ -15,10 +15,10 @@ from itertools import chain
 import numpy as np
 import torch
 
-from invert.estimate import Estimate, blurred
-from invert.likelihood import NoiseLikelihood
+from invert.likelihood.gamma import NoiseLikelihood
+from invert.measure.estimate import Estimate, blurred
+from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction
-from invert.spectrum import Measurement, read_measurement
 
 BLURS = ((1.0, 1.0), (1.6, 1.6), (2.3, 2.3), (0.0, 1.44), (1.44, 0.0))
 """Tried, in 1 / 256 of a patch: deviations of a Gaussian down and right; the last two are those of motion by five."""

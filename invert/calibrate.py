@@ -1,9 +1,6 @@
-"""`python -m invert.calibrate`: calibrate a network's confidence; see `training/calibration.py`."""
+"""`python -m invert.calibrate`: calibrate the confidence of a network; the command is `invert.training.calibration`."""
 
-from invert.training.calibration import main
-from radiometry.errors import run_command
-
-__all__ = ["main"]
+from correlograph.command import run_module
 
 if __name__ == "__main__":
-    run_command(main)
+    run_module("invert.training.calibration")

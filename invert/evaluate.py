@@ -1,9 +1,6 @@
-"""`python -m invert.evaluate`: compare methods on test sets; see `evaluation/evaluate.py`."""
+"""`python -m invert.evaluate`: compare methods on test sets; the command is `invert.evaluation.evaluate`."""
 
-from invert.evaluation.evaluate import main
-from radiometry.errors import run_command
-
-__all__ = ["main"]
+from correlograph.command import run_module
 
 if __name__ == "__main__":
-    run_command(main)
+    run_module("invert.evaluation.evaluate")

@@ -8,15 +8,16 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from correlograph.lags import OBJECT_SIDE
+from invert.albedo.posterior import Posterior, posterior
+from invert.albedo.registration import centred, consensus, normalised
+from invert.likelihood.refinement import refined
+from invert.measure.spectrum import Measurement
 from invert.network.checkpoints import SHIPPED, load_network
 from invert.network.confidence import UNCALIBRATED, confidence
 from invert.network.inference import RETRIEVAL, reconstruct_by_network
-from invert.posterior import Posterior, posterior
-from invert.refinement import refined
-from invert.registration import OBJECT, centred, consensus, normalised
 from invert.solvers.base import Progress
 from invert.solvers.registry import method_options, solve
-from invert.spectrum import Measurement
 
 BACKGROUND = 0.01
 """Of the largest albedo, subtracted from the mean of many albedos, each with noise of its own: it costs .002 in correlation and
@@ -46,7 +47,7 @@ class Reconstruction:
     posterior: Posterior | None = None
 
 
-NOTHING = Reconstruction(np.zeros((OBJECT, OBJECT), np.float32), False, 0.0, None)
+NOTHING = Reconstruction(np.zeros((OBJECT_SIDE, OBJECT_SIDE), np.float32), False, 0.0, None)
 
 
 def iterations(method: str, quality: str) -> int:

@@ -1,9 +1,6 @@
-"""`python -m invert.train`: train a network; see `training/train.py`."""
+"""`python -m invert.train`: train a network; the command is `invert.training.train`."""
 
-from invert.training.train import main
-from radiometry.errors import run_command
-
-__all__ = ["main"]
+from correlograph.command import run_module
 
 if __name__ == "__main__":
-    run_command(main)
+    run_module("invert.training.train")

@@ -1,9 +1,6 @@
-"""`python -m invert.warm_starts`: classical reconstructions to train the fusion with; see `training/warm_starts.py`."""
+"""`python -m invert.warm_starts`: precompute classical reconstructions for training; the command is `invert.training.warm_starts`."""
 
-from invert.training.warm_starts import main
-from radiometry.errors import run_command
-
-__all__ = ["main"]
+from correlograph.command import run_module
 
 if __name__ == "__main__":
-    run_command(main)
+    run_module("invert.training.warm_starts")

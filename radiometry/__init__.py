@@ -21,18 +21,11 @@
 Everything else builds on this package; but for its commands (__main__.py, plan.py, validate.py) it imports none of the others.
 """
 
-import os
-import sys
 from typing import TYPE_CHECKING
 
 import lazy_loader
 
-from radiometry.errors import exit_at_once_when_interrupted
-
-if sys.argv[0] == "-m":  # a command: while libraries load, Ctrl-C would end in their tracebacks
-    exit_at_once_when_interrupted()
-
-from radiometry.version import version
+from correlograph.version import version
 
 if TYPE_CHECKING:
     from radiometry.scene_budget import Forecast, light_budget, predict
@@ -40,6 +33,3 @@ if TYPE_CHECKING:
 __all__ = ["Forecast", "light_budget", "predict"]
 __version__ = version()
 __getattr__, __dir__, _ = lazy_loader.attach(__name__, submod_attrs={"scene_budget": __all__})
-
-# torch's threads busy-wait for one another; on shared cores that slows two jobs tenfold. Set before torch loads.
-os.environ.setdefault("GOMP_SPINCOUNT", "1000")

@@ -8,16 +8,8 @@ from functools import lru_cache
 import numpy as np
 import torch
 
-from radiometry.errors import InputError
-
-LAGS = 63
-"""Largest lag kept on either side of zero: estimates are 127 x 127, zero lag at [63, 63]."""
-
-LAG_SIDE = 2 * LAGS + 1
-"""Side of an estimate."""
-
-OBJECT_SIDE = LAGS + 1
-"""Side of an albedo on the lag grid."""
+from correlograph.errors import InputError
+from correlograph.lags import LAG_SIDE, LAGS
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from radiometry.errors import InputError, positive
+from correlograph.errors import InputError, positive
 from radiometry.noise.budget import estimate_error
 from radiometry.noise.level import INDEPENDENT, fit_known_signal
 from radiometry.prediction import Prediction, predict

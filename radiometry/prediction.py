@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from correlograph.lags import LAGS
 from radiometry.autocorrelation import (
-    LAGS,
     PatchGrid,
     autocorrelate,
     automatic_patch_size,

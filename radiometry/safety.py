@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from radiometry.errors import InputError, positive
+from correlograph.errors import InputError, positive
 
 AVERSION_S = 0.25
 """Time after which the eye turns away from visible light."""

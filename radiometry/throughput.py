@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from radiometry.errors import InputError, positive
+from correlograph.errors import InputError, positive
 from radiometry.photons import decibel, photon_rate
 
 

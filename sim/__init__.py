@@ -22,33 +22,39 @@ Importing it sets a Mitsuba variant (unless one is set) and registers the plugin
 """
 
 import sys
+from functools import cache
 from typing import TYPE_CHECKING
 
 import lazy_loader
 
-from radiometry.errors import InputError
-from radiometry.version import version
-from sim.variant import activate_variant
-
-try:
-    VARIANT = activate_variant()
-except InputError as error:
-    if sys.argv[0] == "-m":  # `python -m sim` imports the package before its command could catch this
-        sys.stderr.write(f"error: {error}\n")
-        raise SystemExit(2) from None
-    raise
+from correlograph.version import version
 
 if TYPE_CHECKING:
     from sim.plan import Settings
     from sim.scene import Scene, load, render, wall_field
 
-from sim.integrators import register_integrators  # (these two need the variant)
-from sim.plugins import register_plugins
-
-register_plugins()
-register_integrators()
-
-__all__ = ["Scene", "Settings", "load", "render", "wall_field"]
+__all__ = ["Scene", "Settings", "activate", "load", "render", "wall_field"]
 __version__ = version()
 __getattr__, __dir__, _ = lazy_loader.attach(__name__, submod_attrs={"plan": ["Settings"],
                                                                      "scene": ["Scene", "load", "render", "wall_field"]})
+
+
+@cache
+def activate() -> str:
+    """Set a Mitsuba variant, unless one is set, and register the plugins; return the variant.
+
+    Raises InputError if no variant can run on this machine.
+    """
+    from sim.variant import activate_variant
+
+    variant = activate_variant()
+    from sim.integrators import register_integrators  # these two need the variant
+    from sim.plugins import register_plugins
+
+    register_plugins()
+    register_integrators()
+    return variant
+
+
+if sys.argv[0] != "-m":  # `python -m sim` imports the package before its command can report an error
+    activate()

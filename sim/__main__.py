@@ -7,8 +7,9 @@ import sys
 import time
 from collections.abc import Sequence
 
-from radiometry.errors import ArgumentParser, InputError, check_device, run_command
-from radiometry.ranges import FRAMES, SEED, SI
+from correlograph.command import ArgumentParser, run_command
+from correlograph.errors import InputError, check_device
+from correlograph.ranges import FRAMES, SEED, SI
 
 KERNELS = ("fraunhofer", "fresnel", "nufft", "direct")
 SATURATION_WORTH_A_WARNING = 1e-3
@@ -42,6 +43,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Load, plan, render, write."""
     options = parser().parse_args(argv)
     _check(options)
+    from sim import activate
+
+    activate()
     from sim.effects import parse_effects
     from sim.plan import Settings
     from sim.plan_report import as_json, summary
@@ -75,9 +79,9 @@ def _render(scene, plan, content, options) -> None:
     """Draw every frame into a hidden folder, then move all at once: a stopped run leaves an older capture whole."""
     from tqdm import tqdm
 
-    from radiometry.files.capture_folder import frame_path, replace_capture, staged
-    from radiometry.files.frames import write_frame
-    from radiometry.files.output import output_folder, save_array, save_json
+    from correlograph.files.capture_folder import frame_path, replace_capture, staged
+    from correlograph.files.frames import write_frame
+    from correlograph.files.output import output_folder, save_array, save_json
     from sim.scene import draw, header, lag_grid_albedo, record, saturation
 
     folder = output_folder(options.output)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from radiometry.noise.budget import NoiseTerms
 from sim.geometry import Geometry
 from sim.optics.coherence import lost_contrast

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from radiometry.throughput import light_budget
 from sim.effects import remaining_electronics
 from sim.geometry import Geometry

@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from scipy.constants import Planck, speed_of_light
 
-from radiometry.autocorrelation import LAGS
+from correlograph.lags import LAGS
 
 Tensor = torch.Tensor
 

@@ -5,8 +5,13 @@ from __future__ import annotations
 import glob
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 
-ENOUGH = 17
+NAME = "DRJIT_LIBLLVM_PATH"
+"""Environment variable that selects a libLLVM."""
+
+MIN_LLVM_VERSION = 17
 """Dr.Jit's minimum and maximum need this version on x86; spheres, smooth meshes, masks and microfacets use them."""
 
 _PLACES = ("/usr/lib/*/libLLVM*.so*", "/usr/lib64/libLLVM*.so*", "/usr/lib/llvm-*/lib/libLLVM*.so*",
@@ -29,8 +34,15 @@ def newest() -> tuple[str, int] | None:
     return (versions[-1][1], versions[-1][0]) if versions else None
 
 
-def prefer_newest() -> None:
-    """Point Dr.Jit to the newest libLLVM; to be called before Dr.Jit first compiles."""
+@contextmanager
+def newest_preferred() -> Iterator[None]:
+    """Let Dr.Jit load the newest libLLVM while the block runs; the environment is unchanged afterwards."""
     best = newest()
-    if "DRJIT_LIBLLVM_PATH" not in os.environ and best is not None and best[1] >= ENOUGH:
-        os.environ["DRJIT_LIBLLVM_PATH"] = best[0]
+    if NAME in os.environ or best is None or best[1] < MIN_LLVM_VERSION:
+        yield
+        return
+    os.environ[NAME] = best[0]
+    try:
+        yield
+    finally:
+        del os.environ[NAME]

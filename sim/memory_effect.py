@@ -21,7 +21,7 @@ import numpy as np
 import torch
 from scipy.fft import next_fast_len
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from radiometry.prediction import patches_of
 from radiometry.throughput import light_budget
 from sim.geometry import Geometry

@@ -10,17 +10,22 @@ from pathlib import Path
 
 import numpy as np
 
-from radiometry.errors import ArgumentParser, InputError, run_command
-from radiometry.files.output import atomic
-from radiometry.ranges import SI
+from correlograph.command import ArgumentParser, run_command
+from correlograph.errors import InputError
+from correlograph.files.output import atomic
+from correlograph.ranges import SI
+
+
+def parser() -> ArgumentParser:
+    p = ArgumentParser(prog="python -m sim.mesh", description="Convert a mesh to PLY, in metres, for a scene.")
+    p.add_argument("input", type=Path)
+    p.add_argument("output", type=Path)
+    p.add_argument("--unit-m", type=SI, default=1.0, help="metres per unit of the input (0.001 for millimetres)")
+    return p
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    parser = ArgumentParser(prog="python -m sim.mesh", description="Convert a mesh to PLY, in metres, for a scene.")
-    parser.add_argument("input", type=Path)
-    parser.add_argument("output", type=Path)
-    parser.add_argument("--unit-m", type=SI, default=1.0, help="metres per unit of the input (0.001 for millimetres)")
-    options = parser.parse_args(argv)
+    options = parser().parse_args(argv)
     if options.output.suffix.lower() != ".ply":
         raise InputError("output", "a name that ends in .ply", options.output, "rename it")
     if not options.input.is_file():

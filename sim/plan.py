@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from radiometry.prediction import Prediction, patches_of, predict
 from radiometry.throughput import light_budget
 from sim.effects import Effect, decide

@@ -11,12 +11,12 @@ import mitsuba as mi
 import numpy as np
 import torch
 
-from radiometry.errors import InputError, check_device
-from radiometry.files.capture import CameraFacts, Capture
-from radiometry.files.frames import FrameHeader
+from correlograph.errors import InputError, check_device
+from correlograph.files.capture import CameraFacts, Capture
+from correlograph.files.frames import FrameHeader
+from correlograph.ranges import FRAMES, SEED
+from correlograph.version import version
 from radiometry.prediction import patches_of
-from radiometry.ranges import FRAMES, SEED
-from radiometry.version import version
 from sim.frame import Simulation
 from sim.geometry import Geometry
 from sim.plan import Plan, Settings

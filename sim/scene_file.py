@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import mitsuba as mi
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from sim.plugins import refusals
 from sim.variant import check_loadable
 

@@ -8,8 +8,8 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from radiometry.autocorrelation import LAG_SIDE
-from radiometry.errors import InputError, memory_bytes
+from correlograph.errors import InputError, memory_bytes
+from correlograph.lags import LAG_SIDE
 from radiometry.throughput import LightPath, closed_form
 from sim.geometry import Geometry, Spot
 from sim.plugins.laser import Laser

@@ -6,11 +6,9 @@ import re
 from pathlib import Path
 from xml.etree import ElementTree
 
-from radiometry.errors import InputError
-from radiometry.files.output import silenced
-from sim.libllvm import ENOUGH, prefer_newest, version_of
-
-prefer_newest()
+from correlograph.errors import InputError
+from correlograph.files.output import silenced
+from sim.libllvm import MIN_LLVM_VERSION, newest_preferred, version_of
 
 with silenced():  # a missing libLLVM is told by `activate_variant`, on one line
     import drjit as dr
@@ -22,11 +20,13 @@ def activate_variant() -> str:
 
     Raises InputError when the variant set is not a vectorised one, or when libLLVM is missing.
     """
+    with newest_preferred():
+        has_cuda, has_llvm = (dr.has_backend(backend) for backend in (dr.JitBackend.CUDA, dr.JitBackend.LLVM))
     current = mi.variant()
     if current is None:
-        if dr.has_backend(dr.JitBackend.CUDA):
+        if has_cuda:
             mi.set_variant("cuda_ad_mono")
-        elif dr.has_backend(dr.JitBackend.LLVM):
+        elif has_llvm:
             mi.set_variant("llvm_ad_mono")
         else:
             raise InputError("libLLVM", "a system libLLVM (or a CUDA GPU) for Mitsuba to compile with", "neither",
@@ -55,7 +55,7 @@ def llvm_major() -> int | None:
 def _old_llvm() -> int | None:
     """The version in use if it is too old to compile all of Mitsuba."""
     major = llvm_major()
-    return major if major is not None and major < ENOUGH and mi.variant().startswith("llvm") else None
+    return major if major is not None and major < MIN_LLVM_VERSION and mi.variant().startswith("llvm") else None
 
 
 DEEPEST = 40
@@ -82,7 +82,7 @@ def check_loadable(root: ElementTree.Element) -> None:
     for node in root.iter("shape"):
         flat = any(child.get("name") == "face_normals" and child.get("value") == "true" for child in node)
         if major and node.get("type") in ("ply", "obj") and not flat:
-            raise InputError(node.get("id", "shape"), f"libLLVM {ENOUGH} or newer for a mesh with smooth normals",
+            raise InputError(node.get("id", "shape"), f"libLLVM {MIN_LLVM_VERSION} or newer for a mesh with smooth normals",
                              f"libLLVM {major}", "'apt-get install libllvm19', or give the mesh "
                              '<boolean name="face_normals" value="true"/>')
 
@@ -98,12 +98,12 @@ def check_compilable(scene: mi.Scene) -> None:
     for emitter in scene.emitters():
         kind = emitter.class_name()
         if kind not in _PLAIN_EMITTERS:
-            raise InputError(emitter.id() or "emitter", f"libLLVM {ENOUGH} or newer to compile a {kind}",
+            raise InputError(emitter.id() or "emitter", f"libLLVM {MIN_LLVM_VERSION} or newer to compile a {kind}",
                              f"libLLVM {major}", "'apt-get install libllvm19', or use area, point and spot emitters")
     for shape in scene.shapes():
         culprits = sorted(set(re.findall(r"([A-Za-z]\w*(?: BSDF)?)\s*[\[:]\n", f"{shape.bsdf()}\n")) - _PLAIN_SURFACES)
         if not shape.is_mesh():
             culprits.append(shape.class_name())
         for culprit in culprits:
-            raise InputError(shape.id() or "shape", f"libLLVM {ENOUGH} or newer to compile a {culprit}",
+            raise InputError(shape.id() or "shape", f"libLLVM {MIN_LLVM_VERSION} or newer to compile a {culprit}",
                              f"libLLVM {major}", "'apt-get install libllvm19', or use meshes and diffuse surfaces")

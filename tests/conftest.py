@@ -46,7 +46,7 @@ def letter_simulation():
 @pytest.fixture
 def command(capsys):
     """Run a command's main as a shell would; returns (exit code, stdout, stderr)."""
-    from radiometry.errors import run_command
+    from correlograph.command import run_command
 
     def run(main, *arguments) -> tuple[int, str, str]:
         capsys.readouterr()

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from radiometry.files.output import save_array, save_json
+from correlograph.files.output import save_array, save_json
 
 FORMAT = 2
 

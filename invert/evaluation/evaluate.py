@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from correlograph.command import ArgumentParser
+from correlograph.errors import InputError
+from correlograph.ranges import FRAMES, SEED, Range
 from invert.evaluation.cells import Cell, read_cell, write_cell
-from radiometry.errors import ArgumentParser, InputError
-from radiometry.ranges import FRAMES, SEED, Range
 
 SETS = ("edges", "shapes", "grey", "rendered", "rendered-edges", "measured")
 CHARACTER_SETS = ("rendered", "measured 7", "measured letters")
@@ -45,8 +46,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     methods = _check(options)
     from tqdm import tqdm
 
+    from correlograph.files.output import output_folder, sole_writer
     from invert.evaluation.report import write_report
-    from radiometry.files.output import output_folder, sole_writer
 
     levels = _levels(options)
     levels = chain([next(levels)], levels)  # what cannot be had is refused before a folder is made
@@ -92,10 +93,10 @@ def _cell(cells: Path, level: Any, name: str, settings: dict[str, Any], options:
 
 def _scored(level: Any, case: Any, settings: dict[str, Any], options: Any) -> tuple[dict[str, Any], np.ndarray]:
     """Scores of one case, and its albedo."""
+    from invert.albedo.metrics import agreement, score
     from invert.evaluation.identification import identify
-    from invert.likelihood import nats_over
+    from invert.likelihood.gamma import nats_over
     from invert.methods import retrieve
-    from invert.metrics import agreement, score
 
     begin = time.perf_counter()
     found = retrieve(case.measurement, seed=options.seed, device=options.device, **settings)

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from PIL import Image, ImageDraw
 
+from correlograph.lags import OBJECT_SIDE
 from data_gen.fonts import dejavu_sans
-from invert.registration import correlation_maps, on_grid
-from radiometry.autocorrelation import OBJECT_SIDE
+from invert.albedo.registration import correlation_maps, on_grid
 
 CHARACTERS = string.ascii_uppercase + string.digits + "abdefghnqrty"
 """Capitals, digits and the small letters that are not a smaller copy of their capital."""

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from correlograph.files.output import atomic, save_json
+from invert.albedo.metrics import bootstrap_error
 from invert.evaluation.cells import Cell
-from invert.metrics import bootstrap_error
-from radiometry.files.output import atomic, save_json
 
 SCORES = ("pearson", "ssim", "iou", "edge_f1", "psnr_db", "success", "agreement", "nats", "recognised")
 
@@ -103,7 +103,7 @@ def _save_panels(path: Path, results: list[Cell]) -> None:
     """The first case of each level: truth above, one row a method."""
     from matplotlib.figure import Figure
 
-    from invert.metrics import aligned_pearson
+    from invert.albedo.metrics import aligned_pearson
 
     levels = list(dict.fromkeys(result.asked["level"] for result in results))
     methods = list(dict.fromkeys(result.asked["method"] for result in results))

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import torch
 
+from correlograph.errors import InputError
+from correlograph.files.images import read_autocorrelation
+from correlograph.lags import OBJECT_SIDE
+from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import retrieve
-from invert.spectrum import Measurement, read_measurement
 from invert.training.data import at_noise
-from radiometry.autocorrelation import OBJECT_SIDE
-from radiometry.errors import InputError
 from radiometry.estimation.whole_frames import Mean
-from radiometry.files.pictures import read_autocorrelation
 
 NOISE_LEVELS = ((80.0, 64.0), (80.0, 16.0), (80.0, 256.0), (80.0, 1e4), (5.0, 64.0), (5.0, 1e4), (200.0, 64.0), (200.0, 256.0))
 """Floor (of 255 at the largest lag but zero) and K; near the paper's training point (b 70, K 67) first."""

@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 
 import torch
 
+from correlograph.lags import OBJECT_SIDE
+from invert.albedo.registration import centred, normalised, padded
 from invert.network.features import Observation, mean_about_zero_lag, without_zero_lag
 from invert.network.fisher_scoring import LARGEST, Likelihood, towards_data
 from invert.network.sampler import Sampler, posterior_variance
-from invert.registration import OBJECT, centred, normalised, padded
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ def posterior_samples(sampler: Sampler, seen: Observation, inflation: float, can
     data, expected = replace(seen, dof=seen.dof / inflation), []
     candidates = after_data(_repeated(data, len(candidates)), candidates, seen.dof.new_full((len(candidates),), PROPOSED),
                             options.ascent)
-    nothing = torch.zeros(options.samples, OBJECT, OBJECT, device=seen.estimate.device)
+    nothing = torch.zeros(options.samples, OBJECT_SIDE, OBJECT_SIDE, device=seen.estimate.device)
     drawn, _ = annealed(sampler, seen, data, nothing, replace(options, **BEGINNING), rng)
     for number in range(options.rounds):
         others = candidates[:0] if number else candidates

@@ -13,11 +13,11 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import nn
 
+from correlograph.errors import InputError
+from correlograph.files.output import atomic
 from invert.network.confidence import is_calibration
 from invert.network.model import CorrelographyNet
 from invert.network.paper_unet import PaperModulusUnet, PaperUnet
-from radiometry.errors import InputError
-from radiometry.files.output import atomic
 
 SHIPPED = Path(__file__).parents[1] / "weights" / "unet.safetensors"
 

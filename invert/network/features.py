@@ -7,8 +7,7 @@ from dataclasses import dataclass, fields
 import torch
 from torch.nn import functional
 
-from invert.registration import OBJECT
-from radiometry.autocorrelation import LAGS
+from correlograph.lags import LAGS, OBJECT_SIDE
 
 LAG_CHANNELS = 2 * 2 * 4 + 2 + 2
 """Two maps and their mirror images, 2 x 2 lags to 4 channels; two numbers; two coordinates."""
@@ -43,7 +42,7 @@ class Observation:
     @classmethod
     def bare(cls, estimate: torch.Tensor, floor: torch.Tensor, dof: torch.Tensor) -> Observation:
         """Estimates alone, the rest left at zero."""
-        pictures = estimate.new_zeros(len(estimate), PICTURES, OBJECT, OBJECT)
+        pictures = estimate.new_zeros(len(estimate), PICTURES, OBJECT_SIDE, OBJECT_SIDE)
         return cls(estimate, floor, dof, torch.zeros_like(estimate), pictures)
 
     def __len__(self) -> int:

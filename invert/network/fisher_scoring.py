@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import torch
 
-from invert.likelihood import LEAST_FLOOR, PEDESTAL, likeliest_brightnesses
+from correlograph.lags import OBJECT_SIDE
+from invert.likelihood.gamma import LEAST_FLOOR, PEDESTAL, likeliest_brightnesses
 from invert.network.features import DOF_RANGE, Observation, without_zero_lag, zero_lag_first
-from invert.registration import OBJECT
 from radiometry.autocorrelation import window_kernel
 from radiometry.noise.level import INDEPENDENT, RING
 
-_SIDE = 2 * OBJECT
+_SIDE = 2 * OBJECT_SIDE
 
 
 def _half(lags: torch.Tensor) -> torch.Tensor:
     """Lags (n, 127, 127), zero lag in the middle, of rows 0 to 63, zero lag first, (n, 64, 128); the others mirror these."""
-    return zero_lag_first(lags)[..., :OBJECT, :]
+    return zero_lag_first(lags)[..., :OBJECT_SIDE, :]
 
 
 _USED = _half(torch.from_numpy((RING > 1) & INDEPENDENT).float()[None])
 _PEDESTAL = _half(PEDESTAL.float()[None])
 _RESPONSE = torch.fft.fft(zero_lag_first(torch.from_numpy(window_kernel())[None])[0, :, 0]).real
-_WINDOW = torch.outer(_RESPONSE, _RESPONSE[: OBJECT + 1]).float()
+_WINDOW = torch.outer(_RESPONSE, _RESPONSE[: OBJECT_SIDE + 1]).float()
 """By which patches multiply the spectrum of r*r, (128, 65)."""
 
 LARGEST = 1.2
@@ -32,7 +32,7 @@ LONGEST = 1.0
 
 
 class Likelihood:
-    """That of `invert.likelihood`, for n estimates at once."""
+    """That of `invert.likelihood.gamma`, for n estimates at once."""
 
     def __init__(self, seen: Observation) -> None:
         estimate = without_zero_lag(seen.estimate)
@@ -92,7 +92,7 @@ class Score:
 
     def _smoothed(self, power: torch.Tensor) -> torch.Tensor:
         """Half of the lags of a power spectrum (n, 128, 65), as patches show them."""
-        return torch.fft.irfft2(power * self._window, s=(_SIDE, _SIDE))[..., :OBJECT, :]
+        return torch.fft.irfft2(power * self._window, s=(_SIDE, _SIDE))[..., :OBJECT_SIDE, :]
 
     def _in_picture(self, lags: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
         """Half of the lags, smoothed, with the other half convolved with pictures given by their spectra; (n, 64, 64).
@@ -100,7 +100,7 @@ class Score:
         d (r*r)(lag) / d r(x) = r(x + lag) + r(x - lag).
         """
         both = 2.0 * self._window * torch.fft.rfft2(lags, s=(_SIDE, _SIDE)).real
-        return torch.fft.irfft2(both * spectrum, s=(_SIDE, _SIDE))[..., :OBJECT, :OBJECT]
+        return torch.fft.irfft2(both * spectrum, s=(_SIDE, _SIDE))[..., :OBJECT_SIDE, :OBJECT_SIDE]
 
 
 def towards_data(seen: Observation, albedo: torch.Tensor, variance: torch.Tensor, steps: int,

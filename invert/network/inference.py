@@ -10,15 +10,15 @@ import numpy as np
 import torch
 from torch import nn
 
+from invert.albedo.registration import Consensus, centred, consensus, normalised, padded, registered
+from invert.measure.spectrum import Measurement, denoised_modulus, fourier_modulus
 from invert.network.annealing import ANNEALING, posterior_samples
 from invert.network.confidence import ConfidenceFeatures, with_one_more
 from invert.network.features import Observation
 from invert.network.model import CorrelographyNet
-from invert.network.overview import overview
-from invert.registration import Consensus, centred, consensus, normalised, padded, registered
+from invert.network.retrieval_summary import overview
 from invert.solvers.base import Candidates, Progress
 from invert.solvers.hio import HioOptions, hio
-from invert.spectrum import Measurement, denoised_modulus, fourier_modulus
 
 Transform = Callable[[torch.Tensor], torch.Tensor]
 

@@ -7,6 +7,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from invert.albedo.registration import laid_over
 from invert.network.blocks import GROUPS, Decoder, Unet
 from invert.network.features import (
     FUSION_CHANNELS,
@@ -21,7 +22,6 @@ from invert.network.features import (
     whole_plane,
 )
 from invert.network.sampler import Sampler
-from invert.registration import laid_over
 
 
 class Denoiser(nn.Module):

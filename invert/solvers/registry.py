@@ -7,7 +7,8 @@ from typing import Any
 
 import torch
 
-from invert.registration import OBJECT
+from correlograph.lags import OBJECT_SIDE
+from invert.measure.spectrum import Measurement, fourier_modulus
 from invert.solvers.admm_tv import AdmmTvOptions, admm_tv
 from invert.solvers.altmin import AltMinOptions, altmin
 from invert.solvers.base import Candidates, Progress
@@ -17,7 +18,6 @@ from invert.solvers.mtwf import MTWF_OPTIONS, mtwf
 from invert.solvers.raar import RaarOptions, raar
 from invert.solvers.taf import TafOptions, taf
 from invert.solvers.twf import TwfOptions, twf
-from invert.spectrum import Measurement, fourier_modulus
 
 METHODS: dict[str, tuple[Any, Any]] = {
     "classical": (hio, HioOptions()),
@@ -47,7 +47,7 @@ def method_options(method: str, quality: str) -> Any:
 def solve(measurement: Measurement, method: str, quality: str, seed: int, device: str,
           progress: Progress = lambda: None) -> Candidates:
     """Reconstructions (starts, 128, 128) of a measurement."""
-    box = measurement.box if method == "classical" else OBJECT
+    box = measurement.box if method == "classical" else OBJECT_SIDE
     rng = torch.Generator(device=device).manual_seed(seed)
     modulus = fourier_modulus(measurement).to(device)
     return METHODS[method][0](modulus, box, rng, method_options(method, quality), progress)

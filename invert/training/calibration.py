@@ -2,7 +2,7 @@
 
 On targets held out from training, at noise of every kind, the correlation that each quality achieves is fitted by a
 logistic function of what is known without the truth (`network/confidence.py`), and the error of sizes, over the spread of the
-samples, is recorded (`invert/posterior.py`). Both go into the weights' card.
+samples, is recorded (`invert/albedo/posterior.py`). Both go into the weights' card.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import torch
 from scipy.optimize import minimize
 from scipy.special import expit
 
+from correlograph.command import ArgumentParser
+from correlograph.ranges import SEED, Range
+from invert.albedo.posterior import SIZES, Spread, measured, posterior
 from invert.network.confidence import confidence
-from invert.posterior import SIZES, Spread, measured, posterior
 from invert.training.data import Batch, varied
-from radiometry.errors import ArgumentParser
-from radiometry.ranges import SEED, Range
 
 RIDGE = 1e-2
 
@@ -37,13 +37,17 @@ class Observed:
     errors: dict[str, list[float]]
 
 
+def parser() -> ArgumentParser:
+    p = ArgumentParser(prog="python -m invert.calibrate", description="Calibrate the confidence of a network.")
+    p.add_argument("weights", type=Path)
+    p.add_argument("targets", help="dataset made by python -m data_gen")
+    p.add_argument("--count", type=Range(20, 100_000), default=200)
+    p.add_argument("--seed", type=SEED, default=0)
+    return p
+
+
 def main(argv: Sequence[str] | None = None) -> None:
-    parser = ArgumentParser(prog="python -m invert.calibrate", description="Calibrate the confidence of a network.")
-    parser.add_argument("weights", type=Path)
-    parser.add_argument("targets", help="dataset made by python -m data_gen")
-    parser.add_argument("--count", type=Range(20, 100_000), default=200)
-    parser.add_argument("--seed", type=SEED, default=0)
-    options = parser.parse_args(argv)
+    options = parser().parse_args(argv)
     from data_gen.dataset import load_targets
     from invert.network.checkpoints import read_weights, save_weights
 
@@ -69,10 +73,10 @@ def _observe(batch: Batch, weights: Path, quality: str) -> Observed:
     """Reconstructions of all estimates of a batch that show an object, beside their truths."""
     from tqdm import tqdm
 
+    from invert.measure.spectrum import read_measurement
     from invert.methods import finished
     from invert.network.checkpoints import load_network
     from invert.network.inference import reconstruct_by_network
-    from invert.spectrum import read_measurement
     from invert.training.losses import registered_pearson
 
     network, _ = load_network(weights)

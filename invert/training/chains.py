@@ -10,14 +10,14 @@ import math
 
 import torch
 
+from correlograph.lags import LAGS, OBJECT_SIDE
+from invert.albedo.registration import laid_over
 from invert.network.annealing import ANNEALING, after_data, less_noisy, level_at
 from invert.network.features import Observation
 from invert.network.fisher_scoring import LARGEST
 from invert.network.sampler import SPREAD
-from invert.registration import OBJECT, laid_over
 from invert.training.data import Batch
 from invert.training.denoising import MOST, Task, in_sums
-from radiometry.autocorrelation import LAGS
 
 CHAINS = 128
 """Kept at a time; each step of training moves some of them on by one step of annealing."""
@@ -44,7 +44,7 @@ class Chains:
     """
 
     def __init__(self) -> None:
-        lags, pictures = (CHAINS, 2 * LAGS + 1, 2 * LAGS + 1), (CHAINS, OBJECT, OBJECT)
+        lags, pictures = (CHAINS, 2 * LAGS + 1, 2 * LAGS + 1), (CHAINS, OBJECT_SIDE, OBJECT_SIDE)
         shapes = {"estimate": lags, "floor": (CHAINS,), "dof": (CHAINS,), "truth": pictures, "noisy": pictures,
                   "albedo": pictures, "first": (CHAINS,), "steps": (CHAINS,), "done": (CHAINS,), "left": (CHAINS,)}
         self.state = {name: torch.zeros(shape) for name, shape in shapes.items()}

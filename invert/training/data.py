@@ -8,10 +8,10 @@ import numpy as np
 import torch
 from torch.nn import functional
 
+from correlograph.lags import LAGS
+from invert.albedo.registration import normalised
 from invert.network.features import Observation
-from invert.registration import normalised
 from invert.training.denoising import Draws, moved
-from radiometry.autocorrelation import LAGS
 from radiometry.noise.level import OUTERMOST, RING
 from radiometry.noise.model import draw_estimate, window_smoothed
 

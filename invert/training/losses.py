@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import torch
 
+from correlograph.lags import LAGS, OBJECT_SIDE
 from invert.network.features import zero_lag_first
-from invert.registration import OBJECT
-from radiometry.autocorrelation import LAGS
 
-_GRID = 2 * OBJECT
+_GRID = 2 * OBJECT_SIDE
 
 
 def spectrum(albedo: torch.Tensor) -> torch.Tensor:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from radiometry.files.output import atomic
+from correlograph.files.output import atomic
 
 
 def save_curve(path: Path, curve: list[dict[str, Any]], measure: str, labels: list[str]) -> None:

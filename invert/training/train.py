@@ -15,12 +15,13 @@ from typing import Any
 
 import torch
 
+from correlograph.command import ArgumentParser
+from correlograph.errors import InputError, check_device, memory_bytes
+from correlograph.files.output import sole_writer
+from correlograph.ranges import SEED, Range
 from invert.network.checkpoints import NETWORKS
 from invert.training.losses import LOSSES
 from invert.training.training_run import Training
-from radiometry.errors import ArgumentParser, InputError, check_device, memory_bytes
-from radiometry.files.output import sole_writer
-from radiometry.ranges import SEED, Range
 
 BYTES_PER_CHANNEL = 3e5
 """Activations of a sample and its gradients, over the width: measured at 9 to 12 MB a sample of width 40."""

@@ -12,6 +12,7 @@ import torch
 from torch import nn
 from torch.optim.swa_utils import AveragedModel
 
+from correlograph.errors import InputError
 from invert.network.checkpoints import NETWORKS, load_network, read_weights, save_weights
 from invert.network.model import CorrelographyNet, Fusion
 from invert.network.sampler import Sampler
@@ -19,7 +20,6 @@ from invert.training.data import Batch, at_noise, hidden_in_noise, paper_noise, 
 from invert.training.objectives import objective
 from invert.training.report import save_curve
 from invert.training.warm_starts import load_warm_starts, split_warm_starts
-from radiometry.errors import InputError
 
 VALIDATION = ((80 / 255, 256.0), (80 / 255, 64.0), (80 / 255, 16.0), (5 / 255, 1e4), (1.5, 64.0))
 """Floors (over the largest lag but zero) and K at which progress is measured."""

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import torch
 
+from correlograph.command import ArgumentParser
+from correlograph.errors import InputError
+from correlograph.files.output import sole_writer
+from correlograph.files.store import Schema, begin, missing_parts, open_whole, read_array, store_address, write_part
+from correlograph.lags import LAG_SIDE
+from correlograph.ranges import SEED, Range
 from invert.network.features import PICTURES
-from radiometry.autocorrelation import LAG_SIDE
-from radiometry.errors import ArgumentParser, InputError
-from radiometry.files.output import sole_writer
-from radiometry.files.store import Schema, begin, missing_parts, open_whole, read_array, store_address, write_part
-from radiometry.ranges import SEED, Range
 
 if TYPE_CHECKING:
     from invert.network.model import CorrelographyNet
@@ -30,14 +31,18 @@ ARRAYS: dict[str, tuple[tuple[int, ...], str]] = {"albedo": ((64, 64), "uint8"),
 SCHEMA = Schema("warm starts", "python -m invert.warm_starts", 2, ARRAYS, CHUNK, CHUNK)
 
 
+def parser() -> ArgumentParser:
+    p = ArgumentParser(prog="python -m invert.warm_starts", description="Classical reconstructions to train with.")
+    p.add_argument("targets", help="dataset made by python -m data_gen")
+    p.add_argument("-o", "--output", required=True)
+    p.add_argument("--weights", required=True, type=Path, help="a trained denoiser, .safetensors")
+    p.add_argument("--count", type=Range(CHUNK, 10**8, CHUNK), default=12800)
+    p.add_argument("--seed", type=SEED, default=0)
+    return p
+
+
 def main(argv: Sequence[str] | None = None) -> None:
-    parser = ArgumentParser(prog="python -m invert.warm_starts", description="Classical reconstructions to train with.")
-    parser.add_argument("targets", help="dataset made by python -m data_gen")
-    parser.add_argument("-o", "--output", required=True)
-    parser.add_argument("--weights", required=True, type=Path, help="a trained denoiser, .safetensors")
-    parser.add_argument("--count", type=Range(CHUNK, 10**8, CHUNK), default=12800)
-    parser.add_argument("--seed", type=SEED, default=0)
-    options = parser.parse_args(argv)
+    options = parser().parse_args(argv)
     from tqdm import tqdm
 
     from data_gen.dataset import load_targets
@@ -60,9 +65,9 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def _chunk(network: CorrelographyNet, targets: torch.Tensor, seed: int, chunk: int) -> dict[str, np.ndarray]:
     """Estimates at noise of every kind, as they are read, and their classical reconstructions."""
+    from invert.measure.spectrum import read_measurement
     from invert.network.inference import STARTS, denoise, observation, retrieved
-    from invert.network.overview import overview
-    from invert.spectrum import read_measurement
+    from invert.network.retrieval_summary import overview
     from invert.training.data import varied
 
     batch = varied(targets, CHUNK, torch.Generator().manual_seed((seed << 32) + chunk))

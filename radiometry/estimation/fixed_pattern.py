@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from scipy.ndimage import binary_dilation, uniform_filter
 
-from radiometry.autocorrelation import LAGS
+from correlograph.lags import LAGS
 
 SHARED = 4.5
 """Standard deviations of the power that frames share from which there is a fixed pattern."""

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import torch
 
-from radiometry.autocorrelation import LAG_SIDE, LAGS, PatchGrid
-from radiometry.errors import InputError
+from correlograph.errors import InputError
+from correlograph.lags import LAG_SIDE, LAGS
+from radiometry.autocorrelation import PatchGrid
 
 
 def _spectra(patches: torch.Tensor) -> torch.Tensor:

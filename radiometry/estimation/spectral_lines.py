@@ -12,7 +12,7 @@ import math
 import torch
 from torch.nn.functional import avg_pool2d, max_pool2d
 
-from radiometry.autocorrelation import LAGS
+from correlograph.lags import LAGS
 
 LEAST_PATCHES = 16
 """In a frame, so that a lag holds several frequencies."""

@@ -20,7 +20,8 @@ import numpy as np
 import torch
 from scipy.fft import next_fast_len
 
-from radiometry.autocorrelation import LAGS, autocorrelate
+from correlograph.lags import LAGS
+from radiometry.autocorrelation import autocorrelate
 
 _BLOCKS = 8
 """Along each side of a frame, whose scatter gives the error."""

@@ -23,8 +23,9 @@ import numpy as np
 import torch
 from scipy.fft import next_fast_len
 
-from radiometry.autocorrelation import LAGS, PatchGrid
-from radiometry.errors import InputError
+from correlograph.errors import InputError
+from correlograph.lags import LAGS
+from radiometry.autocorrelation import PatchGrid
 from radiometry.estimation.fixed_pattern import shared_lags, shift_between
 from radiometry.estimation.illumination import evened_out, is_uneven
 from radiometry.estimation.pixel_faults import PixelFaults, repair

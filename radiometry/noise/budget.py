@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from radiometry.autocorrelation import LAGS
+from correlograph.lags import LAGS
 
 _STEP = np.arange(-LAGS, LAGS + 1)
 ROW_LAG, COLUMN_LAG = np.meshgrid(_STEP, _STEP, indexing="ij")

@@ -14,8 +14,9 @@ from typing import Literal
 import numpy as np
 import torch
 
-from radiometry.autocorrelation import LAGS, window_kernel
-from radiometry.errors import InputError
+from correlograph.errors import InputError
+from correlograph.lags import LAGS
+from radiometry.autocorrelation import window_kernel
 
 Form = Literal["gamma", "gaussian"]
 

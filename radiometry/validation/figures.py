@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from radiometry.files.output import atomic
+from correlograph.files.output import atomic
 
 _MARKERS = {"rendered": "o", "measured": "x"}
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import curve_fit
 
-from radiometry.errors import InputError
-from radiometry.files.pictures import read_autocorrelation
+from correlograph.errors import InputError
+from correlograph.files.images import read_autocorrelation
 from radiometry.noise.level import RING, centre_filled, extrapolated_peak, fit_known_signal, read_noise_level
 
 CORNER = 20

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mitsuba as mi
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 
 
 class Speckle(mi.SamplingIntegrator):

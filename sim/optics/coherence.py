@@ -12,7 +12,7 @@ import math
 import numpy as np
 from scipy.constants import speed_of_light
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 
 MOST_LINES = 129
 _REACH = 3.0

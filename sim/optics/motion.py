@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from sim.geometry import Geometry
 from sim.optics.object_samples import ObjectSamples
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import mitsuba as mi
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 
 refusals: list[InputError] = []
 """What plugins refused since the list was last cleared: Mitsuba passes on the text of an exception, not the exception."""

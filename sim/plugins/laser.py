@@ -6,7 +6,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from sim.plugins.parameters import Parameter, Parameters
 
 PARAMETERS = (

@@ -8,7 +8,7 @@ from typing import Any
 
 import mitsuba as mi
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 
 
 @dataclass(frozen=True)

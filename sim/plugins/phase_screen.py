@@ -5,7 +5,7 @@ from __future__ import annotations
 import mitsuba as mi
 import numpy as np
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from sim.plugins.parameters import Parameter, Parameters
 
 PARAMETERS = (

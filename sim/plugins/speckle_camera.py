@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import mitsuba as mi
 import numpy as np
 
-from radiometry.errors import InputError, positive
+from correlograph.errors import InputError, positive
 from sim.plugins.parameters import Parameter, Parameters
 
 ELECTRONIC = (

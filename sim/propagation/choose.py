@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from sim.propagation.kernels import KERNELS
 from sim.propagation.option import Option, Task
 

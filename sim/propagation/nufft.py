@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from numpy.polynomial.chebyshev import chebpts1, chebvander
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from sim.propagation.option import Option, Precision, Task, Terms
 from sim.propagation.sampling import Scatterers, Wall, kernel, path_difference, phasor
 

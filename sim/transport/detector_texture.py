@@ -9,7 +9,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 
 EVEN = 1e-6
 """Relative spread of the albedo below which a wall has no texture."""

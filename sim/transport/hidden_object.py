@@ -11,7 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from sim.plugins.phase_screen import PhaseScreen
 from sim.propagation.option import Visibility
 from sim.transport.footprint import LagAxes

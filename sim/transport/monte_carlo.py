@@ -17,7 +17,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from radiometry.photons import decibel
 from sim.plugins.speckle_camera import SpeckleCamera
 from sim.transport.hidden_object import is_hidden_object

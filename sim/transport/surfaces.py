@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import drjit as dr
 import mitsuba as mi
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 
 MOST_LAYERS = 8
 """Partly transparent surfaces (masks) that one ray may cross."""

@@ -14,7 +14,7 @@ from skimage.io import imread
 pytest.importorskip("mitsuba")
 
 from invert.__main__ import main as invert
-from invert.metrics import aligned_pearson
+from invert.albedo.metrics import aligned_pearson
 from scenes import scene_path
 from sim.__main__ import main as sim_main
 
@@ -108,7 +108,7 @@ def test_a_stopped_run_leaves_the_older_capture_whole(capture, tmp_path, monkeyp
 
 
 def test_mean_frames_are_expectations(tmp_path, letter_simulation):
-    from radiometry.files.frames import read_frame
+    from correlograph.files.frames import read_frame
 
     sim_main([str(SCENE), "-o", str(tmp_path), "--mean", "--frames", "1", "-D", "exposure=1"])
     pixels, _ = read_frame(tmp_path / "frame_0000.exr")
@@ -250,7 +250,7 @@ def test_missing_libllvm_is_one_line_and_inverting_works_without_it(capture, tmp
 
 
 def test_the_doctor_tells_what_is_there_and_what_a_missing_libllvm_costs():
-    command = [sys.executable, "-c", "from radiometry.doctor import main; main([])"]
+    command = [sys.executable, "-c", "from correlograph.doctor import main; main([])"]
     healthy = subprocess.run(command, capture_output=True, text=True, check=False)
     assert healthy.returncode == 0, healthy.stdout + healthy.stderr
     for piece in ("Python", "packages", "libLLVM", "Mitsuba", "GPU", "threads", "weights"):

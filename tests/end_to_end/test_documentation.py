@@ -75,7 +75,7 @@ def test_commands_run_as_they_stand(tmp_path):
 
 
 def _as_camera_files(capture: Path, shots: Path) -> None:
-    from radiometry.files.frames import read_frame
+    from correlograph.files.frames import read_frame
 
     shots.mkdir(parents=True, exist_ok=True)
     for number, file in enumerate(sorted(capture.glob("*.exr"))):

@@ -15,14 +15,14 @@ from PIL import Image
 
 pytest.importorskip("mitsuba")
 
+from correlograph.errors import InputError
+from correlograph.files.capture_folder import MOVING
 from data_gen.__main__ import main as data_gen
 from data_gen.dataset import load_targets
 from data_gen.preview import main as preview
 from invert.__main__ import main as invert
 from invert.training.warm_starts import load_warm_starts
 from invert.training.warm_starts import main as warm_starts
-from radiometry.errors import InputError
-from radiometry.files.capture_folder import MOVING
 from scenes import scene_path
 
 SCENE = scene_path("corner_letter")
@@ -228,7 +228,7 @@ def test_an_interrupt_ends_what_waits_for_ever():
     leaves behind nobody complains."""
     program = """
 import multiprocessing, os, threading, time
-import radiometry.errors as errors
+import correlograph.errors as errors
 errors.GRACE_S = 1.0
 def main(argv):
     semaphore = multiprocessing.get_context("spawn").Lock()

@@ -11,8 +11,8 @@ pytest.importorskip("mitsuba")
 import invert
 import radiometry
 import sim
-from radiometry.errors import InputError
-from radiometry.files.frames import read_frame
+from correlograph.errors import InputError
+from correlograph.files.frames import read_frame
 from scenes import scene_path
 
 

@@ -7,11 +7,11 @@ import pytest
 import torch
 from scipy.optimize import minimize
 
+from correlograph.files.images import read_autocorrelation
 from invert.__main__ import main as invert
 from invert.evaluation.identification import identify
+from invert.measure.spectrum import read_measurement
 from invert.methods import retrieve
-from invert.spectrum import read_measurement
-from radiometry.files.pictures import read_autocorrelation
 from radiometry.noise.level import RING, read_noise_level
 from radiometry.noise.model import log_likelihood, window_smoothed
 

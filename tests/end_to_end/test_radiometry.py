@@ -7,9 +7,9 @@ import pytest
 
 pytest.importorskip("mitsuba")
 
-from radiometry.__main__ import main as account
-from radiometry.plan import main as plan
-from radiometry.validate import main as validate
+from correlograph.commands.exposure_plan import main as plan
+from correlograph.commands.light_budget import main as account
+from correlograph.commands.noise_validation import main as validate
 from radiometry.validation.lab_series import lab_floor
 from scenes import scene_path
 

@@ -17,13 +17,13 @@ from hypothesis import strategies as st
 pytest.importorskip("mitsuba")
 
 import invert
+from correlograph.commands.light_budget import main as radiometry
+from correlograph.errors import InputError
 from data_gen.__main__ import main as data_gen
 from data_gen.dataset import load_targets
 from data_gen.preview import main as preview
 from invert.network.checkpoints import SHIPPED, load_network
 from invert.training.train import main as train
-from radiometry.__main__ import main as radiometry
-from radiometry.errors import InputError
 from scenes import scene_path
 from sim.__main__ import main as sim
 

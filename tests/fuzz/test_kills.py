@@ -18,9 +18,9 @@ import pytest
 
 pytest.importorskip("mitsuba")
 
+from correlograph.files.frames import read_frame
+from correlograph.files.output import PARTIAL
 from invert.network.checkpoints import SHIPPED, read_weights
-from radiometry.files.frames import read_frame
-from radiometry.files.output import PARTIAL
 
 ROOT = Path(__file__).parents[2]
 STOPS = int(os.environ.get("FUZZ_KILLS", "2"))

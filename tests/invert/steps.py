@@ -4,7 +4,7 @@ from functools import lru_cache
 
 import torch
 
-from invert.spectrum import Measurement, read_measurement
+from invert.measure.spectrum import Measurement, read_measurement
 from invert.training.data import at_noise
 
 

@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from invert.likelihood import log_likelihoods
+from invert.albedo.registration import padded, registered
+from invert.likelihood.gamma import log_likelihoods
 from invert.network.annealing import (
     DATA_WEIGHT,
     MARGIN,
@@ -19,7 +20,6 @@ from invert.network.features import Observation
 from invert.network.fisher_scoring import towards_data
 from invert.network.inference import observation
 from invert.network.sampler import posterior_variance
-from invert.registration import padded, registered
 from invert.training.data import at_noise, hidden_in_noise
 from invert.training.objectives import DenoisedPicture
 from tests.invert.steps import MIRRORED_STEM, RIGHT, noisy

@@ -7,10 +7,10 @@ import pytest
 from scipy.ndimage import gaussian_filter, uniform_filter1d
 
 import invert
+from correlograph.errors import InputError
 from invert.__main__ import main
+from invert.albedo.metrics import aligned_pearson
 from invert.methods import retrieve
-from invert.metrics import aligned_pearson
-from radiometry.errors import InputError
 from tests.light import letter_cells, thrown
 
 PATCH, SHAPE = 257, (1028, 1232)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from invert.capture import find_frames, read_capture
-from radiometry.errors import InputError
-from radiometry.files.capture import CameraFacts
-from radiometry.files.corrections import Corrections
-from radiometry.files.frames import FrameHeader, write_frame
-from radiometry.files.pictures import read_autocorrelation
+from correlograph.errors import InputError
+from correlograph.files.capture import CameraFacts
+from correlograph.files.corrections import Corrections
+from correlograph.files.frames import FrameHeader, write_frame
+from correlograph.files.images import read_autocorrelation
+from invert.measure.capture import find_frames, read_capture
 
 UNKNOWN = CameraFacts()
 
@@ -131,6 +131,6 @@ def test_published_autocorrelations_are_read_as_their_left_half(tmp_path, rng):
 
 
 def test_inverting_never_imports_mitsuba():
-    code = ("import sys, invert.__main__, invert.result, invert.methods, invert.estimate, invert.metrics; "
+    code = ("import sys, invert.__main__, invert.output.result_files, invert.methods, invert.measure.estimate, invert.albedo.metrics; "
             "sys.exit(int('mitsuba' in sys.modules or 'drjit' in sys.modules))")
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

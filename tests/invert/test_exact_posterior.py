@@ -9,12 +9,12 @@ from itertools import combinations
 import pytest
 import torch
 
-from invert.likelihood import log_likelihoods
+from invert.likelihood.gamma import log_likelihoods
+from invert.measure.spectrum import Measurement, read_measurement
 from invert.network import annealing
 from invert.network.annealing import Annealing, annealed
 from invert.network.features import Observation
 from invert.network.inference import observation
-from invert.spectrum import Measurement, read_measurement
 from invert.training.data import at_noise
 
 ROWS, COLUMNS, MOST = 3, 4, 6

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from invert.likelihood import NoiseLikelihood
+from invert.likelihood.gamma import NoiseLikelihood
+from invert.measure.spectrum import Measurement
 from invert.network.features import Observation
 from invert.network.fisher_scoring import Likelihood, towards_data
-from invert.spectrum import Measurement
 from radiometry.noise.level import NoiseLevel
 from radiometry.noise.model import draw_estimate, window_smoothed
 

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 import torch
 
+from correlograph.lags import LAGS
+from invert.albedo.metrics import aligned_pearson
+from invert.measure.spectrum import GRID, fourier_modulus, read_measurement
 from invert.methods import retrieve
-from invert.metrics import aligned_pearson
 from invert.solvers.base import modulus_residual, to_modulus
 from invert.solvers.hio import HioOptions, hio
-from invert.spectrum import GRID, fourier_modulus, read_measurement
-from radiometry.autocorrelation import LAGS, autocorrelate, window_smooth
+from radiometry.autocorrelation import autocorrelate, window_smooth
 from radiometry.noise.level import INDEPENDENT
 
 

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 import torch
 
+from correlograph.errors import InputError
+from invert.albedo.metrics import aligned_pearson
+from invert.measure.spectrum import read_measurement
 from invert.methods import retrieve
-from invert.metrics import aligned_pearson
 from invert.network.checkpoints import SHIPPED, load_network, save_weights
 from invert.network.features import (
     FUSION_CHANNELS,
@@ -28,11 +30,9 @@ from invert.network.features import (
 from invert.network.inference import AUGMENTATIONS, predict
 from invert.network.model import CorrelographyNet
 from invert.network.paper_unet import PaperModulusUnet, PaperUnet
-from invert.spectrum import read_measurement
 from invert.training.data import at_noise, paper_noise, varied
 from invert.training.losses import LOSSES, noise_left, registered_pearson
 from radiometry.autocorrelation import autocorrelate
-from radiometry.errors import InputError
 from radiometry.noise.level import INDEPENDENT, OUTERMOST, RING
 
 

@@ -7,12 +7,12 @@ import pytest
 import torch
 from scipy.optimize import minimize, nnls
 
-from invert.likelihood import NoiseLikelihood, _brightnesses, log_likelihoods, nats_over
+from invert.albedo.posterior import Posterior
+from invert.assess.reliability import trusted
+from invert.likelihood.gamma import NoiseLikelihood, _brightnesses, log_likelihoods, nats_over
+from invert.measure.spectrum import read_measurement
 from invert.methods import Reconstruction
-from invert.posterior import Posterior
-from invert.spectrum import read_measurement
 from invert.training.data import at_noise
-from invert.trust import trusted
 from radiometry.noise.level import RING, NoiseLevel
 from radiometry.noise.model import draw_estimate, log_likelihood, window_smoothed
 from tests.invert.steps import MIRRORED_STEM, RIGHT, noisy

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from correlograph.errors import InputError
 from invert.__main__ import main
-from invert.captures import find_captures
-from radiometry.errors import InputError
+from invert.batch.captures import find_captures
 
 
 def speckle(seed: int) -> np.ndarray:

@@ -7,16 +7,16 @@ import pytest
 import torch
 
 from invert.__main__ import parser
+from invert.albedo.metrics import aligned_pearson
+from invert.albedo.registration import centred, registered
+from invert.measure.spectrum import read_measurement
 from invert.methods import retrieve
-from invert.metrics import aligned_pearson
-from invert.registration import centred, registered
 from invert.solvers.admm_tv import divergence, gradients, shrunk
 from invert.solvers.base import box_support, modulus_residual
 from invert.solvers.error_reduction import ErrorReductionOptions, error_reduction
 from invert.solvers.registry import METHODS, QUALITIES, method_options
 from invert.solvers.taf import amplitude_gradient
 from invert.solvers.twf import full_intensity, poisson_gradient
-from invert.spectrum import read_measurement
 from radiometry.autocorrelation import autocorrelate, window_smooth
 from radiometry.noise.level import INDEPENDENT
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from invert.metrics import Scores, agreement, aligned, aligned_pearson, bootstrap_error, score
+from invert.albedo.metrics import Scores, agreement, aligned, aligned_pearson, bootstrap_error, score
 from radiometry.autocorrelation import autocorrelate, window_smooth
 
 

@@ -2,10 +2,10 @@
 
 import torch
 
+from invert.albedo.registration import registered
 from invert.network.features import PICTURES
 from invert.network.inference import AUGMENTATIONS, fuse, observation
-from invert.network.overview import overview
-from invert.registration import registered
+from invert.network.retrieval_summary import overview
 from invert.solvers.base import Candidates
 from tests.invert.steps import MIRRORED_STEM, RIGHT, noisy, steps
 

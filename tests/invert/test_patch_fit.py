@@ -5,9 +5,9 @@ import pytest
 import torch
 from skimage.transform import resize
 
+from correlograph.errors import InputError
 from invert import reconstruct
-from invert.registration import correlation_maps
-from radiometry.errors import InputError
+from invert.albedo.registration import correlation_maps
 
 SHAPE, AUTOMATIC = (2080, 2104), 260
 FINE = 3

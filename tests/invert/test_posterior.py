@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from invert.posterior import Posterior, Spread, measured, posterior
-from radiometry.errors import InputError
+from correlograph.errors import InputError
+from invert.albedo.posterior import Posterior, Spread, measured, posterior
 from tests.invert.steps import MIRRORED_STEM, RIGHT
 
 

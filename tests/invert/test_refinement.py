@@ -3,10 +3,10 @@
 import pytest
 import torch
 
-from invert.likelihood import NoiseLikelihood, nats_over
-from invert.refinement import refined
-from invert.registration import on_grid, registered
-from invert.spectrum import Measurement, read_measurement
+from invert.albedo.registration import on_grid, registered
+from invert.likelihood.gamma import NoiseLikelihood, nats_over
+from invert.likelihood.refinement import refined
+from invert.measure.spectrum import Measurement, read_measurement
 from radiometry.noise.model import draw_estimate, window_smoothed
 from tests.invert.steps import RIGHT
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import torch
 
+from invert.albedo.metrics import aligned_pearson
+from invert.albedo.registration import centred, consensus, laid_over, on_grid, phase_retrieval_transfer, registered, turned
 from invert.evaluation.identification import identify
-from invert.metrics import aligned_pearson
-from invert.registration import centred, consensus, laid_over, on_grid, phase_retrieval_transfer, registered, turned
-from invert.spectrum import GRID
+from invert.measure.spectrum import GRID
 
 
 def lopsided(rng) -> np.ndarray:

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 
 import invert
 from invert.__main__ import main
-from invert.metrics import aligned_pearson
+from invert.albedo.metrics import aligned_pearson
 from tests.light import letter_cells, thrown, wall_texture
 
 PATCH, SHAPE = 257, (1028, 1100)

@@ -3,15 +3,9 @@
 import numpy as np
 import pytest
 
-from radiometry.autocorrelation import (
-    LAGS,
-    autocorrelate,
-    automatic_patch_size,
-    patch_grid,
-    peak_of_cell_means,
-    window_smooth,
-)
-from radiometry.errors import InputError
+from correlograph.errors import InputError
+from correlograph.lags import LAGS
+from radiometry.autocorrelation import autocorrelate, automatic_patch_size, patch_grid, peak_of_cell_means, window_smooth
 from radiometry.estimation.whole_frames import estimate_autocorrelation
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from radiometry.autocorrelation import LAGS, patch_grid
-from radiometry.errors import InputError
+from correlograph.errors import InputError
+from correlograph.lags import LAGS
+from radiometry.autocorrelation import patch_grid
 from radiometry.estimation.whole_frames import AutocorrelationEstimator, degrees_of_freedom, estimate_autocorrelation
 from radiometry.noise.level import OFF_AXIS, RING, read_noise_level
 from radiometry.noise.model import lag_correlation

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from radiometry.autocorrelation import LAGS, autocorrelate, window_smooth
+from correlograph.lags import LAGS
+from radiometry.autocorrelation import autocorrelate, window_smooth
 from radiometry.noise.level import INDEPENDENT, UNREAD_DOF, extrapolated_peak, fit_known_signal, read_noise_level
 
 

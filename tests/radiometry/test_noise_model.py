@@ -7,7 +7,7 @@ import pytest
 import torch
 from scipy import stats
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from radiometry.estimation.published import published_dof
 from radiometry.noise.budget import NoiseTerms, estimate_error
 from radiometry.noise.model import draw_estimate, expected_spectrum, log_likelihood

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from radiometry.photons import grain_area, photon_rate
 from radiometry.throughput import LightPath, closed_form
 

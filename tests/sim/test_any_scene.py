@@ -7,8 +7,9 @@ import pytest
 mi = pytest.importorskip("mitsuba")
 
 import sim  # noqa: E402
-from radiometry.autocorrelation import LAGS, PatchGrid, autocorrelate, window_smooth  # noqa: E402
-from radiometry.errors import InputError  # noqa: E402
+from correlograph.errors import InputError  # noqa: E402
+from correlograph.lags import LAGS  # noqa: E402
+from radiometry.autocorrelation import PatchGrid, autocorrelate, window_smooth  # noqa: E402
 from radiometry.estimation.whole_frames import estimate_autocorrelation  # noqa: E402
 from radiometry.noise.level import INDEPENDENT, RING  # noqa: E402
 from radiometry.throughput import light_budget  # noqa: E402

@@ -10,7 +10,7 @@ from scipy.constants import speed_of_light
 
 pytest.importorskip("mitsuba")
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from scenes import scene_path
 from sim.effects import parse_effects
 from sim.frame import Simulation

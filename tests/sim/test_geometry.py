@@ -8,7 +8,7 @@ import pytest
 mi = pytest.importorskip("mitsuba")
 
 import sim  # noqa: E402
-from radiometry.errors import InputError  # noqa: E402
+from correlograph.errors import InputError  # noqa: E402
 from radiometry.throughput import closed_form  # noqa: E402
 from scenes import scene_path  # noqa: E402
 from sim.plan_report import make_plan  # noqa: E402
@@ -172,7 +172,7 @@ def test_unknown_xml_parameters_stay_errors(tmp_path):
 
 
 def test_mitsuba_renders_the_scene_file():
-    assert sim.VARIANT.endswith("ad_mono")
+    assert sim.activate().endswith("ad_mono")
     scene = mi.load_file(str(LETTER_SCENE), exposure=0.125, optimize=False)
     first, again, other = (np.array(mi.render(scene, seed=seed)) for seed in (1, 1, 2))
     assert first.shape == (2056, 2464, 1)

@@ -9,7 +9,7 @@ import pytest
 mi = pytest.importorskip("mitsuba")
 
 import sim  # noqa: E402, F401
-from radiometry.errors import InputError  # noqa: E402
+from correlograph.errors import InputError  # noqa: E402
 from radiometry.throughput import closed_form  # noqa: E402
 from scenes import scene_path  # noqa: E402
 from sim.scene_file import load_scene  # noqa: E402

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("mitsuba")
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from radiometry.estimation.whole_frames import estimate_autocorrelation
 from radiometry.noise.level import INDEPENDENT, fit_known_signal, read_noise_level
 from radiometry.prediction import predict

@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("mitsuba")
 
 import sim  # noqa: F401
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from sim.plugins.table import PLUGINS, table
 
 

@@ -12,7 +12,7 @@ import torch
 pytest.importorskip("mitsuba")
 
 import sim  # noqa: F401 - sets Dr.Jit's backend
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from sim.propagation import validity
 from sim.propagation.choose import choose, options
 from sim.propagation.kernels import KERNELS

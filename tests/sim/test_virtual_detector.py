@@ -9,7 +9,7 @@ from PIL import Image
 
 pytest.importorskip("mitsuba")
 
-from radiometry.errors import InputError
+from correlograph.errors import InputError
 from scenes import scene_path
 from sim.frame import Simulation
 from sim.optics.detector_roughness import degrees_of_freedom, exact_image, gamma_image, oversampling

@@ -1,0 +1,78 @@
+"""correlograph: speckle frames of hidden objects, and the objects from speckle frames.
+
+    import correlograph as cg
+
+    scene = cg.load("corner_letter", exposure=0.125)
+    capture = cg.render(scene, frames=2, seed=1)
+    result = cg.reconstruct(capture)
+
+This package is the front door and the foundation. The front door:
+
+    __init__.py     the public interface, imported when it is used
+    cli.py          the `correlograph` command
+    commands/       commands that need a scene and radiometry: light budget, exposure plan, noise validation
+    doctor.py       components that this machine lacks
+
+The foundation, which every other package imports:
+
+    errors.py       InputError: name, expected, found, remedy
+    command.py      argument parsing, exit codes, interruption
+    ranges.py       ranges of numbers, for options and arguments
+    lags.py         the lag grid
+    files/          captures, frames, images, stores, output files
+    workers.py      Dask workers
+    version.py      version of the installed package
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from correlograph.errors import InputError
+    from correlograph.files.capture import CameraMetadata, Capture
+    from correlograph.files.corrections import Corrections
+    from invert.albedo.metrics import Scores, aligned_pearson, score
+    from invert.albedo.posterior import Samples
+    from invert.pipeline import Result, reconstruct
+    from radiometry.scene_budget import Forecast, light_budget, predict
+    from sim.plan import Settings
+    from sim.scene import Scene, load, render
+
+_MODULES = {
+    "CameraMetadata": "correlograph.files.capture",
+    "Capture": "correlograph.files.capture",
+    "Corrections": "correlograph.files.corrections",
+    "Forecast": "radiometry.scene_budget",
+    "InputError": "correlograph.errors",
+    "Result": "invert.pipeline",
+    "Samples": "invert.albedo.posterior",
+    "Scene": "sim.scene",
+    "Scores": "invert.albedo.metrics",
+    "Settings": "sim.plan",
+    "aligned_pearson": "invert.albedo.metrics",
+    "light_budget": "radiometry.scene_budget",
+    "load": "sim.scene",
+    "predict": "radiometry.scene_budget",
+    "reconstruct": "invert.pipeline",
+    "render": "sim.scene",
+    "score": "invert.albedo.metrics",
+}
+
+__all__ = ["CameraMetadata", "Capture", "Corrections", "Forecast", "InputError", "Result", "Samples", "Scene", "Scores",
+           "Settings", "aligned_pearson", "light_budget", "load", "predict", "reconstruct", "render", "score"]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from correlograph.version import version
+
+        return version()
+    if name not in _MODULES:
+        raise AttributeError(f"module 'correlograph' has no attribute {name!r}")
+    value = getattr(import_module(_MODULES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, "__version__"])

@@ -1,0 +1,109 @@
+"""Commands: argument parsing, the exit code of bad input, and interruption."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Any, NoReturn
+
+from correlograph.errors import InputError
+
+
+class ArgumentParser(argparse.ArgumentParser):
+    """argparse whose usage errors are one line, like every other error of the commands; no abbreviated options."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(allow_abbrev=False, **settings)
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"error: {self.prog}: {message}; see '{self.prog} --help'\n")
+
+
+GRACE_S = 20.0
+"""Time that an interrupted command has to clean up."""
+
+
+QUIET_TRACKER = "ignore::UserWarning:multiprocessing.resource_tracker"
+"""Filter of warnings, since the process that tracks semaphores complains of those that an interrupted command leaves behind."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """SIGINT or SIGTERM reached a command."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(number)
+        self.exit_code = 128 + number
+        self.told = False
+
+    def leave_in(self, seconds: float) -> None:
+        """End the process after so long, whatever a library then waits for."""
+        watch = threading.Timer(seconds, self._leave)
+        watch.daemon = True
+        watch.start()
+
+    def _leave(self) -> NoReturn:
+        if not self.told:
+            os.write(2, b"interrupted\n")
+        os._exit(self.exit_code)
+
+
+def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str] | None = None) -> NoReturn:
+    """Run a command's `main` and exit: 0; 2 with one line for bad input; 130 or 143 when interrupted."""
+    arrived: list[Interrupted] = []
+    # Torch's threads otherwise wait for one another in busy loops, which slows two jobs on shared cores tenfold.
+    os.environ.setdefault("GOMP_SPINCOUNT", "1000")
+    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, (os.environ.get("PYTHONWARNINGS"), QUIET_TRACKER)))
+
+    def interrupt(number: int, _: Any) -> NoReturn:
+        arrived.append(Interrupted(number))
+        arrived[0].leave_in(GRACE_S)
+        raise arrived[0]
+
+    main_thread = threading.current_thread() is threading.main_thread()
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)} if main_thread else {}
+    try:
+        main(argv)
+    except InputError as error:
+        _leave(f"error: {error}", 2, arrived)
+    except OSError as error:
+        found = " ".join(str(error).split())
+        line = f"error: files: expected ones that can be read and written, found {found}; check paths, rights and free space"
+        _leave(line, 2, arrived)
+    except MemoryError:
+        _leave("error: memory: expected enough for this input, found too little; give a smaller one", 2, arrived)
+    except KeyboardInterrupt:
+        _leave("interrupted", 130, arrived)
+    except BaseException:
+        if not arrived:
+            raise
+        _leave("interrupted", 130, arrived)  # a library half loaded raises what it likes
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    sys.exit(0)
+
+
+def run_module(name: str, argv: Sequence[str] | None = None) -> NoReturn:
+    """Import a command's module and run its `main`; an interruption during the import ends in one line, too."""
+
+    def main(arguments: Sequence[str] | None) -> None:
+        import_module(name).main(arguments)
+
+    run_command(main, argv)
+
+
+def _leave(line: str, code: int, arrived: Sequence[Interrupted]) -> NoReturn:
+    if arrived:
+        line, code = "interrupted", arrived[0].exit_code
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)  # clean up undisturbed
+    print(line, file=sys.stderr, flush=True)
+    if arrived:
+        arrived[0].told = True
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # libraries that were stopped half-way complain at exit
+    sys.exit(code)

@@ -1,0 +1,1 @@
+"""Commands about the light of a scene: light budget, exposure plan, noise validation."""

@@ -1,0 +1,100 @@
+"""`python -m radiometry.plan`: how to divide a photon budget into frames, with the curve, checked by rendering."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from correlograph.command import ArgumentParser, run_command
+from correlograph.ranges import SEED, SI, Range
+
+
+def parser() -> ArgumentParser:
+    p = ArgumentParser(prog="python -m radiometry.plan", description="Divide a photon budget into frames and patches.")
+    p.add_argument("scene", help="Mitsuba scene file (XML)")
+    p.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="scene parameter")
+    p.add_argument("--budget-s", type=SI, required=True, help="seconds of exposure in all")
+    p.add_argument("--resolution-m", type=SI, default=300e-6, help="coarsest object pitch of a lag that will do")
+    p.add_argument("--check", type=Range(0, 10**6), default=0, metavar="FRAMES",
+                   help="render every division of at most FRAMES frames and measure its error")
+    p.add_argument("--seed", type=SEED, default=0)
+    p.add_argument("-o", "--output", default="out/plan", help="folder for plan.json and plan.png")
+    return p
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Predict the error of every division, choose, check by rendering if asked, draw the curve."""
+    options = parser().parse_args(argv)
+    from correlograph.files.output import output_folder, save_json
+    from radiometry.exposure_planner import best, divide
+    from sim.plan import check
+    from sim.scene_file import load_scene, parse_definitions
+    from sim.scene_reader import read_geometry
+
+    scene, _ = load_scene(options.scene, parse_definitions(options.definitions))
+    geometry = read_geometry(scene)
+    check(geometry)
+    divisions = divide(geometry, options.budget_s, options.resolution_m)
+    chosen = best(divisions)
+    folder = output_folder(options.output)
+    checked = render_errors(geometry, [d for d in divisions if d.frames <= options.check], options.seed)
+    save_json(folder / "plan.json", {
+        "budget_s": options.budget_s,
+        "chosen": asdict(chosen),
+        "divisions": [asdict(division) for division in divisions],
+        "rendered_error": {str(frames): error for frames, error in checked.items()},
+    })
+    draw(folder / "plan.png", divisions, chosen, checked)
+    print(f"{chosen.frames} frames of {chosen.exposure_s:.4g} s, each in {chosen.patches} patches of {chosen.patch} pixels "
+          f"({chosen.pitch_m * 1e6:.0f} um a lag): floor over peak {chosen.floor_over_peak:.3g}, K {chosen.dof:.3g}, "
+          f"error of the estimate {100 * chosen.error:.3g} %: {folder / 'plan.png'}")
+
+
+def render_errors(geometry: Any, divisions: list[Any], seed: int) -> dict[int, float]:
+    """Render each division and measure the error of its estimate against the known r*r."""
+    from tqdm import tqdm
+
+    from radiometry.estimation.whole_frames import AutocorrelationEstimator
+    from radiometry.exposure_planner import measured_error
+    from radiometry.prediction import predict
+    from sim.frame import Simulation
+
+    errors = {}
+    if not divisions:
+        return errors
+    prediction = predict(geometry, divisions[0].patch)  # all divisions share the patch size
+    with tqdm(total=sum(d.frames for d in divisions), desc="frames", unit="frame", disable=None) as bar:
+        for division in divisions:
+            simulation = Simulation(geometry.exposed(division.exposure_s))
+            estimator = AutocorrelationEstimator(prediction.grid)
+            for number in range(division.frames):
+                estimator.add(simulation.frame(seed, number))
+                bar.update()
+            errors[division.frames] = measured_error(estimator.estimate(), prediction)
+    return errors
+
+
+def draw(path: Path, divisions: list[Any], chosen: Any, checked: dict[int, float]) -> None:
+    """Error against the number of frames, as far as it stays within ten times the least."""
+    from matplotlib.figure import Figure
+
+    from correlograph.files.output import atomic
+
+    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    axes = figure.add_subplot()
+    shown = [d for d in divisions if d.error < 10.0 * chosen.error]
+    axes.loglog([d.frames for d in shown], [100 * d.error for d in shown], "k-", label="predicted")
+    if checked:
+        axes.loglog(list(checked), [100 * error for error in checked.values()], "o", mfc="none", label="rendered and measured")
+    axes.axvline(chosen.frames, color="0.6", lw=1, label=f"chosen: {chosen.frames} frames of {chosen.exposure_s:.3g} s")
+    axes.set_xlabel("frames that share the budget")
+    axes.set_ylabel("relative error of the estimate (%)")
+    axes.legend(frameon=False)
+    with atomic(path) as partial:
+        figure.savefig(partial, format="png", dpi=110)
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,58 @@
+"""The one error users meet, and the one place that turns it into exit code 2."""
+
+from __future__ import annotations
+
+import os
+
+LONGEST = 300
+"""Characters of what was found that a message repeats."""
+
+
+class InputError(ValueError):
+    """Input that cannot be used: its name, what was expected, what was found, and the remedy.
+
+    The message is always one line, because a shell prints it as it is.
+    """
+
+    def __init__(self, name: str, expected: str, found: object, remedy: str) -> None:
+        found = f"{found!s:.{LONGEST}}" + ("..." if len(str(found)) > LONGEST else "")
+        text = f"{name}: expected {expected}, found {found}; {remedy}".encode("utf-8", "replace").decode()
+        super().__init__(" ".join(text.split()))
+        self._parts = (name, expected, str(found), remedy)
+
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str, str]]:
+        """Pickled between worker processes."""
+        return type(self), self._parts
+
+
+LARGEST = 1e15
+SMALLEST = 1e-30
+
+
+def positive(name: str, value: float, *, zero_allowed: bool = False) -> float:
+    """Return `value` as a float if it lies within bounds that no physical quantity in SI units leaves.
+
+    Raises InputError for anything else, NaN and text included.
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = float("nan")
+    if SMALLEST <= number <= LARGEST or (zero_allowed and number == 0.0):
+        return number
+    kind = f"a number{' that is zero or' if zero_allowed else ''} between {SMALLEST:g} and {LARGEST:g}"
+    raise InputError(name, kind, value, f"correct {name}")
+
+
+def memory_bytes() -> float:
+    """Memory of this machine, free or not."""
+    return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+
+
+def check_device(device: str) -> None:
+    """Refuse `cuda` where torch has no GPU to use."""
+    if device == "cuda":
+        import torch  # heavy, and wanted only here
+
+        if not torch.cuda.is_available():
+            raise InputError("--device", "a CUDA GPU and a torch build that uses it", "none", "use --device cpu")

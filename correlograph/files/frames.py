@@ -1,0 +1,77 @@
+"""Speckle frames as EXR files: one float32 channel `photoelectrons` and the facts of the capture."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+
+from correlograph.errors import InputError, positive
+from correlograph.files.exr_version import add_version, read_version
+from correlograph.files.output import atomic, silenced
+
+CHANNEL = "photoelectrons"
+
+_LINES_PER_BLOCK = 16  # of ZIP compression
+
+
+@dataclass(frozen=True)
+class FrameHeader:
+    """Attributes of a frame file. Lengths in metres; `pixel_pitch_m` is on a wall that faces the camera, `distance_m` from
+    object to virtual detector; `row_pitch_m` and `column_pitch_m` are the distances of neighbouring rows and columns of
+    the wall as the object sees them. What may be unknown in files of other origin is None."""
+
+    wavelength_m: float
+    pixel_pitch_m: float
+    distance_m: float
+    exposure_s: float
+    seed: int
+    frame: int
+    scene_sha256: str
+    version: str
+    pupil_diameter_m: float | None = None
+    pupil_distance_m: float | None = None
+    row_pitch_m: float | None = None
+    column_pitch_m: float | None = None
+
+
+def write_frame(path: Path, photoelectrons: np.ndarray, header: FrameHeader) -> None:
+    """Write a frame (H, W) with its header; the file appears only when it is whole."""
+    attributes: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    attributes.update({name: value for name, value in asdict(header).items() if value is not None and name != "version"})
+    pixels = np.ascontiguousarray(photoelectrons, np.float32)
+    with atomic(path) as partial:
+        try:
+            OpenEXR.File(attributes, {CHANNEL: pixels}).write(str(partial))
+            add_version(partial, header.version, -(-pixels.shape[0] // _LINES_PER_BLOCK))
+        except RuntimeError as error:
+            raise OSError(str(error)) from None
+
+
+def read_frame(path: Path) -> tuple[np.ndarray, FrameHeader | None]:
+    """Read a frame: float32 (H, W), and its header, None where the file carries no capture facts.
+
+    Raises InputError for a damaged file or one with colour channels.
+    """
+    try:
+        with silenced(), OpenEXR.File(str(path), separate_channels=True) as file:
+            channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+            attributes = {**file.header(), "version": read_version(path)}
+    except Exception as error:  # the library raises bare exceptions of several kinds
+        raise InputError("frame", "a whole EXR file", f"{path} ({str(error).splitlines()[0] if str(error) else 'damaged'})",
+                         "write it again or leave it out") from None
+    if len(channels) != 1:
+        raise InputError("frame", f"one channel ({CHANNEL})", f"{path} with {', '.join(sorted(channels))}",
+                         "convert it to one channel of intensity")
+    pixels = next(iter(channels.values())).astype(np.float32)
+    known = {field.name: attributes[field.name] for field in fields(FrameHeader) if field.name in attributes}
+    required = {field.name for field in fields(FrameHeader) if field.default is not None}
+    if not required <= set(known):
+        return pixels, None
+    for name, value in known.items():
+        if name.endswith(("_m", "_s")):
+            known[name] = positive(f"{name} of {path.name}", value)
+    return pixels, FrameHeader(**known)

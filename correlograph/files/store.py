@@ -1,0 +1,235 @@
+"""Zarr stores that are filled part by part: whose they are, what they hold, and whether they are whole.
+
+A store's attributes hold an owner's mark, the schema's version and the arguments that it was begun with; `complete` holds 1 for
+each part that is whole, `crc32` the checksum of each array's part. Nothing that this program did not write is ever deleted or
+overwritten.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from zarr.errors import GroupNotFoundError
+
+from correlograph.errors import InputError
+
+OWNER = "correlograph"
+
+
+@dataclass(frozen=True)
+class Schema:
+    """What a kind of store holds.
+
+    Attributes:
+        kind: `dataset` or `warm starts`.
+        made_by: the command that writes it, for messages.
+        version: of the format; stores of another are refused.
+        arrays: by name, the shape of one sample and the dtype.
+        part: samples written at once, one file an array.
+        chunk: samples compressed together.
+    """
+
+    kind: str
+    made_by: str
+    version: int
+    arrays: Mapping[str, tuple[tuple[int, ...], str]]
+    part: int
+    chunk: int
+
+    @property
+    def mark(self) -> dict[str, Any]:
+        return {"made_by": f"{OWNER} {self.kind}", "format": self.version}
+
+
+def store_address(text: str) -> str:
+    """An address as the command line gives it: `file://` is a path, and memory is no place for a store."""
+    if text.startswith("memory:"):
+        raise InputError("store", "an address that other processes can open", text, "give a path")
+    return text.removeprefix("file://")
+
+
+def begin(address: str, schema: Schema, arguments: dict[str, Any], count: int) -> zarr.Group:
+    """Open a store to go on with, or make an empty one where nothing is.
+
+    Raises InputError where there is anything else, or a store that was begun with other arguments.
+    """
+    group = _open(address, "r+", schema.kind)
+    if group is None:
+        _check_empty(address, schema.kind)
+        try:
+            group = zarr.create_group(address, attributes=schema.mark)
+        except (OSError, ValueError, ImportError) as error:
+            raise _unusable(address, schema.kind, error) from None
+    _check_mark(group, address, schema)
+    found = {key: value for key, value in group.attrs.asdict().items() if key not in schema.mark}
+    if not found:
+        _create_arrays(group, address, schema, count)
+        group.attrs.update(arguments)  # last: without it a store counts as not begun
+        return group
+    for key, value in arguments.items():
+        if found.get(key) != value:
+            raise InputError(schema.kind, f"the {key} that {address} was begun with", _difference(found.get(key), value),
+                             "ask again with the same, or choose another address")
+    _check_arrays(group, address, schema)
+    if "://" not in address:
+        for left in Path(address).rglob("*.partial"):  # zarr's name for a file that a killed run was writing
+            left.unlink()
+    return group
+
+
+def arguments_of(address: str, kind: str) -> dict[str, Any]:
+    """What a store was begun with, unchecked; empty where there is none."""
+    group = _open(address, "r", kind)
+    return {} if group is None else group.attrs.asdict()
+
+
+def open_whole(address: str, schema: Schema) -> zarr.Group:
+    """Open a finished store for reading; InputError where there is none, or it is unfinished, damaged or of another kind."""
+    group = _open(address, "r", schema.kind)
+    if group is None:
+        raise InputError(schema.kind, f"one made by {schema.made_by}", f"none at {address}", "check the address")
+    _check_mark(group, address, schema)
+    _check_arrays(group, address, schema)
+    try:
+        missing = missing_parts(group)
+    except Exception as error:  # codecs raise their own kinds
+        raise _damaged(address, schema, f"marks that cannot be read ({_one_line(error)})") from None
+    if missing:
+        found = f"{len(missing)} of {group['complete'].shape[0]} parts missing in {address}"
+        raise InputError(schema.kind, "a complete one", found, f"run the same {schema.made_by} again")
+    for name in schema.arrays:
+        array = group[name]
+        if array.nchunks_initialized < group["complete"].shape[0] * (schema.part // schema.chunk):
+            raise _damaged(address, schema, f"files of {name} missing")
+    return group
+
+
+def read_array(group: zarr.Group, address: str, name: str, schema: Schema) -> np.ndarray:
+    """All of an array, its checksums verified."""
+    try:
+        values = np.asarray(group[name])
+        known = np.asarray(group["crc32"])[:, list(schema.arrays).index(name)]
+    except Exception as error:  # codecs raise their own kinds
+        raise _damaged(address, schema, f"{name} that cannot be read ({_one_line(error)})") from None
+    for part, expected in enumerate(known):
+        if _crc(values[part * schema.part : (part + 1) * schema.part]) != int(expected):
+            raise _damaged(address, schema, f"a wrong checksum in part {part} of {name}")
+    return values
+
+
+def read_rows(group: zarr.Group, address: str, name: str, rows: np.ndarray, schema: Schema) -> np.ndarray:
+    """Some samples of an array, as far as the codecs' own checksums verify them."""
+    try:
+        return np.stack([np.asarray(group[name][int(row)]) for row in rows])
+    except Exception as error:  # codecs raise their own kinds
+        raise _damaged(address, schema, f"{name} that cannot be read ({_one_line(error)})") from None
+
+
+def missing_parts(group: zarr.Group) -> list[int]:
+    """Parts that are not whole yet."""
+    return np.flatnonzero(np.asarray(group["complete"]) == 0).tolist()
+
+
+def write_part(group: zarr.Group, schema: Schema, part: int, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write one part of every array and, when they are in place, mark it complete."""
+    start = part * schema.part
+    with zarr.config.set({"array.write_empty_chunks": True}):  # a file of zeros is told from one that is missing
+        for name, values in arrays.items():
+            group[name][start : start + len(values)] = values
+        group["crc32"][part] = [_crc(arrays[name]) for name in schema.arrays]
+        group["complete"][part] = 1
+
+
+def _crc(values: np.ndarray) -> int:
+    return zlib.crc32(np.ascontiguousarray(values).tobytes())
+
+
+def _open(address: str, mode: str, kind: str) -> zarr.Group | None:
+    """The group at an address, or None where there is none."""
+    try:
+        return zarr.open_group(address, mode=mode)
+    except (GroupNotFoundError, FileNotFoundError):
+        return None
+    except Exception as error:  # fsspec, aiohttp and damaged metadata raise their own kinds
+        raise _unusable(address, kind, error) from None
+
+
+def _check_empty(address: str, kind: str) -> None:
+    """Refuse a file, or a folder that holds anything."""
+    if "://" in address:
+        return
+    path = Path(address)
+    if not address.strip() or path.is_file() or (path.is_dir() and any(path.iterdir())):
+        raise InputError(kind, "a new name, an empty folder or a store of this program", f"other files in {address!r}",
+                         "choose another address; nothing of yours is overwritten")
+
+
+def _check_mark(group: zarr.Group, address: str, schema: Schema) -> None:
+    found = {key: group.attrs.asdict().get(key) for key in schema.mark}
+    if found["made_by"] != schema.mark["made_by"]:
+        raise InputError(schema.kind, f"a store made by {schema.made_by}", f"another Zarr group at {address}",
+                         "choose another address, or make the store again if an older version wrote it")
+    if found["format"] != schema.version:
+        raise InputError(schema.kind, f"format {schema.version}", f"format {found['format']!r} at {address}",
+                         f"make it again with {schema.made_by}")
+
+
+def _create_arrays(group: zarr.Group, address: str, schema: Schema, count: int) -> None:
+    """The arrays of an empty store; those that a stopped run made are kept."""
+    parts = -(-count // schema.part)
+    try:
+        for name, (shape, dtype) in schema.arrays.items():
+            if name not in group:
+                compressors = None if dtype == "float16" else "auto"  # noise does not compress
+                group.create_array(name, shape=(count, *shape), dtype=dtype, chunks=(schema.chunk, *shape),
+                                   shards=(schema.part, *shape), compressors=compressors)
+        if "crc32" not in group:
+            group.create_array("crc32", shape=(parts, len(schema.arrays)), dtype="uint32", chunks=(1, len(schema.arrays)),
+                               compressors=None)
+        if "complete" not in group:
+            group.create_array("complete", shape=(parts,), dtype="uint8", chunks=(1,), compressors=None)
+    except (OSError, ValueError, MemoryError) as error:
+        raise _unusable(address, schema.kind, error) from None
+    _check_arrays(group, address, schema)
+
+
+def _check_arrays(group: zarr.Group, address: str, schema: Schema) -> None:
+    """The arrays of a schema, all of one length, and the marks of their parts."""
+    try:
+        held = {name: group[name] for name in (*schema.arrays, "crc32", "complete")}
+        count = held[next(iter(schema.arrays))].shape[0]
+        wanted = {name: ((count, *shape), np.dtype(dtype)) for name, (shape, dtype) in schema.arrays.items()}
+        parts = -(-count // schema.part)
+        wanted |= {"crc32": ((parts, len(schema.arrays)), np.dtype("uint32")), "complete": ((parts,), np.dtype("uint8"))}
+        wrong = [name for name, (shape, dtype) in wanted.items() if held[name].shape != shape or held[name].dtype != dtype]
+    except Exception as error:  # damaged metadata raises what it likes
+        raise _damaged(address, schema, f"arrays that cannot be read ({_one_line(error)})") from None
+    if wrong or count == 0:
+        raise _damaged(address, schema, f"{wrong[0]} of another shape or dtype" if wrong else "no samples")
+
+
+def _damaged(address: str, schema: Schema, found: str) -> InputError:
+    return InputError(schema.kind, f"one as {schema.made_by} left it", f"{found} at {address}",
+                      "delete it and make it again")
+
+
+def _unusable(address: str, kind: str, error: Exception) -> InputError:
+    return InputError(kind, "an address that can be read and written", f"{address} ({_one_line(error)})", "choose another")
+
+
+def _one_line(error: Exception) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())[:120]}"
+
+
+def _difference(found: Any, wanted: Any) -> str:
+    """What differs between two entries."""
+    if isinstance(found, dict) and isinstance(wanted, dict):
+        keys = [key for key in {**found, **wanted} if found.get(key) != wanted.get(key)]
+        return ", ".join(f"{key} {found.get(key)!r:.60} there and {wanted.get(key)!r:.60} here" for key in keys)
+    return "another" if found is not None else "none"

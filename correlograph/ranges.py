@@ -1,0 +1,57 @@
+"""Ranges of numbers: the `type` of an option on the command line, and the check of the same argument in Python."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import Any
+
+from correlograph.errors import LARGEST, SMALLEST, InputError
+
+
+@dataclass(frozen=True)
+class Range:
+    """Numbers from `least` to `most`: whole ones, multiples of `step`, where these are int."""
+
+    least: float
+    most: float
+    step: int = 1
+
+    def __call__(self, text: str) -> Any:
+        """A number from the command line, an int where whole ones are wanted; argparse names the option."""
+        try:
+            value = int(text) if isinstance(self.least, int) else float(text)
+        except ValueError:
+            value = None
+        if not self._holds(value):
+            raise argparse.ArgumentTypeError(f"expected {self}, found {' '.join(text.split()):.40}")
+        return value
+
+    def check(self, name: str, value: float) -> float:
+        """The value, if it lies in the range; InputError otherwise, NaN and text included."""
+        if not self._holds(value):
+            raise InputError(name, str(self), f"{value!s:.40}", "choose another")
+        return value
+
+    def _holds(self, value: Any) -> bool:
+        if isinstance(self.least, int):
+            return isinstance(value, Integral) and self.least <= value <= self.most and value % self.step == 0
+        return isinstance(value, Real) and bool(self.least <= value <= self.most)
+
+    def __str__(self) -> str:
+        if isinstance(self.least, float):
+            return f"a number from {self.least:g} to {self.most:g}"
+        kind = "whole number" if self.step == 1 else f"multiple of {self.step}"
+        return f"a {kind} from {self.least} to {self.most}"
+
+
+SEED = Range(0, 2**31 - 1)
+"""Seeds fit the frame header's 32-bit integer."""
+
+FRAMES = Range(1, 10**6)
+WORKERS = Range(1, 256)
+SI = Range(SMALLEST, LARGEST)
+"""Bounds that no physical quantity in SI units leaves."""
+BLUR = Range(0.0, 1e4)
+"""Standard deviation of a blur in pixels."""

@@ -1,0 +1,1 @@
+"""Albedo images: registration, statistics of posterior samples, scores."""

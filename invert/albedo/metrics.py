@@ -1,0 +1,132 @@
+"""How good a reconstruction is: scores against a truth after registration, and agreement with the estimate without one."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.stats import bootstrap
+from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+from skimage.registration import phase_cross_correlation
+
+from correlograph.lags import LAGS
+from invert.albedo.registration import on_grid, registered
+from radiometry.autocorrelation import autocorrelate, window_smooth
+from radiometry.noise.level import INDEPENDENT, RING
+
+SUCCESS = 0.8
+"""Registered Pearson correlation from which a reconstruction counts as a success."""
+
+
+PERFECT_DB = 300.0
+"""PSNR given to an exact match."""
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Scores of one reconstruction, registered and brought to the truth's brightness by least squares.
+
+    Attributes:
+        pearson: correlation over the truth's window.
+        ssim: structural similarity (Wang et al., doi:10.1109/TIP.2003.819861), Gaussian window of 1.5 pixels.
+        psnr_db: peak signal-to-noise ratio; the peak is the truth's.
+        iou: intersection over union of the truth's pixels above half its maximum and the image's brightest ones, as many.
+        edge_f1: F1 score of the outlines of those two sets, one pixel of tolerance.
+        success: whether the correlation reaches `SUCCESS`.
+    """
+
+    pearson: float
+    ssim: float
+    psnr_db: float
+    iou: float
+    edge_f1: float
+    success: bool
+
+    def as_dict(self) -> dict[str, float | bool]:
+        return asdict(self)
+
+
+def aligned_pearson(image: np.ndarray, truth: np.ndarray) -> tuple[float, np.ndarray]:
+    """Pearson correlation after the best whole-pixel shift and 180-degree turn (no mirroring).
+
+    Both are zero-padded to twice their size for the search, so nothing wraps.
+
+    Returns:
+        the correlation over the truth's own window, and the image moved onto it.
+    """
+    moved = registered(on_grid(image)[None], on_grid(truth))[0][0, : truth.shape[0], : truth.shape[1]].numpy()
+    return _pearson(moved, truth), moved
+
+
+def aligned(image: np.ndarray, truth: np.ndarray) -> tuple[float, np.ndarray]:
+    """As `aligned_pearson`, then moved by a fraction of a pixel where that correlates better."""
+    pearson, moved = aligned_pearson(image, truth)
+    if pearson == 0.0:
+        return pearson, moved
+    shift = phase_cross_correlation(truth, moved, upsample_factor=10, normalization=None)[0]
+    finer = ndimage.shift(moved, np.clip(shift, -1.0, 1.0), order=3)
+    better = _pearson(finer, truth)
+    return (better, finer) if better > pearson else (pearson, moved)
+
+
+def score(image: np.ndarray, truth: np.ndarray) -> Scores:
+    """Scores of a reconstruction (64, 64) against the truth (64, 64); an empty image scores zero."""
+    if np.ptp(truth) == 0.0:
+        raise ValueError("a truth without contrast cannot be compared with")
+    pearson, moved = aligned(image.astype(np.float64), truth.astype(np.float64))
+    peak = float(truth.max())
+    fitted = moved * float((moved * truth).sum() / max((moved * moved).sum(), 1e-30))
+    ssim = structural_similarity(fitted, truth.astype(np.float64), data_range=peak, gaussian_weights=True, sigma=1.5,
+                                 use_sample_covariance=False)
+    with np.errstate(divide="ignore"):
+        psnr_db = float(peak_signal_noise_ratio(truth.astype(np.float64), fitted, data_range=peak))
+    shown = truth > 0.5 * peak
+    drawn = _brightest(fitted, int(shown.sum()))
+    return Scores(pearson, float(ssim), min(psnr_db, PERFECT_DB), _iou(drawn, shown), _edge_f1(drawn, shown),
+                  pearson >= SUCCESS)
+
+
+def _pearson(image: np.ndarray, truth: np.ndarray) -> float:
+    if np.ptp(image) == 0.0 or np.ptp(truth) == 0.0:
+        return 0.0
+    return float(np.corrcoef(image.ravel(), truth.ravel())[0, 1])
+
+
+def _brightest(image: np.ndarray, count: int) -> np.ndarray:
+    """The `count` brightest pixels above zero, bool."""
+    chosen = np.zeros(image.size, bool)
+    chosen[np.argsort(-image.ravel(), kind="stable")[:count]] = True
+    return chosen.reshape(image.shape) & (image > 0.0)
+
+
+def _iou(drawn: np.ndarray, shown: np.ndarray) -> float:
+    return float((drawn & shown).sum() / (drawn | shown).sum())
+
+
+def _edge_f1(drawn: np.ndarray, shown: np.ndarray) -> float:
+    ours, theirs = drawn & ~ndimage.binary_erosion(drawn), shown & ~ndimage.binary_erosion(shown)
+    if not ours.any():
+        return 0.0
+    near = np.ones((3, 3), bool)
+    precision = float(ndimage.binary_dilation(theirs, near)[ours].mean())
+    recall = float(ndimage.binary_dilation(ours, near)[theirs].mean())
+    return 2.0 * precision * recall / (precision + recall) if precision + recall else 0.0
+
+
+def agreement(albedo: np.ndarray, estimate: np.ndarray, floor: float, signal_ring: int) -> float:
+    """Pearson correlation of the reconstruction's autocorrelation with the estimate, over the lags that hold signal.
+
+    Says that a reconstruction explains the data, not that it is right: a bright point beside a faint copy of the object
+    explains them too.
+    """
+    used = INDEPENDENT & (signal_ring >= RING) & (np.hypot(*np.mgrid[-LAGS : LAGS + 1, -LAGS : LAGS + 1]) > 1.5)
+    return _pearson(window_smooth(autocorrelate(albedo))[used], (estimate - floor)[used])
+
+
+def bootstrap_error(values: np.ndarray, resamples: int = 2000, seed: int = 0) -> float:
+    """Standard error of a mean over test images, by resampling them (Efron, doi:10.1214/aos/1176344552)."""
+    found = bootstrap((np.asarray(values, np.float64),), np.mean, n_resamples=resamples, method="percentile",
+                      rng=np.random.default_rng(seed))
+    return float(found.standard_error)
+

@@ -1,0 +1,1 @@
+"""Assessment of a reconstruction: consistency with speckle, confidence, warnings."""

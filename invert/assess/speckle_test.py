@@ -1,0 +1,64 @@
+"""Whether the light is speckle of the object reconstructed: by its third moment, and by what of the estimate is left over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import uniform_filter
+
+from invert.measure.estimate import Estimate
+from invert.measure.spectrum import Measurement
+from radiometry.autocorrelation import autocorrelate, window_smooth
+from radiometry.estimation.third_moment import LEAST_SHARE
+from radiometry.noise.level import RING
+
+
+@dataclass(frozen=True)
+class SpeckleTest:
+    """What frames and estimate say of a reconstruction.
+
+    Attributes:
+        third_moment: of the frames, over what speckle from the reconstruction has: 1 for polarised light, 0.7 for unpolarised
+            light, 0 for texture, much more for a glint.
+        error: its standard error.
+        unexplained: relative L2 error with which the reconstruction's r*r explains the estimate, beyond noise.
+    """
+
+    third_moment: float | None
+    error: float | None
+    unexplained: float
+
+    def as_dict(self) -> dict[str, float | None]:
+        """Its numbers; None for what is not finite."""
+        return {name: value if value is not None and np.isfinite(value) else None for name, value in vars(self).items()}
+
+
+def speckle_test(estimate: Estimate, measurement: Measurement, albedo: np.ndarray) -> SpeckleTest:
+    """Test a reconstruction (64, 64) that is not empty."""
+    floor, ring = measurement.noise.floor, measurement.noise.signal_ring
+    transfer = np.ones_like(estimate.lags) if estimate.transfer is None else np.maximum(estimate.transfer, 0.05)
+    signal = (measurement.estimate - floor) * transfer
+    expected = window_smooth(autocorrelate(albedo)) * transfer
+    seen = uniform_filter(np.where(RING < 2, 0.0, signal), 3).clip(0.0)
+    weight = np.divide(seen, seen + floor, out=np.zeros_like(seen), where=seen > 0.0)
+    weight[(ring < RING) | (RING < 2) | (weight < LEAST_SHARE)] = 0.0
+    weight = 0.5 * (weight + weight[::-1, ::-1])
+    square = weight**2
+    power = float((square * signal).sum() / max((square * expected).sum(), 1e-30))
+    unexplained = _unexplained(signal, expected, measurement, (ring >= RING) & (RING > 1))
+    if estimate.filtered_frames is None or not weight.any() or power <= 0.0:
+        return SpeckleTest(None, None, unexplained)
+    likeness, error = estimate.filtered_frames.likeness(albedo, weight, np.sqrt(transfer), signal, floor, power)
+    return SpeckleTest(likeness, error, unexplained)
+
+
+def _unexplained(signal: np.ndarray, expected: np.ndarray, measurement: Measurement, used: np.ndarray) -> float:
+    seen, model = signal[used].astype(np.float64), expected[used].astype(np.float64)
+    total = float((seen**2).sum())
+    if total == 0.0:
+        return 0.0
+    left = float(((seen - model * ((seen @ model) / max(model @ model, 1e-30))) ** 2).sum())
+    dof = measurement.noise.dof
+    noise = float(((seen + measurement.noise.floor) ** 2).sum()) / dof if dof else 0.0
+    return float(np.sqrt(max(0.0, left - noise) / max(total - noise, 1e-3 * total)))

@@ -1,0 +1,1 @@
+"""Captures given to the command: one, or many on workers."""

@@ -1,0 +1,1 @@
+"""Forward model of the estimate, its likelihood, and refinement by the likelihood."""

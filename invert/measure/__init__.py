@@ -1,0 +1,1 @@
+"""Frames to a measurement: capture, estimate, noise level, Fourier modulus."""

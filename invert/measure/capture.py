@@ -1,0 +1,118 @@
+"""What users hand in: rendered or captured frames, or published autocorrelation pictures."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from correlograph.errors import InputError, positive
+from correlograph.files.capture import CameraFacts, Capture
+from correlograph.files.capture_folder import check_whole
+from correlograph.files.frames import FrameHeader
+from correlograph.files.images import FRAME_KINDS, LARGEST_PIXEL, read_picture
+from correlograph.lags import LAG_SIDE
+
+SMALLEST_PIXEL = 1e-9
+"""Squares and their sums keep their digits in single precision above this."""
+
+OWN_RESULTS = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "samples.npy", "truth.npy"}
+"""Files that this program writes beside frames, never frames themselves."""
+
+CONTACT_SHEET = "contact_sheet"
+"""Prefix of the contact sheets' file names."""
+
+
+def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
+    """Frame files of the inputs in order; a folder stands for the frames in it."""
+    files: list[Path] = []
+    for item in map(Path, inputs):
+        if item.is_dir():
+            check_whole(item)
+            found = frames_inside(item)
+            if not found:
+                raise InputError("frames", f"a folder with frames ({', '.join(FRAME_KINDS)})", f"none in {item}",
+                                 "check the folder")
+            files.extend(found)
+        elif item.is_file():
+            check_whole(item.parent)
+            files.append(item)
+        else:
+            raise InputError("frames", "a file or folder", f"no {item}", "check the path")
+    return files
+
+
+def frames_inside(folder: Path) -> list[Path]:
+    """Frame files of a folder in order, all of one kind."""
+    inside = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")
+                    and path.name not in OWN_RESULTS and not path.name.startswith(CONTACT_SHEET))
+    kinds = ([path for path in inside if path.suffix.lower() == kind] for kind in FRAME_KINDS)
+    return next((paths for paths in kinds if paths), [])
+
+
+def read_capture(inputs: Sequence[str | Path], known: CameraFacts) -> Capture:
+    """Read all frames as one capture; options (`known`) win over file headers.
+
+    Raises InputError for damaged, colour, constant, non-finite or differently sized frames, for
+    headers that contradict one another, and for one frame given twice.
+    """
+    files = find_frames(inputs)
+    frames: list[np.ndarray] = []
+    seen: set[bytes] = set()
+    first: FrameHeader | None = None
+    for file in files:
+        pixels, header = read_picture(file)
+        check_frame(pixels, file)
+        if frames and pixels.shape != frames[0].shape:
+            raise InputError("frames", f"frames of one size ({frames[0].shape[1]} x {frames[0].shape[0]}, as {files[0].name})",
+                             f"{pixels.shape[1]} x {pixels.shape[0]} in {file.name}", "give frames of one camera setting")
+        digest = hashlib.sha256(np.ascontiguousarray(pixels)).digest()
+        if digest in seen and pixels.any():
+            raise InputError("frames", "independent frames", f"{file.name} repeats an earlier frame pixel for pixel",
+                             "leave the copy out")
+        seen.add(digest)
+        if frames and _capture_of(header) != _capture_of(first):
+            raise InputError("frames", "frames of one capture (same scene, exposure, wavelength, pitch and distance)",
+                             f"another header in {file.name}", "invert the captures one by one")
+        first = header if not frames else first
+        frames.append(pixels)
+    given = {name: positive(name, value) for name, value in vars(known).items() if value is not None}
+    if "pixel_pitch_m" in given:  # the header's angles went with its own pitch
+        given = {"row_pitch_m": None, "column_pitch_m": None, **given}
+    facts = replace(CameraFacts.of(first), **given)
+    lacking = [name for name in ("wavelength_m", "pixel_pitch_m", "distance_m") if getattr(facts, name) is None]
+    if given and lacking:
+        options = ", ".join("--" + name.replace("_", "-") for name in lacking)
+        raise InputError("camera facts", "wavelength, pixel pitch and distance together", f"no {options}", f"add {options}")
+    return Capture(frames, facts, tuple(printable(file.name) for file in files))
+
+
+def printable(name: str) -> str:
+    """A file's name with question marks for bytes that are no UTF-8."""
+    return name.encode("utf-8", "replace").decode()
+
+
+def check_frame(pixels: np.ndarray, file: Path) -> None:
+    """Refuse frames that cannot be speckle. All-zero frames are legal: a short exposure may be empty."""
+    if not np.isfinite(pixels).all():
+        raise InputError("frame", "finite pixels", f"NaN or infinity in {file.name}", "leave the frame out")
+    largest = float(np.abs(pixels).max(initial=0.0))
+    if largest > LARGEST_PIXEL or 0.0 < largest < SMALLEST_PIXEL:
+        raise InputError("frame", f"pixels whose largest lies between {SMALLEST_PIXEL:g} and {LARGEST_PIXEL:g}",
+                         f"{largest:.3g} in {file.name}", "scale the frames")
+    if pixels.shape in ((LAG_SIDE, LAG_SIDE), (LAG_SIDE, 2 * LAG_SIDE)):
+        raise InputError("frame", "speckle", f"{file.name}, as large as a published autocorrelation", "add --autocorrelation")
+    if pixels.size and pixels.flat[0] != 0.0 and np.ptp(pixels) == 0.0:
+        raise InputError("frame", "speckle", f"the same value {pixels.flat[0]:g} everywhere in {file.name}",
+                         "check the exposure or leave the frame out")
+    if min(pixels.shape) < LAG_SIDE:
+        raise InputError("frame", f"at least {LAG_SIDE} x {LAG_SIDE} pixels",
+                         f"{pixels.shape[1]} x {pixels.shape[0]} in {file.name}", "give larger frames")
+
+
+def _capture_of(header: FrameHeader | None) -> FrameHeader | None:
+    """What all frames of a capture have in common: their header but for seed and number."""
+    return header and replace(header, seed=0, frame=0)
