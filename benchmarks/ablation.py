@@ -29,10 +29,30 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for loss, network in runs:
             output = Path(folder) / f"{network}-{loss}.safetensors"
-            train([options.dataset, "-o", str(output), "--network", network, "--width", "16", "--loss", loss,
-                   "--noise", "paper", "--steps", str(STEPS), "--batch", "16", "--checkpoint-every", str(EVERY)])
+            train(
+                [
+                    options.dataset,
+                    "-o",
+                    str(output),
+                    "--network",
+                    network,
+                    "--width",
+                    "16",
+                    "--loss",
+                    loss,
+                    "--noise",
+                    "paper",
+                    "--steps",
+                    str(STEPS),
+                    "--batch",
+                    "16",
+                    "--checkpoint-every",
+                    str(EVERY),
+                ]
+            )
             curves[f"{loss}, from {'|F(r)|' if network == 'paper-modulus' else 'r*r'}"] = json.loads(
-                output.with_suffix(".json").read_text())["curve"]
+                output.with_suffix(".json").read_text()
+            )["curve"]
     levels = " | ".join(f"b {255 * VALIDATION[point][0]:.0f}/255, K {VALIDATION[point][1]:g}" for point in POINTS)
     print(f"Correlation after {STEPS} steps of 16:\n\n| loss, mapping | {levels} |\n|---|{'---|' * len(POINTS)}")
     for name, curve in sorted(curves.items(), key=lambda item: -item[1][-1]["validation"][POINTS[0]]):
@@ -47,8 +67,12 @@ def _draw(curves: dict[str, list], path: Path) -> None:
     figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.add_subplot()
     for name, curve in curves.items():
-        axes.plot([point["step"] for point in curve], [point["validation"][POINTS[0]] for point in curve],
-                  "--" if "|F" in name else "-", label=name)
+        axes.plot(
+            [point["step"] for point in curve],
+            [point["validation"][POINTS[0]] for point in curve],
+            "--" if "|F" in name else "-",
+            label=name,
+        )
     axes.set_xlabel("step")
     axes.set_ylabel("registered correlation, validation")
     axes.legend(fontsize=7)

@@ -10,8 +10,11 @@ from pathlib import Path
 from data_gen.__main__ import main as data_gen
 from scenes import scene_path
 
-KINDS = {"targets": (100_000, ()), "noise-model pairs": (40_000, ("--measurement", "noise-model")),
-         "rendered pairs": (128, ("--measurement", "render", "--scene", str(scene_path("corner_letter"))))}
+KINDS = {
+    "targets": (100_000, ()),
+    "noise-model pairs": (40_000, ("--measurement", "noise-model")),
+    "rendered pairs": (128, ("--measurement", "render", "--scene", str(scene_path("corner_letter")))),
+}
 
 
 def main() -> None:

@@ -14,12 +14,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from correlograph.files.capture import CameraFacts, Capture
+from correlograph.files.capture import CameraMetadata, Capture
 from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import fourier_modulus, read_measurement
-from invert.methods import retrieve
-from invert.network.checkpoints import SHIPPED, load_network
-from invert.network.inference import denoise, fuse, observation, predict
+from invert.network.checkpoints import DEFAULT_WEIGHTS, load_network
+from invert.network.inference import denoise, fuse, make_observation, predict
 from invert.network.paper_unet import PaperUnet
 from invert.pipeline import reconstruct
 from invert.solvers.hio import HioOptions, hio
@@ -48,14 +47,20 @@ def main() -> None:
     simulation = Simulation(read_geometry(load_scene(scene_path("corner_letter"))[0]))
     frames = [simulation.frame(1, number).numpy() for number in range(2)]
     geometry = simulation.geometry
-    facts = CameraFacts(geometry.wavelength_m, geometry.pixel_pitch_m, geometry.distance_m, geometry.pupil_diameter_m,
-                        geometry.pupil_distance_m, *geometry.seen_pitch_m)
-    capture = Capture(frames, facts)
+    camera = CameraMetadata(
+        geometry.wavelength_m,
+        geometry.pixel_pitch_m,
+        geometry.distance_m,
+        geometry.pupil_diameter_m,
+        geometry.pupil_distance_m,
+        *geometry.seen_pitch_m,
+    )
+    capture = Capture(frames, camera)
     estimate = estimate_from_frames(capture, None, "cpu")
     measurement = read_measurement(estimate.lags, transfer=estimate.transfer)
-    network, _ = load_network(SHIPPED)
+    network, _ = load_network(DEFAULT_WEIGHTS)
     paper = load_network(paper_weights)[0] if paper_weights else PaperUnet().to(memory_format=torch.channels_last).eval()
-    seen = observation([measurement])
+    seen = make_observation([measurement])
 
     def paper_look() -> None:
         with torch.no_grad():
@@ -67,12 +72,14 @@ def main() -> None:
         ("noise level", lambda: read_measurement(estimate.lags, transfer=estimate.transfer)),
         ("denoiser, sketch and fusion, batch 1", lambda: (denoise(network, seen, 1), fuse(network, seen, seen.classical, 1))),
         ("two frames to albedo, fast", lambda: reconstruct(capture, quality="fast")),
-        ("estimate to albedo, balanced", lambda: retrieve(measurement, "unet", "balanced", 0, "cpu")),
-        ("estimate to albedo, best", lambda: retrieve(measurement, "unet", "best", 0, "cpu")),
-        ("estimate to albedo, classical", lambda: retrieve(measurement, "classical", "balanced", 0, "cpu")),
-        ("the paper's U-net, batch 1", paper_look),
-        ("HIO, 2000 iterations, one start", lambda: hio(modulus, 64, torch.Generator().manual_seed(0),
-                                                         HioOptions(starts=1, shrink_every=0))),
+        ("estimate to albedo, balanced", lambda: reconstruct(estimate)),
+        ("estimate to albedo, best", lambda: reconstruct(estimate, quality="best")),
+        ("estimate to albedo, classical", lambda: reconstruct(estimate, method="classical")),
+        ("U-net of Metzler et al. 2020, batch 1", paper_look),
+        (
+            "HIO, 2000 iterations, one start",
+            lambda: hio(modulus, 64, torch.Generator().manual_seed(0), HioOptions(starts=1, shrink_every=0)),
+        ),
     ]
     print("| | ms |\n|---|---|")
     for name, run in rows:

@@ -12,16 +12,14 @@ from pathlib import Path
 import numpy as np
 import torch
 
+import invert
 import sim
 from invert.albedo.metrics import aligned_pearson
-from invert.albedo.registration import centred, consensus
-from invert.measure.spectrum import read_measurement
-from invert.methods import retrieve
+from invert.albedo.registration import consensus, crop_centred
 from invert.solvers.hio import HioOptions, hio
-from radiometry.estimation.whole_frames import estimate_autocorrelation
 from radiometry.prediction import predict
-from sim.frame import Simulation
 from sim.memory_effect import MemoryEffect, autocovariance
+from sim.scene import render_geometry
 
 EXPOSURES_S = (1 / 8, 10.0, 1000.0)
 FRAMES = 20
@@ -40,15 +38,13 @@ def by_memory_effect(memory: MemoryEffect, seconds: float) -> np.ndarray:
     power = np.fft.rfft2(np.roll(padded, (-63, -63), (0, 1))).real
     modulus = torch.from_numpy(np.sqrt(np.maximum(power, 0.0)).astype(np.float32))
     found = hio(modulus / modulus.max(), 48, torch.Generator().manual_seed(0), HioOptions(starts=16))
-    return centred(consensus(found.images, found.residual).image.clamp_min(0.0)).numpy()
+    return crop_centred(consensus(found.images, found.residual).image.clamp_min(0.0)).numpy()
 
 
 def by_correlography(scene: sim.Scene, seconds: float) -> np.ndarray:
-    """The same from as many coherent frames, by the same retrieval."""
-    prediction = predict(scene.geometry)
-    simulation = Simulation(scene.geometry.exposed(seconds))
-    lags, _ = estimate_autocorrelation((simulation.frame(0, n).numpy() for n in range(FRAMES)), prediction.grid)
-    return retrieve(read_measurement(lags, transfer=prediction.transfer), "classical", "balanced", 0, "cpu").albedo
+    """Reconstruct the object from as many coherent frames."""
+    capture = render_geometry(scene.geometry.with_exposure(seconds), FRAMES)
+    return invert.reconstruct(capture, method="classical").albedo
 
 
 def main() -> None:
@@ -63,16 +59,26 @@ def main() -> None:
     reach = 0.5 * geometry.wavelength_m * geometry.distance_m / geometry.pixel_pitch_m
     noise = prediction.signal_to_noise(FRAMES)
     rows = [
-        ("third-bounce photoelectrons a second and frame", f"{per_frame:.3g}",
-         f"{memory.photoelectrons_per_pixel_s * np.prod(memory.frame_shape):.3g}"),
+        (
+            "third-bounce photoelectrons a second and frame",
+            f"{per_frame:.3g}",
+            f"{memory.photoelectrons_per_pixel_s * np.prod(memory.frame_shape):.3g}",
+        ),
         ("aperture", f"{geometry.pupil_diameter_m * 1e3:.3g} mm", f"{memory.aperture_m * 1e3:.3g} mm"),
         ("contrast", "1", f"{memory.contrast:.2g}"),
         ("resolution", f"{prediction.pitch_m * 1e6:.3g} um", f"{memory.pitch_m * 1e6:.3g} um"),
-        ("field of view", f"{reach * 1e3:.3g} mm (pixel pitch)",
-         f"{memory.field_of_view_m * 1e3:.3g} mm (rough surface), {memory.within(PAINT_M, geometry.wavelength_m) * 1e3:.2g} mm "
-         f"(paint of {PAINT_M * 1e6:.0f} um)"),
-        (f"signal to noise, {FRAMES} frames of 1/8 s", f"{noise:.2g}",
-         f"{memory.signal_to_noise(1 / 8) * FRAMES**0.5:.2g} (shot noise alone)"),
+        (
+            "field of view",
+            f"{reach * 1e3:.3g} mm (pixel pitch)",
+            f"{memory.field_of_view_m * 1e3:.3g} mm (rough surface), "
+            f"{memory.within(PAINT_M, geometry.wavelength_m) * 1e3:.2g} mm "
+            f"(paint of {PAINT_M * 1e6:.0f} um)",
+        ),
+        (
+            f"signal to noise, {FRAMES} frames of 1/8 s",
+            f"{noise:.2g}",
+            f"{memory.signal_to_noise(1 / 8) * FRAMES**0.5:.2g} (shot noise alone)",
+        ),
     ]
     images: list[list[np.ndarray]] = [[], []]
     for seconds in EXPOSURES_S:

@@ -43,11 +43,12 @@ def speckle(albedo: np.ndarray, rng: np.random.Generator, moved: float = 0.0) ->
     """
     rows, columns = (int(1.2 * side) for side in SHAPE)
     lag_rows, lag_columns = np.fft.fftfreq(rows) * PATCH, np.fft.fftfreq(columns) * PATCH
-    shown = ndimage.map_coordinates(albedo.astype(np.float64), np.stack(np.meshgrid(lag_rows + 31.5, lag_columns + 31.5,
-                                                                                    indexing="ij")), order=0, cval=0.0)
+    letter_albedo = ndimage.map_coordinates(
+        albedo.astype(np.float64), np.stack(np.meshgrid(lag_rows + 31.5, lag_columns + 31.5, indexing="ij")), order=0, cval=0.0
+    )
     inside = (np.abs(lag_rows)[:, None] < 32.0) & (np.abs(lag_columns) < 32.0)
-    field = rng.standard_normal(shown.shape) + 1j * rng.standard_normal(shown.shape)
-    wall = np.fft.fft2(field * np.sqrt(shown * inside))[: SHAPE[0], : SHAPE[1] + 64]
+    field = rng.standard_normal(letter_albedo.shape) + 1j * rng.standard_normal(letter_albedo.shape)
+    wall = np.fft.fft2(field * np.sqrt(letter_albedo * inside))[: SHAPE[0], : SHAPE[1] + 64]
     intensity = np.abs(wall) ** 2
     if moved:
         intensity = ndimage.uniform_filter1d(intensity, round(moved), axis=1)
@@ -86,11 +87,13 @@ def of_wall(wall: Callable[[np.random.Generator], np.ndarray]) -> Nuisance:
     return lambda frames, rng: frames * wall(rng)
 
 
-def shifted(pixels: float) -> Callable:
+def shift_frames(pixels: float) -> Callable:
     """Textured ambient light, the camera moved by so many pixels a frame."""
+
     def light(rng, count):
         wall = texture(rng, 0.2)
         return [ndimage.shift(wall, (0.6 * pixels * n, pixels * n), order=1, mode="nearest") for n in range(count)]
+
     return of_light(light)
 
 
@@ -98,6 +101,7 @@ def drifting(by: float) -> Callable:
     def light(rng, count):
         wall = texture(rng, 0.2)
         return [wall * (1.0 + by * number) for number in range(count)]
+
     return of_light(light)
 
 
@@ -117,24 +121,28 @@ LIGHT: dict[str, Nuisance] = {
     "moving lamp banding": of_light(lambda rng, count: [1.0 + 0.2 * fringes(60.0, 2.1 * n, np.pi / 2) for n in range(count)]),
     "lamp drift 2 %, textured": drifting(0.02),
     "lamp drift 10 %, textured": drifting(0.1),
-    "camera moved 1 pixel, textured": shifted(1.0),
-    "camera moved 5 pixels, textured": shifted(5.0),
+    "camera moved 1 pixel, textured": shift_frames(1.0),
+    "camera moved 5 pixels, textured": shift_frames(5.0),
     "glint": of_light(lambda rng, count: [400.0 * np.exp(-((ROW - 0.2) ** 2 + COLUMN**2) / 2e-5)] * count),
     "levels 1 to 3": each(lambda frame, number: frame * (1.0 + 2.0 * (number % 2))),
     "blur, deviation .5 pixel": each(lambda frame, number: ndimage.gaussian_filter(frame, 0.5)),
     "blur, deviation 1 pixel": each(lambda frame, number: ndimage.gaussian_filter(frame, 1.0)),
-    "dust": of_wall(lambda rng: np.prod([1.0 - 0.7 * np.exp(-((ROW - y) ** 2 + (COLUMN - x) ** 2) / 1e-5)
-                                         for y, x in rng.uniform(-0.5, 0.5, (40, 2))], 0)),
+    "dust": of_wall(
+        lambda rng: np.prod(
+            [1.0 - 0.7 * np.exp(-((ROW - y) ** 2 + (COLUMN - x) ** 2) / 1e-5) for y, x in rng.uniform(-0.5, 0.5, (40, 2))], 0
+        )
+    ),
 }
 """What happens to light before it is counted."""
 
 
-def spoilt(share: float, value: float, only_first: bool = False) -> Nuisance:
+def damage_pixels(share: float, value: float, only_first: bool = False) -> Nuisance:
     def change(frames, rng):
         where = rng.random(SHAPE) < share
         changed = frames.copy()
         changed[: 1 if only_first else None, where] = value
         return changed
+
     return change
 
 
@@ -144,13 +152,14 @@ def lines(value: float) -> Nuisance:
         changed[:, 300] = value
         changed[:, :, 500] = value
         return changed
+
     return change
 
 
 SENSOR: dict[str, Nuisance] = {
-    "hot pixels .01 %": spoilt(1e-4, 200.0),
-    "hot pixels .01 % of one frame": spoilt(1e-4, 200.0, True),
-    "dead pixels 1 %": spoilt(1e-2, 0.0),
+    "hot pixels .01 %": damage_pixels(1e-4, 200.0),
+    "hot pixels .01 % of one frame": damage_pixels(1e-4, 200.0, True),
+    "dead pixels 1 %": damage_pixels(1e-2, 0.0),
     "dead row and column": lines(0.0),
     "hot row and column": lines(10.0),
     "saturated": each(lambda frame, number: np.minimum(frame, 1.0)),
@@ -167,9 +176,15 @@ SENSOR: dict[str, Nuisance] = {
 
 MOTION = {"motion 5 pixels": 5.0}
 
-PAIRS = (("vignetting", "hot pixels .01 %"), ("ambient, textured", "gain .3, offset 100"), ("moving lamp banding", "8 bits"),
-         ("wall texture 10 %", "read noise of rows"), ("lamp drift 10 %, textured", "dead row and column"),
-         ("camera moved 1 pixel, textured", "saturated"), ("Gaussian illumination", "read noise 1 e"))
+PAIRS = (
+    ("vignetting", "hot pixels .01 %"),
+    ("ambient, textured", "gain .3, offset 100"),
+    ("moving lamp banding", "8 bits"),
+    ("wall texture 10 %", "read noise of rows"),
+    ("lamp drift 10 %, textured", "dead row and column"),
+    ("camera moved 1 pixel, textured", "saturated"),
+    ("Gaussian illumination", "read noise 1 e"),
+)
 
 
 def frames_of(names: tuple[str, ...], albedo: np.ndarray, count: int, seed: int) -> np.ndarray:
@@ -184,7 +199,7 @@ def frames_of(names: tuple[str, ...], albedo: np.ndarray, count: int, seed: int)
     return counted.astype(np.float32)
 
 
-def shown(character: str) -> np.ndarray:
+def letter_albedo(character: str) -> np.ndarray:
     """A letter of half the window's width, float (64, 64)."""
     return np.pad(letter(character).reshape(32, 8, 32, 8).mean((1, 3)) / 255.0, 16).astype(np.float32)
 
@@ -193,15 +208,19 @@ def cells() -> list[tuple[str, ...]]:
     return [(name,) for name in (*LIGHT, *SENSOR, *MOTION)] + list(PAIRS)
 
 
-def measured(names: tuple[str, ...], albedo: np.ndarray, count: int, seed: int, quality: str) -> dict[str, Any]:
+def measure_row(names: tuple[str, ...], albedo: np.ndarray, count: int, seed: int, quality: str) -> dict[str, Any]:
     """Correlation, confidence and warnings of one capture."""
     try:
         result = invert.reconstruct(frames_of(names, albedo, count, seed), quality=quality, patch=PATCH, seed=seed)
     except InputError as error:
         return {"refused": str(error)}
     seen = albedo.any() and result.object_found
-    return {"found": result.object_found, "confidence": round(result.confidence, 3), "warnings": list(result.warnings),
-            "pearson": round(aligned_pearson(result.albedo, albedo)[0], 3) if seen else 0.0}
+    return {
+        "found": result.object_found,
+        "confidence": round(result.confidence, 3),
+        "warnings": list(result.warnings),
+        "pearson": round(aligned_pearson(result.albedo, albedo)[0], 3) if seen else 0.0,
+    }
 
 
 def mean_pearson(cell: list[dict[str, Any]]) -> float:
@@ -214,15 +233,17 @@ def written(cell: list[dict[str, Any]], clean: float) -> str:
 
     Bold where a picture is wrong and confident; with an asterisk where the mean is more than .05 below the clean one.
     """
-    shown, parts = [one for one in cell if one.get("found")], []
-    if shown:
+    found, parts = [one for one in cell if one.get("found")], []
+    if found:
         below = "*" if mean_pearson(cell) < clean - 0.05 else ""
-        confidence = f"({np.mean([one['confidence'] for one in shown]):.2f})"
-        parts.append(f"{mean_pearson(shown):.2f}{below} {confidence}" if clean else confidence)
-    for word, number in (("refused", sum("refused" in one for one in cell)),
-                         ("none", sum(not one.get("found", True) for one in cell))):
+        confidence = f"({np.mean([one['confidence'] for one in found]):.2f})"
+        parts.append(f"{mean_pearson(letter_albedo):.2f}{below} {confidence}" if clean else confidence)
+    for word, number in (
+        ("refused", sum("refused" in one for one in cell)),
+        ("none", sum(not one.get("found", True) for one in cell)),
+    ):
         parts += [word if number == len(cell) else f"{number} {word}"] if number else []
-    wrong = any(one["confidence"] > 0.7 and one["pearson"] < 0.5 for one in shown)
+    wrong = any(one["confidence"] > 0.7 and one["pearson"] < 0.5 for one in found)
     return f"**{', '.join(parts)}**" if wrong else ", ".join(parts)
 
 
@@ -233,18 +254,26 @@ def main() -> None:
     parser.add_argument("--only", default="", help="nuisances whose name holds this, beside the clean frames")
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
-    truths, rows = [shown(one) for one in LETTERS], {}
-    columns = [("1 frame", 1, False), ("2 frames", 2, False), ("10 frames", 10, False), ("1, no object", 1, True),
-               ("2, no object", 2, True)]
+    truths, rows = [letter_albedo(one) for one in LETTERS], {}
+    columns = [
+        ("1 frame", 1, False),
+        ("2 frames", 2, False),
+        ("10 frames", 10, False),
+        ("1, no object", 1, True),
+        ("2, no object", 2, True),
+    ]
     wanted = [names for names in cells() if names == ("clean",) or options.only in " + ".join(names)]
     for names in tqdm(wanted, unit="nuisance", disable=None):
-        rows[" + ".join(names)] = {label: [measured(names, truth * (not empty), count, seed, options.quality)
-                                           for seed, truth in enumerate(truths)] for label, count, empty in columns}
+        rows[" + ".join(names)] = {
+            label: [measure_row(names, truth * (not empty), count, seed, options.quality) for seed, truth in enumerate(truths)]
+            for label, count, empty in columns
+        }
     (options.output / "rows.json").write_text(json.dumps(rows, indent=1))
     clean = {label: 0.0 if empty else mean_pearson(rows["clean"][label]) for label, _, empty in columns}
     lines = ["| | " + " | ".join(label for label, _, _ in columns) + " |", "|---" * (len(columns) + 1) + "|"]
-    lines += [f"| {name} | " + " | ".join(written(row[label], clean[label]) for label in clean) + " |"
-              for name, row in rows.items()]
+    lines += [
+        f"| {name} | " + " | ".join(written(row[label], clean[label]) for label in clean) + " |" for name, row in rows.items()
+    ]
     (options.output / "table.md").write_text("\n".join(lines) + "\n")
     print("\n".join(lines))
 

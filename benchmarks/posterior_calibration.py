@@ -15,10 +15,10 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from invert.albedo.posterior import BRIGHT, SIZES, Posterior, measured
-from invert.albedo.registration import laid_over
+import invert
+from invert.albedo.posterior import BRIGHT_THRESHOLD, SIZES, Samples, measure_size
+from invert.albedo.registration import register_groups
 from invert.evaluation.sets import NOISE_LEVELS, Case, edges, grey, shapes
-from invert.methods import retrieve
 
 PROBABILITIES = (0.5, 0.8, 0.95)
 BINS = np.linspace(0.0, 1.0, 6)
@@ -29,24 +29,27 @@ def families(photographs: Path, count: int, seed: int) -> dict[str, list[Case]]:
     levels = len(NOISE_LEVELS)
     total = count * levels
     sets = {"edges": edges(photographs, total, seed), "characters": shapes(total, seed), "grey": grey(photographs, total, seed)}
-    return {name: [case for number, level in enumerate(family) for case in level.cases[number::levels]]
-            for name, family in sets.items()}
+    return {
+        name: [case for number, level in enumerate(family) for case in level.cases[number::levels]]
+        for name, family in sets.items()
+    }
 
 
-def intervals_hold(said: Posterior, truth: np.ndarray) -> np.ndarray:
+def intervals_hold(samples: Samples, truth: np.ndarray) -> np.ndarray:
     """Whether each interval holds the truth, (sizes, probabilities)."""
+
     def holds(size: str, probability: float) -> bool:
-        low, high = said.interval(size, probability)
-        return low <= measured(truth, size) <= high
+        low, high = samples.interval(size, probability)
+        return low <= measure_size(truth, size) <= high
 
     return np.array([[holds(size, probability) for probability in PROBABILITIES] for size in SIZES])
 
 
-def bright(said: Posterior, albedo: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def bright(samples: Samples, albedo: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Probability that pixels are bright, and whether they are, with the samples laid over the truth as the albedo fits it."""
-    pictures = torch.from_numpy(np.concatenate((albedo[None], said.samples)))
-    placed = laid_over(pictures[None], torch.from_numpy(np.ascontiguousarray(truth, np.float32))[None])[0, 1:]
-    return (placed > BRIGHT).float().mean(0).numpy().ravel(), (truth > BRIGHT * truth.max()).ravel()
+    pictures = torch.from_numpy(np.concatenate((albedo[None], samples.samples)))
+    placed = register_groups(pictures[None], torch.from_numpy(np.ascontiguousarray(truth, np.float32))[None])[0, 1:]
+    return (placed > BRIGHT_THRESHOLD).float().mean(0).numpy().ravel(), (truth > BRIGHT_THRESHOLD * truth.max()).ravel()
 
 
 def unreliability(probability: np.ndarray, shown: np.ndarray) -> float:
@@ -65,23 +68,28 @@ def main() -> None:
     parser.add_argument("--quality", choices=("balanced", "best"), default="balanced")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    print(f"| family | estimates | {' | '.join(f'{100 * p:.0f} %' for p in PROBABILITIES)} "
-          f"| by size, 80 %: {', '.join(SIZES)} | bright |")
+    print(
+        f"| family | estimates | {' | '.join(f'{100 * p:.0f} %' for p in PROBABILITIES)} "
+        f"| by size, 80 %: {', '.join(SIZES)} | bright |"
+    )
     print("|---|---|---|---|---|---|---|")
     for name, cases in families(options.photographs, options.count, options.seed).items():
         held, likely, shown = [], [], []
         for case in tqdm(cases, desc=name, disable=None, leave=False):
-            found = retrieve(case.measurement, "unet", options.quality, 0, "cpu")
-            if found.posterior is None:
+            found = invert.reconstruct(case.estimate, quality=options.quality)
+            if found.samples is None:
                 continue
-            held.append(intervals_hold(found.posterior, case.truth))
-            probability, truly = bright(found.posterior, found.albedo, case.truth)
+            held.append(intervals_hold(found.samples, case.truth))
+            probability, truly = bright(found.samples, found.albedo, case.truth)
             likely.append(probability)
             shown.append(truly)
         share = np.mean(held, 0)
-        print(f"| {name} | {len(held)} | {' | '.join(f'{value:.2f}' for value in share.mean(0))} "
-              f"| {', '.join(f'{value:.2f}' for value in share[:, 1])} "
-              f"| {unreliability(np.concatenate(likely), np.concatenate(shown)):.2f} |", flush=True)
+        print(
+            f"| {name} | {len(held)} | {' | '.join(f'{value:.2f}' for value in share.mean(0))} "
+            f"| {', '.join(f'{value:.2f}' for value in share[:, 1])} "
+            f"| {unreliability(np.concatenate(likely), np.concatenate(shown)):.2f} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

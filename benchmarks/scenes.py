@@ -11,7 +11,7 @@ import numpy as np
 from correlograph.files.frames import read_frame
 from invert.__main__ import main as invert
 from invert.albedo.metrics import aligned_pearson
-from radiometry.noise.level import centre_dimmed
+from radiometry.noise.level import dim_zero_lag
 from scenes import scene_path
 from sim.__main__ import main as sim
 
@@ -24,11 +24,13 @@ def reconstruct(name: str, folder: Path) -> tuple[np.ndarray, np.ndarray, np.nda
     """A corner of the first frame, the estimate, the reconstruction laid over the truth, the truth, their correlation."""
     sim([str(scene_path(name)), "-o", str(folder / "capture"), "--frames", "2", "--seed", "1"])
     invert([str(folder / "capture"), "-o", str(folder / "result")])
-    truth, albedo, estimate = (np.load(folder / file, allow_pickle=False)
-                               for file in ("capture/truth.npy", "result/albedo.npy", "result/autocorrelation.npy"))
+    truth, albedo, estimate = (
+        np.load(folder / file, allow_pickle=False)
+        for file in ("capture/truth.npy", "result/albedo.npy", "result/autocorrelation.npy")
+    )
     pearson, moved = aligned_pearson(albedo, truth)
     frame, _ = read_frame(folder / "capture" / "frame_0000.exr")
-    return frame[:CORNER, :CORNER], centre_dimmed(estimate), moved, truth, pearson
+    return frame[:CORNER, :CORNER], dim_zero_lag(estimate), moved, truth, pearson
 
 
 def main() -> None:

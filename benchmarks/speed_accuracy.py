@@ -107,8 +107,10 @@ def _shared_out(place: np.ndarray, power: np.ndarray, side: int = 256) -> np.nda
 def scenes() -> list[tuple[float, float, float, tuple[int, int]]]:
     """Standoff, depth, tilt and frame of each scene."""
     bodies = [(depth, tilt) for depth in DEPTHS_M for tilt in TILTS_DEG]
-    return [*((standoff, *body, SHAPE) for standoff in STANDOFFS_M for body in bodies),
-            *((1.0, *body, shape) for shape in OTHER_SHAPES for body in bodies)]
+    return [
+        *((standoff, *body, SHAPE) for standoff in STANDOFFS_M for body in bodies),
+        *((1.0, *body, shape) for shape in OTHER_SHAPES for body in bodies),
+    ]
 
 
 def measure(standoff_m: float, depth_m: float, tilt_deg: float, shape: tuple[int, int]) -> dict[str, Any]:
@@ -128,25 +130,42 @@ def measure(standoff_m: float, depth_m: float, tilt_deg: float, shape: tuple[int
                 key = (option.propagator, option.precision, option.predicted_error)
                 if np.isfinite(option.seconds):
                     if key not in fields:
-                        fields[key] = _timed(option, thing)
+                        fields[key] = _time_propagation(option, thing)
                     field, seconds = fields[key]
                     error = field_distance(field, reference)
                     if accuracy == "statistical" and KERNELS[option.propagator].on_lattice:
                         error = statistical
                     measured.append((option, error, seconds))
-            kernels += [{"accuracy": accuracy, **option.as_dict(), "error": error, "measured_seconds": seconds}
-                        for option, error, seconds in measured]
+            kernels += [
+                {"accuracy": accuracy, **option.as_dict(), "error": error, "measured_seconds": seconds}
+                for option, error, seconds in measured
+            ]
             auto = choose(listed, "auto", tolerance)
             error, seconds = next((error, seconds) for option, error, seconds in measured if option is auto)
             cheapest = min(seconds for _, error, seconds in measured if error <= tolerance)
-            chosen.append({"accuracy": accuracy, "tolerance": tolerance, "propagator": auto.propagator,
-                           "precision": auto.precision, "error": error, "seconds": seconds, "cheapest_seconds": cheapest})
-    return {"standoff_m": standoff_m, "depth_m": depth_m, "tilt_deg": tilt_deg, "frame": shape,
-            "scatterers": len(thing.scatterers),
-            "kernels": kernels, "auto": chosen}
+            chosen.append(
+                {
+                    "accuracy": accuracy,
+                    "tolerance": tolerance,
+                    "propagator": auto.propagator,
+                    "precision": auto.precision,
+                    "error": error,
+                    "seconds": seconds,
+                    "cheapest_seconds": cheapest,
+                }
+            )
+    return {
+        "standoff_m": standoff_m,
+        "depth_m": depth_m,
+        "tilt_deg": tilt_deg,
+        "frame": shape,
+        "scatterers": len(thing.scatterers),
+        "kernels": kernels,
+        "auto": chosen,
+    }
 
 
-def _timed(option: Option, thing: Object) -> tuple[np.ndarray, float]:
+def _time_propagation(option: Option, thing: Object) -> tuple[np.ndarray, float]:
     """The field of a kernel, and the shortest time of three runs (the first compiles and plans)."""
     times = []
     for _ in range(3):
@@ -172,7 +191,7 @@ def whole_frame() -> str:
 
     simulation = Simulation(read_geometry(load_scene(scene_path("corner_letter"))[0]))
     noise, wave = np.random.default_rng(0), torch.randn(*simulation.geometry.frame_shape, dtype=torch.complex64)
-    mean = simulation.expected(0, 0).numpy()
+    mean = simulation.expected_frame(0, 0).numpy()
 
     def fastest(run: Any) -> float:
         times = []
@@ -188,11 +207,15 @@ def whole_frame() -> str:
     wall = replace(thing.wall, shape=simulation.geometry.frame_shape)
     pairs = len(thing.scatterers) * np.prod(wall.shape)
     direct = KERNELS["direct"].propagate
-    rate = {precision: pairs / fastest(lambda terms=terms: direct(thing.scatterers, wall, terms)) / 1e9
-            for precision, terms in (("float32", Terms("float32")), ("float64", Terms("float64")))}
-    return (f"whole frame, fraunhofer with photon noise: {frame:.3f} s, {frame / (fft + poisson):.2f} times one complex64 FFT "
-            f"({fft:.3f} s) and one Poisson draw ({poisson:.3f} s); direct: {rate['float32']:.2f}e9 pairs/s in float32, "
-            f"{rate['float64']:.2f}e9 in float64")
+    rate = {
+        precision: pairs / fastest(lambda terms=terms: direct(thing.scatterers, wall, terms)) / 1e9
+        for precision, terms in (("float32", Terms("float32")), ("float64", Terms("float64")))
+    }
+    return (
+        f"whole frame, fraunhofer with photon noise: {frame:.3f} s, {frame / (fft + poisson):.2f} times one complex64 FFT "
+        f"({fft:.3f} s) and one Poisson draw ({poisson:.3f} s); direct: {rate['float32']:.2f}e9 pairs/s in float32, "
+        f"{rate['float64']:.2f}e9 in float64"
+    )
 
 
 def main() -> None:
@@ -212,19 +235,26 @@ def _report(results: list[dict[str, Any]]) -> None:
     auto = [choice for result in results for choice in result["auto"]]
     exceeded = [choice for choice in auto if choice["error"] > choice["tolerance"]]
     slow = np.array([choice["seconds"] / choice["cheapest_seconds"] for choice in auto])
-    print(f"auto: {len(auto)} choices, {len(exceeded)} above their tolerance; time over the cheapest that meets it: median "
-          f"{np.median(slow):.2f}, {(slow > 2.0).sum()} above 2, largest {slow.max():.2f}")
+    print(
+        f"auto: {len(auto)} choices, {len(exceeded)} above their tolerance; time over the cheapest that meets it: median "
+        f"{np.median(slow):.2f}, {(slow > 2.0).sum()} above 2, largest {slow.max():.2f}"
+    )
     print("| accuracy, kernel | precision | largest error | predicted over measured (where 1e-6 to 1) | seconds, median |")
     print("|---|---|---|---|---|")
-    kernels = [((kernel["accuracy"], kernel["propagator"], kernel["precision"]), kernel)
-               for result in results for kernel in result["kernels"]
-               if not _is_reference(kernel) and (kernel["accuracy"] == "field" or kernel["propagator"] == "fraunhofer")]
+    kernels = [
+        ((kernel["accuracy"], kernel["propagator"], kernel["precision"]), kernel)
+        for result in results
+        for kernel in result["kernels"]
+        if not _is_reference(kernel) and (kernel["accuracy"] == "field" or kernel["propagator"] == "fraunhofer")
+    ]
     for key in dict.fromkeys(key for key, _ in kernels):
         rows = [kernel for own, kernel in kernels if own == key]
         ratios = [row["predicted_error"] / row["error"] for row in rows if 1e-6 < row["error"] < 1.0]
         span = f"{min(ratios):.2f} to {max(ratios):.2f}" if ratios else "none there"
-        print(f"| {key[0]}, {key[1]} | {key[2]} | {max(row['error'] for row in rows):.2g} | {span} | "
-              f"{np.median([row['measured_seconds'] for row in rows]):.3g} |")
+        print(
+            f"| {key[0]}, {key[1]} | {key[2]} | {max(row['error'] for row in rows):.2g} | {span} | "
+            f"{np.median([row['measured_seconds'] for row in rows]):.3g} |"
+        )
 
 
 def _is_reference(kernel: dict[str, Any]) -> bool:
@@ -236,8 +266,13 @@ def _draw(results: list[dict[str, Any]], path: Path) -> None:
 
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.add_subplot()
-    field = [kernel for result in results if tuple(result["frame"]) == SHAPE for kernel in result["kernels"]
-             if kernel["accuracy"] == "field" and not _is_reference(kernel)]
+    field = [
+        kernel
+        for result in results
+        if tuple(result["frame"]) == SHAPE
+        for kernel in result["kernels"]
+        if kernel["accuracy"] == "field" and not _is_reference(kernel)
+    ]
     for name, precision in sorted({(kernel["propagator"], kernel["precision"]) for kernel in field}):
         rows = [kernel for kernel in field if (kernel["propagator"], kernel["precision"]) == (name, precision)]
         axes.loglog([row["measured_seconds"] for row in rows], [row["error"] for row in rows], ".", label=f"{name} {precision}")

@@ -20,13 +20,13 @@ import torch
 from scipy.optimize import brentq
 from tqdm import tqdm
 
-from correlograph.files.images import read_autocorrelation
-from invert.albedo.registration import on_grid, registered
+from invert.albedo.registration import on_grid, register_images
 from invert.likelihood.gamma import log_likelihoods
+from invert.measure.estimate import Estimate, estimate_from_frames, published_estimate
 from invert.measure.spectrum import Measurement, read_measurement
-from invert.methods import retrieve
+from invert.pipeline import reconstruct
 from radiometry.noise.level import NoiseLevel
-from radiometry.noise.model import draw_estimate, window_smoothed
+from radiometry.noise.model import autocorrelate_windowed, draw_estimate
 
 DOF = 64.0
 FLOORS = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -53,7 +53,7 @@ CANDIDATES = torch.stack([bar_and_stem(column) for column in (*COLUMNS, None)])
 
 def signal() -> torch.Tensor:
     """H (r*r) of the object, 1 at its largest lag but zero."""
-    lags = window_smoothed(CANDIDATES[0].double())
+    lags = autocorrelate_windowed(CANDIDATES[0].double())
     return lags / lags[63, 64]
 
 
@@ -64,38 +64,34 @@ def divergences(floor: float) -> tuple[float, float]:
     return float(nats[0] - nats[-1]), float(nats[0] - nats[1:-1].max())
 
 
-def modelled(floor: float, count: int) -> Iterator[Measurement]:
-    """Measurements from the noise model."""
+def simulate_estimates(floor: float, count: int) -> Iterator[Estimate]:
+    """Sample estimates from the noise model."""
     for number in range(count):
-        yield read_measurement(draw_estimate(floor + signal(), DOF, torch.Generator().manual_seed(number)).float().numpy())
+        lags = draw_estimate(floor + signal(), DOF, torch.Generator().manual_seed(number))
+        yield Estimate(str(number), lags.float().numpy())
 
 
-def rendered(floor: float, count: int) -> Iterator[Measurement]:
-    """Measurements of two rendered frames each."""
-    from radiometry.estimation.whole_frames import estimate_autocorrelation
+def render_estimates(floor: float, count: int) -> Iterator[Estimate]:
+    """Render two frames per estimate, exposed so that their noise floor is as given."""
+    import sim
     from radiometry.prediction import predict
-    from scenes import scene_path
-    from sim.frame import Simulation
-    from sim.scene_file import load_scene
-    from sim.scene_reader import read_geometry
+    from sim.scene import render_geometry
 
-    geometry = read_geometry(load_scene(scene_path("corner_letter"))[0])
-    geometry = geometry.showing(CANDIDATES[0].numpy(), predict(geometry).pitches_m)
+    geometry = sim.load("corner_letter").geometry
+    geometry = geometry.with_object(CANDIDATES[0].numpy(), predict(geometry).pitches_m)
     prediction = predict(geometry)
 
     def excess(power: float) -> float:
-        return (prediction.exposed(10.0**power).terms.floor_over_peak() or np.inf) / prediction.signal[63, 64] - floor
+        return (prediction.with_exposure(10.0**power).terms.floor_over_peak() or np.inf) / prediction.signal[63, 64] - floor
 
     exposure_s = geometry.electronics.exposure_s * 10.0 ** brentq(excess, -5.0, 2.0)
-    simulation = Simulation(geometry.exposed(exposure_s))
     for seed in range(count):
-        lags, _ = estimate_autocorrelation((simulation.frame(seed, number) for number in range(2)), prediction.grid)
-        yield read_measurement(lags, transfer=prediction.transfer)
+        yield estimate_from_frames(render_geometry(geometry.with_exposure(exposure_s), 2, seed), None, "cpu")
 
 
 def place_shares(candidates: torch.Tensor, samples: np.ndarray) -> np.ndarray:
     """Share of the samples (n, 64, 64) that are nearest to each candidate on the grid, (candidates,)."""
-    nearest = [int(registered(candidates, on_grid(one))[1].argmax()) for one in samples]
+    nearest = [int(register_images(candidates, on_grid(one))[1].argmax()) for one in samples]
     return np.bincount(nearest, minlength=len(candidates)) / len(nearest)
 
 
@@ -108,9 +104,14 @@ def calibration_error(shares: np.ndarray) -> float:
     return float(np.abs(apart).sum() / shares.size)
 
 
+def _read_measurement(file: Path) -> Measurement:
+    estimate = published_estimate(file)
+    return read_measurement(estimate.lags, estimate.quantisation)
+
+
 def observe(file: Path) -> str:
     """Nats of each place of the stem over the bar alone in a published autocorrelation, as a table row."""
-    *places, none = log_likelihoods(CANDIDATES, read_measurement(*read_autocorrelation(file))).tolist()
+    *places, none = log_likelihoods(CANDIDATES, _read_measurement(file)).tolist()
     return f"| {file.stem} | {' | '.join(f'{place - none:.1f}' for place in places)} |"
 
 
@@ -129,25 +130,30 @@ def main() -> None:
         return
     count = options.count
     candidates = torch.stack([on_grid(one.numpy()) for one in CANDIDATES[:-1]])
-    print(f"| floor | stem, nats | its place, nats | of {count}: found by the observer | drawn | in its place | likeness "
-          "| samples in its place | calibration error |")
+    print(
+        f"| floor | stem, nats | its place, nats | of {count}: found by the observer | drawn | in its place | likeness "
+        "| samples in its place | calibration error |"
+    )
     print("|---|---|---|---|---|---|---|---|---|")
     for floor in options.floors:
         observed, likeness, shares = [], [], []
-        measurements = (rendered if options.rendered else modelled)(floor, count)
-        for number, measurement in enumerate(tqdm(measurements, total=count, desc=f"floor {floor:g}", disable=None)):
-            observed.append(int(log_likelihoods(CANDIDATES[:-1], measurement).argmax()))
-            result = retrieve(measurement, "unet", options.quality, number, "cpu")
+        estimates = (render_estimates if options.rendered else simulate_estimates)(floor, count)
+        for number, estimate in enumerate(tqdm(estimates, total=count, desc=f"floor {floor:g}", disable=None)):
+            result = reconstruct(estimate, quality=options.quality, seed=number)
+            observed.append(int(log_likelihoods(CANDIDATES[:-1], result.measurement).argmax()))
             if result.object_found:
-                likeness.append(registered(candidates, on_grid(result.albedo))[1])
-            if result.posterior is not None:
-                shares.append(place_shares(candidates, result.posterior.samples))
+                likeness.append(register_images(candidates, on_grid(result.albedo))[1])
+            if result.samples is not None:
+                shares.append(place_shares(candidates, result.samples.samples))
         fits = torch.stack(likeness) if likeness else torch.empty(0, len(COLUMNS))
         stem, place = divergences(floor)
         placed = int((fits.argmax(1) == 0).sum())
-        print(f"| {floor:g} | {stem:.0f} | {place:.1f} | {observed.count(0)} | {len(fits)} | {placed} "
-              f"| {float(fits[:, 0].mean()):.2f} | {np.mean(shares, 0)[0] if shares else np.nan:.2f} "
-              f"| {calibration_error(np.array(shares)) if shares else np.nan:.2f} |", flush=True)
+        print(
+            f"| {floor:g} | {stem:.0f} | {place:.1f} | {observed.count(0)} | {len(fits)} | {placed} "
+            f"| {float(fits[:, 0].mean()):.2f} | {np.mean(shares, 0)[0] if shares else np.nan:.2f} "
+            f"| {calibration_error(np.array(shares)) if shares else np.nan:.2f} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -21,10 +21,10 @@ The foundation, which every other package imports:
     lags.py         the lag grid
     files/          captures, frames, images, stores, output files
     workers.py      Dask workers
+    lazy.py         public names that are imported when they are used
     version.py      version of the installed package
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from correlograph.files.corrections import Corrections
     from invert.albedo.metrics import Scores, aligned_pearson, score
     from invert.albedo.posterior import Samples
-    from invert.pipeline import Result, reconstruct
+    from invert.output.result import Result
+    from invert.pipeline import reconstruct
     from radiometry.scene_budget import Forecast, light_budget, predict
     from sim.plan import Settings
     from sim.scene import Scene, load, render
@@ -44,7 +45,7 @@ _MODULES = {
     "Corrections": "correlograph.files.corrections",
     "Forecast": "radiometry.scene_budget",
     "InputError": "correlograph.errors",
-    "Result": "invert.pipeline",
+    "Result": "invert.output.result",
     "Samples": "invert.albedo.posterior",
     "Scene": "sim.scene",
     "Scores": "invert.albedo.metrics",
@@ -58,8 +59,25 @@ _MODULES = {
     "score": "invert.albedo.metrics",
 }
 
-__all__ = ["CameraMetadata", "Capture", "Corrections", "Forecast", "InputError", "Result", "Samples", "Scene", "Scores",
-           "Settings", "aligned_pearson", "light_budget", "load", "predict", "reconstruct", "render", "score"]
+__all__ = [
+    "CameraMetadata",
+    "Capture",
+    "Corrections",
+    "Forecast",
+    "InputError",
+    "Result",
+    "Samples",
+    "Scene",
+    "Scores",
+    "Settings",
+    "aligned_pearson",
+    "light_budget",
+    "load",
+    "predict",
+    "reconstruct",
+    "render",
+    "score",
+]
 
 
 def __getattr__(name: str) -> Any:
@@ -67,11 +85,9 @@ def __getattr__(name: str) -> Any:
         from correlograph.version import version
 
         return version()
-    if name not in _MODULES:
-        raise AttributeError(f"module 'correlograph' has no attribute {name!r}")
-    value = getattr(import_module(_MODULES[name]), name)
-    globals()[name] = value
-    return value
+    from correlograph.lazy import load_attribute
+
+    return load_attribute(__name__, _MODULES, name)
 
 
 def __dir__() -> list[str]:

@@ -41,11 +41,18 @@ class _PrintCompletion(argparse.Action):
 
 def _build_parser(*, options: bool = False) -> ArgumentParser:
     """Build the parser of the command names; with `options`, that of their options as well."""
-    p = ArgumentParser(prog="correlograph", description="Render speckle from hidden objects and reconstruct the objects from it.",
-                       epilog="'correlograph COMMAND --help' lists the options of a command.")
+    p = ArgumentParser(
+        prog="correlograph",
+        description="Render speckle from hidden objects and reconstruct the objects from it.",
+        epilog="'correlograph COMMAND --help' lists the options of a command.",
+    )
     p.add_argument("--version", action="version", version=f"correlograph {version()}")
-    p.add_argument("--print-completion", action=_PrintCompletion, choices=("bash", "zsh", "tcsh"),
-                   help="print a completion script for a shell")
+    p.add_argument(
+        "--print-completion",
+        action=_PrintCompletion,
+        choices=("bash", "zsh", "tcsh"),
+        help="print a completion script for a shell",
+    )
     subparsers = p.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, (module, purpose) in COMMANDS.items():
         parents = [import_module(module).parser()] if options else []

@@ -59,8 +59,11 @@ def _packages() -> bool:
         except PackageNotFoundError:
             found[package] = "missing"
     missing = [package for package, number in found.items() if number == "missing"]
-    _tell("packages", ", ".join(f"{package} {number}" for package, number in found.items()),
-          f"'pip install correlograph' brings {', '.join(missing)}" if missing else "")
+    _tell(
+        "packages",
+        ", ".join(f"{package} {number}" for package, number in found.items()),
+        f"'pip install correlograph' brings {', '.join(missing)}" if missing else "",
+    )
     return not missing
 
 
@@ -73,9 +76,14 @@ def _simulator() -> bool:
         return not _tell("simulator", f"does not start ({reason})", "inverting works, rendering does not")
     variant, path, major, enough = done.stdout.splitlines()[-4:]
     if variant.startswith("llvm"):
-        _tell("libLLVM", f"{major or 'of unknown version'}{f' ({path})' if path else ''}",
-              f"below {enough}, spheres, smooth meshes, masks and microfacets are refused; 'apt-get install libllvm19', "
-              "'dnf install llvm-libs' or 'brew install llvm'" if major and int(major) < int(enough) else "")
+        _tell(
+            "libLLVM",
+            f"{major or 'of unknown version'}{f' ({path})' if path else ''}",
+            f"below {enough}, spheres, smooth meshes, masks and microfacets are refused; 'apt-get install libllvm19', "
+            "'dnf install llvm-libs' or 'brew install llvm'"
+            if major and int(major) < int(enough)
+            else "",
+        )
     return _tell("Mitsuba", f"variant {variant}")
 
 
@@ -85,8 +93,11 @@ def _torch() -> bool:
     import torch
 
     if torch.cuda.is_available():
-        _tell("GPU", torch.cuda.get_device_name(),
-              "" if find_spec("cufinufft") else "no cufinufft: --propagator nufft runs on the CPU only")
+        _tell(
+            "GPU",
+            torch.cuda.get_device_name(),
+            "" if find_spec("cufinufft") else "no cufinufft: --propagator nufft runs on the CPU only",
+        )
     else:
         _tell("GPU", "none", "--device cuda is refused; everything runs on the CPU, training takes hours instead of minutes")
     return _tell("threads", f"{torch.get_num_threads()} of torch (OMP_NUM_THREADS; results repeat for one number)")

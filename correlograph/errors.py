@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-LONGEST = 300
+MAX_FOUND_CHARS = 300
 """Characters of what was found that a message repeats."""
 
 
@@ -15,7 +15,7 @@ class InputError(ValueError):
     """
 
     def __init__(self, name: str, expected: str, found: object, remedy: str) -> None:
-        found = f"{found!s:.{LONGEST}}" + ("..." if len(str(found)) > LONGEST else "")
+        found = f"{found!s:.{MAX_FOUND_CHARS}}" + ("..." if len(str(found)) > MAX_FOUND_CHARS else "")
         text = f"{name}: expected {expected}, found {found}; {remedy}".encode("utf-8", "replace").decode()
         super().__init__(" ".join(text.split()))
         self._parts = (name, expected, str(found), remedy)
@@ -25,11 +25,11 @@ class InputError(ValueError):
         return type(self), self._parts
 
 
-LARGEST = 1e15
-SMALLEST = 1e-30
+SI_MAX = 1e15
+SI_MIN = 1e-30
 
 
-def positive(name: str, value: float, *, zero_allowed: bool = False) -> float:
+def check_positive(name: str, value: float, *, zero_allowed: bool = False) -> float:
     """Return `value` as a float if it lies within bounds that no physical quantity in SI units leaves.
 
     Raises InputError for anything else, NaN and text included.
@@ -38,9 +38,9 @@ def positive(name: str, value: float, *, zero_allowed: bool = False) -> float:
         number = float(value)
     except (TypeError, ValueError):
         number = float("nan")
-    if SMALLEST <= number <= LARGEST or (zero_allowed and number == 0.0):
+    if SI_MIN <= number <= SI_MAX or (zero_allowed and number == 0.0):
         return number
-    kind = f"a number{' that is zero or' if zero_allowed else ''} between {SMALLEST:g} and {LARGEST:g}"
+    kind = f"a number{' that is zero or' if zero_allowed else ''} between {SI_MIN:g} and {SI_MAX:g}"
     raise InputError(name, kind, value, f"correct {name}")
 
 

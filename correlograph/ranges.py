@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any
 
-from correlograph.errors import LARGEST, SMALLEST, InputError
+from correlograph.errors import SI_MAX, SI_MIN, InputError
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ SEED = Range(0, 2**31 - 1)
 
 FRAMES = Range(1, 10**6)
 WORKERS = Range(1, 256)
-SI = Range(SMALLEST, LARGEST)
+SI = Range(SI_MIN, SI_MAX)
 """Bounds that no physical quantity in SI units leaves."""
 BLUR = Range(0.0, 1e4)
 """Standard deviation of a blur in pixels."""

@@ -29,8 +29,9 @@ def check_scheduler(address: str) -> None:
     except subprocess.TimeoutExpired:
         found = "silence for 30 s"
     if found is not None:
-        raise InputError("--scheduler", "a Dask scheduler that answers", f"{address} ({found})",
-                         "start one with 'dask scheduler'")
+        raise InputError(
+            "--scheduler", "a Dask scheduler that answers", f"{address} ({found})", "start one with 'dask scheduler'"
+        )
 
 
 @contextmanager
@@ -43,10 +44,12 @@ def cluster_client(workers: int, scheduler: str | None) -> Iterator:
         with Client(scheduler, timeout=20) as client:
             yield client
         return
-    with (_environment_kept(),
-          dask.config.set({"distributed.worker.memory.terminate": False, "distributed.logging.distributed": "error"}),
-          LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster,
-          Client(cluster) as client):
+    with (
+        _environment_kept(),
+        dask.config.set({"distributed.worker.memory.terminate": False, "distributed.logging.distributed": "error"}),
+        LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster,
+        Client(cluster) as client,
+    ):
         yield client
 
 

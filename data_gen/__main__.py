@@ -21,14 +21,22 @@ def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m data_gen", description="Make a dataset of hidden objects and their autocorrelations.")
     p.add_argument("output", help="address of the Zarr store: a path, or any address fsspec knows")
     p.add_argument("--images", type=Path, help="folder of photographs whose Canny edges are targets")
-    p.add_argument("--source", choices=("edges", "glyphs", "strokes", "shapes", "mixed"),
-                   help="what targets are; edges where --images is given (mixed then takes edges too)")
+    p.add_argument(
+        "--source",
+        choices=("edges", "glyphs", "strokes", "shapes", "mixed"),
+        help="what targets are; edges where --images is given (mixed then takes edges too)",
+    )
     p.add_argument("--count", type=Range(1, 10**9), required=True)
     p.add_argument("--seed", type=SEED, default=0)
-    p.add_argument("--measurement", choices=("none", "noise-model", "render"), default="none",
-                   help="none: targets only, for noise drawn while training")
-    p.add_argument("--scene", type=Path,
-                   help="scene to render, or whose noise the model takes; targets stand in for its hidden object")
+    p.add_argument(
+        "--measurement",
+        choices=("none", "noise-model", "render"),
+        default="none",
+        help="none: targets only, for noise drawn while training",
+    )
+    p.add_argument(
+        "--scene", type=Path, help="scene to render, or whose noise the model takes; targets stand in for its hidden object"
+    )
     bounds = ("LOW", "HIGH")
     p.add_argument("--floor-over-peak", type=SI, nargs=2, metavar=bounds, help="range of the noise model (0.01 0.7)")
     p.add_argument("--dof", type=SI, nargs=2, metavar=bounds, help="range of the noise model (4 1000)")
@@ -52,8 +60,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     if options.dry_run:
         pairs = recipe.measurement != "none"
         size = recipe.count * (PAIR_BYTES if pairs else 300)
-        print(f"{recipe.count} {'pairs' if pairs else 'targets'}, about {size / 1e9:.3g} GB, "
-              f"about {predicted_seconds(recipe, options.workers):.0f} s with {options.workers} workers")
+        print(
+            f"{recipe.count} {'pairs' if pairs else 'targets'}, about {size / 1e9:.3g} GB, "
+            f"about {predicted_seconds(recipe, options.workers):.0f} s with {options.workers} workers"
+        )
         return
     _try_out(recipe, options.scheduler)
     with sole_writer(address, "dataset"):
@@ -74,8 +84,12 @@ def _check(options: Any) -> None:
     if options.measurement == "none" and options.scene is not None:
         raise InputError("--scene", "--measurement render or noise-model beside it", "none", "leave --scene out")
     if (options.measurement != "noise-model" or options.scene) and (options.floor_over_peak or options.dof):
-        raise InputError("--floor-over-peak, --dof", "the noise model without a scene", f"--measurement {options.measurement}"
-                         f"{' --scene' if options.scene else ''}", "leave them out")
+        raise InputError(
+            "--floor-over-peak, --dof",
+            "the noise model without a scene",
+            f"--measurement {options.measurement}{' --scene' if options.scene else ''}",
+            "leave them out",
+        )
     for name, bounds in (("--floor-over-peak", options.floor_over_peak), ("--dof", options.dof)):
         if bounds and bounds[0] > bounds[1]:
             raise InputError(name, "LOW up to HIGH", bounds, "swap them")
@@ -109,14 +123,27 @@ def _recipe(options: Any) -> tuple[Any, dict[str, Any]]:
     scene = str(options.scene) if options.scene else None
     if options.scene and not options.scene.is_file():
         raise InputError("--scene", "a scene file", f"no {options.scene}", "check the path")
-    recipe = Recipe(source, options.count, options.seed, options.measurement, scene,
-                    tuple(options.floor_over_peak or (0.01, 0.7)), tuple(options.dof or (4.0, 1000.0)))
+    recipe = Recipe(
+        source,
+        options.count,
+        options.seed,
+        options.measurement,
+        scene,
+        tuple(options.floor_over_peak or (0.01, 0.7)),
+        tuple(options.dof or (4.0, 1000.0)),
+    )
     level: dict[str, Any] = {"scene_sha256": _scene_sha256(scene)} if scene else {}
     if options.measurement == "noise-model" and not scene:
         level = {"floor_over_peak": list(recipe.floor_over_peak), "dof": list(recipe.dof)}
     manifest = {
-        "arguments": {"source": name, "kinds": list(source.kinds), "count": options.count, "seed": options.seed,
-                      "measurement": options.measurement, **level},
+        "arguments": {
+            "source": name,
+            "kinds": list(source.kinds),
+            "count": options.count,
+            "seed": options.seed,
+            "measurement": options.measurement,
+            **level,
+        },
         "photographs": [list(pair) for pair in zip(photographs.names, photographs.hashes, strict=True)] if photographs else [],
         "skipped": [list(pair) for pair in photographs.skipped] if photographs else [],
         "versions": {package: version(package) for package in PACKAGES},

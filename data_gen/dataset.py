@@ -9,13 +9,13 @@ import torch
 import zarr
 
 from correlograph.errors import InputError
-from correlograph.files.store import Schema, arguments_of, open_whole, read_array
+from correlograph.files.store import Schema, arguments_of, open_complete, read_array
 from data_gen.store import dataset_schema
 
 
 def open_dataset(address: str) -> zarr.Group:
     """Open a finished dataset for reading; InputError where there is none, or it is unfinished, damaged or another's."""
-    return open_whole(address, dataset_schema_of(address))
+    return open_complete(address, dataset_schema_of(address))
 
 
 def dataset_schema_of(address: str) -> Schema:
@@ -48,8 +48,12 @@ def load_targets(address: str) -> tuple[torch.Tensor, torch.Tensor]:
     group = open_dataset(address)
     albedo, split = (read_array(group, address, name, dataset_schema_of(address)) for name in ("albedo", "split"))
     if split.all() or not split.any():
-        raise InputError("dataset", "targets for training and for validation", f"one kind only among {len(split)} in {address}",
-                         "make a larger one")
+        raise InputError(
+            "dataset",
+            "targets for training and for validation",
+            f"one kind only among {len(split)} in {address}",
+            "make a larger one",
+        )
     return torch.from_numpy(albedo[split == 0]), torch.from_numpy(albedo[split == 1])
 
 

@@ -23,13 +23,13 @@ from correlograph.lags import OBJECT_SIDE
 WINDOW = (36, 60)
 """Smallest and largest side of a crop; it lies in the target's middle."""
 
-FEWEST, MOST = 48, 0.16
+MIN_EDGE_PIXELS, MAX_EDGE_FRACTION = 48, 0.16
 """Fewest edge pixels of a target, and the largest share of the crop that may be edge."""
 
-CRUMB = 10
+MIN_COMPONENT_PIXELS = 10
 """Connected edges of fewer pixels are left out: the estimate would not show them."""
 
-SMALLEST_SIDE = 2 * OBJECT_SIDE
+MIN_SIDE = 2 * OBJECT_SIDE
 """Photographs with a shorter side than this hold too few crops."""
 
 VIEWS = 6
@@ -64,7 +64,7 @@ def find_photographs(folder: Path) -> Photographs:
         else:
             try:
                 luminance = read_luminance(file)
-                if min(luminance.shape) < SMALLEST_SIDE:
+                if min(luminance.shape) < MIN_SIDE:
                     reason = f"only {luminance.shape[1]} x {luminance.shape[0]} pixels"
                 elif np.ptp(luminance) == 0.0:
                     reason = "the same value everywhere"
@@ -76,8 +76,12 @@ def find_photographs(folder: Path) -> Photographs:
             names.append(name)
             hashes.append(hashlib.sha256(file.read_bytes()).hexdigest())
     if not names:
-        raise InputError("--images", f"photographs of at least {SMALLEST_SIDE} x {SMALLEST_SIDE} pixels",
-                         f"none among {len(skipped)} files in {folder}", "give another folder")
+        raise InputError(
+            "--images",
+            f"photographs of at least {MIN_SIDE} x {MIN_SIDE} pixels",
+            f"none among {len(skipped)} files in {folder}",
+            "give another folder",
+        )
     return Photographs(folder, tuple(names), tuple(hashes), tuple(skipped))
 
 
@@ -129,10 +133,10 @@ def _crops(edges: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarra
         side = int(rng.integers(WINDOW[0], WINDOW[1] + 1))
         row, column = int(rng.integers(height - side)), int(rng.integers(width - side))
         crop = edges[row : row + side, column : column + side]
-        if not FEWEST <= np.count_nonzero(crop) <= MOST * side * side:
+        if not MIN_EDGE_PIXELS <= np.count_nonzero(crop) <= MAX_EDGE_FRACTION * side * side:
             continue
-        crop = _without_crumbs(crop)
-        if np.count_nonzero(crop) < FEWEST:
+        crop = _remove_small_components(crop)
+        if np.count_nonzero(crop) < MIN_EDGE_PIXELS:
             continue
         corner = (OBJECT_SIDE - side) // 2
         targets[accepted, corner : corner + side, corner : corner + side] = crop * np.uint8(255)
@@ -142,9 +146,9 @@ def _crops(edges: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarra
     return None
 
 
-def _without_crumbs(crop: np.ndarray) -> np.ndarray:
-    """Only the connected edges (eight neighbours) of at least `CRUMB` pixels."""
+def _remove_small_components(crop: np.ndarray) -> np.ndarray:
+    """Only the connected edges (eight neighbours) of at least `MIN_COMPONENT_PIXELS` pixels."""
     label, _ = ndimage.label(crop, np.ones((3, 3)))
-    large = np.bincount(label.ravel()) >= CRUMB
+    large = np.bincount(label.ravel()) >= MIN_COMPONENT_PIXELS
     large[0] = False
     return large[label]

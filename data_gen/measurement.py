@@ -7,12 +7,13 @@ import torch
 
 from correlograph.errors import InputError
 from radiometry.estimation.whole_frames import estimate_autocorrelation
-from radiometry.noise.model import draw_estimate, expected_spectrum, window_smoothed
+from radiometry.noise.model import autocorrelate_windowed, draw_estimate, expected_spectrum
 from radiometry.prediction import noise_terms, predict
 
 
-def model_measurement(albedo: torch.Tensor, floor_over_peak: torch.Tensor, dof: torch.Tensor,
-                      rng: torch.Generator) -> torch.Tensor:
+def model_measurement(
+    albedo: torch.Tensor, floor_over_peak: torch.Tensor, dof: torch.Tensor, rng: torch.Generator
+) -> torch.Tensor:
     """Noisy estimates, in units of (r*r)(0), from radiometry's noise model.
 
     Args:
@@ -22,13 +23,15 @@ def model_measurement(albedo: torch.Tensor, floor_over_peak: torch.Tensor, dof: 
     Returns:
         (n, 127, 127), zero lag at [63, 63].
     """
-    signal = window_smoothed(albedo) / albedo.square().sum((-2, -1))[..., None, None]
+    signal = autocorrelate_windowed(albedo) / albedo.square().sum((-2, -1))[..., None, None]
     return draw_estimate(expected_spectrum(signal, floor_over_peak), dof, rng)
 
 
-def draw_noise_levels(count: int, floor_over_peak: tuple[float, float], dof: tuple[float, float],
-                      rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def draw_noise_levels(
+    count: int, floor_over_peak: tuple[float, float], dof: tuple[float, float], rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """Floors over peak and degrees of freedom, log-uniform in their ranges, each float32 (count,)."""
+
     def log_uniform(low: float, high: float) -> np.ndarray:
         return np.exp(rng.uniform(np.log(low), np.log(high), count)).astype(np.float32)
 
@@ -59,7 +62,7 @@ class SceneMeasurement:
 
     def noise_level(self, albedo: np.ndarray) -> tuple[float, float]:
         """Floor and (r*r)(0) of the estimate of an albedo (64, 64), in electrons squared."""
-        geometry = self._simulation.geometry.showing(albedo, self._pitches_m)
+        geometry = self._simulation.geometry.with_object(albedo, self._pitches_m)
         terms = noise_terms(geometry, albedo, self._pitches_m[0] * self._pitches_m[1] * geometry.hidden_object.axes.cell)
         floor = terms.signal + terms.ambient + terms.dark + terms.read + terms.quantisation
         if self._simulation.effects["detector_roughness"].modelled:
@@ -68,11 +71,11 @@ class SceneMeasurement:
 
     def render(self, albedo: np.ndarray, seed: int) -> np.ndarray:
         """Estimate (127, 127) from rendered frames, in units of (r*r)(0)."""
-        shown = self._simulation.showing(albedo, self._pitches_m)
+        shown = self._simulation.with_object(albedo, self._pitches_m)
         frames = (shown.frame(seed, number) for number in range(self._frames))
         return estimate_autocorrelation(frames, self._grid)[0] / self.noise_level(albedo)[1]
 
     def model(self, albedo: torch.Tensor, floor_over_peak: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
         """Estimates (n, 127, 127) from the noise model with the camera's H, in units of (r*r)(0)."""
-        signal = window_smoothed(albedo) / albedo.square().sum((-2, -1))[..., None, None]
+        signal = autocorrelate_windowed(albedo) / albedo.square().sum((-2, -1))[..., None, None]
         return draw_estimate(expected_spectrum(signal, floor_over_peak, self._transfer), self.dof, rng, correlated=True)

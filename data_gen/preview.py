@@ -12,7 +12,7 @@ from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError
 from correlograph.files.output import atomic
 from correlograph.ranges import Range
-from radiometry.noise.level import centre_dimmed
+from radiometry.noise.level import dim_zero_lag
 
 COLUMNS = 8
 
@@ -29,7 +29,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     options = parser().parse_args(argv)
     from correlograph.files.store import read_rows
     from data_gen.dataset import dataset_schema_of, open_dataset
-    from radiometry.noise.model import window_smoothed
+    from radiometry.noise.model import autocorrelate_windowed
 
     group = open_dataset(options.dataset)
     output = options.output or Path(options.dataset.rstrip("/")).with_suffix(".preview.png")
@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         lags = read("autocorrelation").astype(np.float32)
         captions = [f"b {floor:.2g}, K {dof:.3g}" for floor, dof in zip(read("floor_over_peak"), read("dof"), strict=True)]
     else:
-        lags, captions = window_smoothed(torch.from_numpy(albedo).float()).numpy(), ["no noise"] * len(chosen)
+        lags, captions = autocorrelate_windowed(torch.from_numpy(albedo).float()).numpy(), ["no noise"] * len(chosen)
     if not (np.isfinite(lags).all() and set(np.unique(read("split"))) <= {0, 1}):
         raise InputError("dataset", "finite lags, and splits of 0 and 1", f"others in {options.dataset}", "make it again")
     save_sheet(output, albedo, lags, captions)
@@ -62,7 +62,7 @@ def save_sheet(path: Path, albedo: np.ndarray, lags: np.ndarray, captions: list[
     figure = Figure(figsize=(1.6 * COLUMNS, 3.6 * rows), layout="constrained")
     for index, (image, estimate, caption) in enumerate(zip(albedo, lags, captions, strict=True)):
         row, column = divmod(index, COLUMNS)
-        for part, (picture, title) in enumerate(((image, ""), (centre_dimmed(estimate), caption))):
+        for part, (picture, title) in enumerate(((image, ""), (dim_zero_lag(estimate), caption))):
             axes = figure.add_subplot(2 * rows, COLUMNS, (2 * row + part) * COLUMNS + column + 1)
             axes.imshow(picture, cmap="gray", interpolation="nearest", vmin=0.0)
             axes.set_title(title, fontsize=7)

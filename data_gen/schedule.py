@@ -32,8 +32,12 @@ def make_shards(address: str, recipe: Recipe, shards: list[int], workers: int, s
             try:
                 done = future.result()
             except KilledWorker:
-                raise InputError("worker", "workers that survive", "repeated deaths on one shard",
-                                 "give them more memory, then run the same command again") from None
+                raise InputError(
+                    "worker",
+                    "workers that survive",
+                    "repeated deaths on one shard",
+                    "give them more memory, then run the same command again",
+                ) from None
             made += done
             bar.update(done)
     return made

@@ -76,7 +76,7 @@ def strokes(rng: np.random.Generator) -> np.ndarray:
     return _cells(canvas, rng)
 
 
-def filled(rng: np.random.Generator) -> np.ndarray:
+def filled_shape(rng: np.random.Generator) -> np.ndarray:
     """One to three filled polygons and ellipses of different albedo, some with a hole; uint8 (64, 64)."""
     canvas = Image.new("L", (_CANVAS, _CANVAS))
     pen = ImageDraw.Draw(canvas)

@@ -24,6 +24,9 @@ def dataset_schema(measurement: str) -> Schema:
     """Schema of a dataset with this measurement."""
     arrays: dict[str, tuple[tuple[int, ...], str]] = {"albedo": ((OBJECT_SIDE, OBJECT_SIDE), "uint8"), "split": ((), "uint8")}
     if measurement != "none":
-        arrays |= {"autocorrelation": ((LAG_SIDE, LAG_SIDE), "float16"), "floor_over_peak": ((), "float32"),
-                   "dof": ((), "float32")}
+        arrays |= {
+            "autocorrelation": ((LAG_SIDE, LAG_SIDE), "float16"),
+            "floor_over_peak": ((), "float32"),
+            "dof": ((), "float32"),
+        }
     return Schema("dataset", "python -m data_gen", 2, arrays, shard_size(measurement), BLOCK)

@@ -14,15 +14,20 @@ import numpy as np
 from correlograph.errors import InputError
 from correlograph.lags import OBJECT_SIDE
 from data_gen.edges import Photographs, edge_targets, read_luminance
-from data_gen.shapes import ALPHABET, filled, glyph, strokes
+from data_gen.shapes import ALPHABET, filled_shape, glyph, strokes
 
 BLOCK = 64
 """Targets of one origin."""
 
 VALIDATION_SHARE = 0.1
 
-SOURCES = {"edges": ("edges",), "glyphs": ("glyphs",), "strokes": ("strokes",), "shapes": ("filled", "strokes"),
-           "mixed": ("edges", "glyphs", "strokes", "filled")}
+SOURCES = {
+    "edges": ("edges",),
+    "glyphs": ("glyphs",),
+    "strokes": ("strokes",),
+    "shapes": ("filled", "strokes"),
+    "mixed": ("edges", "glyphs", "strokes", "filled"),
+}
 """Names on the command line, and the kinds of target that take turns in each."""
 
 
@@ -62,7 +67,7 @@ def draw_block(source: TargetSource, seed: int, block: int) -> tuple[np.ndarray,
     if kind == "glyphs":
         character = ALPHABET[rng.integers(len(ALPHABET))]
         return np.stack([glyph(character, rng) for _ in range(BLOCK)]), held_out(character)
-    draw = {"strokes": strokes, "filled": filled}[kind]
+    draw = {"strokes": strokes, "filled": filled_shape}[kind]
     return np.stack([draw(rng) for _ in range(BLOCK)]), held_out(f"{kind} {block}")
 
 
@@ -72,5 +77,9 @@ def _edge_block(photographs: Photographs | None, rng: np.random.Generator) -> tu
         targets = edge_targets(read_luminance(photographs.folder / photographs.names[index]), BLOCK, rng)
         if targets is not None:
             return targets, held_out(photographs.hashes[index])
-    raise InputError("--images", f"photographs with crops of {OBJECT_SIDE} x {OBJECT_SIDE} pixels that hold edges", "none",
-                     "give another folder")
+    raise InputError(
+        "--images",
+        f"photographs with crops of {OBJECT_SIDE} x {OBJECT_SIDE} pixels that hold edges",
+        "none",
+        "give another folder",
+    )

@@ -48,8 +48,12 @@ def make_shard(address: str, recipe: Recipe, shard: int) -> int:
         if recipe.measurement != "none":
             part |= measure(recipe, block, targets)
         parts.append(part)
-    write_part(zarr.open_group(address, mode="r+"), dataset_schema(recipe.measurement), shard,
-               {name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+    write_part(
+        zarr.open_group(address, mode="r+"),
+        dataset_schema(recipe.measurement),
+        shard,
+        {name: np.concatenate([part[name] for part in parts]) for name in parts[0]},
+    )
     return stop - start
 
 
@@ -74,8 +78,12 @@ def measure(recipe: Recipe, block: int, targets: np.ndarray) -> dict[str, np.nda
     with np.errstate(over="ignore"):
         stored = lags.astype(np.float16)
     if not np.isfinite(stored).all():
-        raise InputError("measurement", "estimates up to 65504 times (r*r)(0)", f"floors up to {floor.max():.3g}",
-                         "lower --floor-over-peak or raise --dof; of a scene, the light")
+        raise InputError(
+            "measurement",
+            "estimates up to 65504 times (r*r)(0)",
+            f"floors up to {floor.max():.3g}",
+            "lower --floor-over-peak or raise --dof; of a scene, the light",
+        )
     return {"autocorrelation": stored, "floor_over_peak": floor, "dof": dof}
 
 

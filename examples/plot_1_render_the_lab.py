@@ -24,8 +24,12 @@ result = invert.reconstruct(capture, quality="fast")
 figure, axes = plt.subplots(1, 4, figsize=(11, 3), layout="constrained")
 lags = result.estimate.lags.copy()
 lags[63, 63] = lags[63, 64]
-pictures = {"frame, a corner": capture.frames[0][:257, :257], "autocorrelation": lags, "reconstruction": result.albedo,
-            "truth": capture.truth}
+pictures = {
+    "frame, a corner": capture.frames[0][:257, :257],
+    "autocorrelation": lags,
+    "reconstruction": result.albedo,
+    "truth": capture.truth,
+}
 for panel, (title, image) in zip(axes, pictures.items(), strict=True):
     panel.imshow(image, cmap="gray")
     panel.set(title=title, xticks=[], yticks=[])

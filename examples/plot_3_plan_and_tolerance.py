@@ -24,8 +24,10 @@ print(summary(scene.plan(), frames=2))
 figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
 for accuracy, tolerance in (("statistical", 1e-2), ("field", 1e-2), ("field", 1e-5)):
     plan = scene.plan(Settings(accuracy, tolerance))
-    print(f"{accuracy} {tolerance:g}: {plan.kernel.propagator} in {plan.kernel.precision}, "
-          f"error {plan.kernel.predicted_error:.1e}, about {plan.kernel.seconds:.2f} s a field")
+    print(
+        f"{accuracy} {tolerance:g}: {plan.kernel.propagator} in {plan.kernel.precision}, "
+        f"error {plan.kernel.predicted_error:.1e}, about {plan.kernel.seconds:.2f} s a field"
+    )
     panel.loglog(plan.kernel.seconds, plan.kernel.predicted_error, "o", label=f"{accuracy} {tolerance:g}")
 panel.set(xlabel="predicted seconds a field", ylabel="predicted error")
 panel.legend()

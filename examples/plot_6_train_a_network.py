@@ -18,8 +18,9 @@ from invert.train import main as train
 folder = Path(tempfile.mkdtemp())
 
 if __name__ == "__main__":  # datasets are made by several processes
-    make_dataset([str(folder / "targets.zarr"), "--source", "shapes", "--count", "512", "--measurement", "none",
-                  "--workers", "1"])
+    make_dataset(
+        [str(folder / "targets.zarr"), "--source", "shapes", "--count", "512", "--measurement", "none", "--workers", "1"]
+    )
     targets, held_out = load_targets(str(folder / "targets.zarr"))
     figure, axes = plt.subplots(1, 6, figsize=(9, 1.7), layout="constrained")
     for panel, target in zip(axes, targets, strict=False):
@@ -28,8 +29,21 @@ if __name__ == "__main__":  # datasets are made by several processes
 
     # %%
     # The curve goes down from the first steps on.
-    train([str(folder / "targets.zarr"), "-o", str(folder / "small.safetensors"), "--width", "8", "--steps", "40",
-           "--batch", "8", "--checkpoint-every", "10"])
+    train(
+        [
+            str(folder / "targets.zarr"),
+            "-o",
+            str(folder / "small.safetensors"),
+            "--width",
+            "8",
+            "--steps",
+            "40",
+            "--batch",
+            "8",
+            "--checkpoint-every",
+            "10",
+        ]
+    )
     curve = json.loads((folder / "small.json").read_text())["curve"]
     plt.figure(figsize=(5, 3), layout="constrained")
     plt.plot([point["step"] for point in curve], [point["validation"][1] for point in curve], "o-")

@@ -21,8 +21,10 @@ for standoff in standoffs:
     correlation, _ = aligned_pearson(result.albedo, capture.truth)
     forecast = radiometry.predict(scene)
     rows.append((correlation, forecast.floor_over_peak, result.confidence))
-    print(f"{standoff} m: correlation {correlation:.2f}, confidence {result.confidence:.2f}, "
-          f"floor over peak {forecast.floor_over_peak:.2g}, {forecast.pitches_m[0] * 1e6:.0f} um a lag")
+    print(
+        f"{standoff} m: correlation {correlation:.2f}, confidence {result.confidence:.2f}, "
+        f"floor over peak {forecast.floor_over_peak:.2g}, {forecast.pitches_m[0] * 1e6:.0f} um a lag"
+    )
 
 figure, panel = plt.subplots(figsize=(6, 3.5), layout="constrained")
 panel.plot(standoffs, [row[0] for row in rows], "o-", label="correlation with the truth")

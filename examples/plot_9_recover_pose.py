@@ -15,7 +15,7 @@ import torch
 
 import sim
 from radiometry.estimation.whole_frames import estimate_autocorrelation
-from radiometry.noise.level import INDEPENDENT
+from radiometry.noise.level import HALF_PLANE
 from radiometry.prediction import patches_of
 from sim.gradients import Setup, expected_autocorrelation, setup_of
 
@@ -29,7 +29,7 @@ def recover(estimate: np.ndarray, dof: float, known: Setup, steps: int = 60) -> 
         estimate: (127, 127) of frames in photoelectrons. known: everything but the pose.
     """
     lags = torch.from_numpy(estimate.astype(np.float64))
-    seen = torch.from_numpy(INDEPENDENT)
+    seen = torch.from_numpy(HALF_PLANE)
 
     def misfit(values: torch.Tensor) -> torch.Tensor:
         distance, right, down, floor = values
@@ -65,8 +65,10 @@ def main() -> None:
     estimate, dof = estimate_autocorrelation(capture.frames, grid)
     facing = sim.load("corner_letter", exposure=0.125)
     distance, right, down = recover(estimate, dof, setup_of(facing.geometry, 32))
-    print(f"distance {distance:.4f} m (1), turned right by {math.degrees(right):.1f} degrees (40), down by "
-          f"{math.degrees(down):.1f} (0)")
+    print(
+        f"distance {distance:.4f} m (1), turned right by {math.degrees(right):.1f} degrees (40), down by "
+        f"{math.degrees(down):.1f} (0)"
+    )
 
 
 if __name__ == "__main__":

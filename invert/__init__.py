@@ -1,38 +1,52 @@
-"""Inversion: speckle frames, or their autocorrelation, to the hidden object's albedo.
+"""Reconstruction: speckle frames, or their autocorrelation, to the albedo of the hidden object.
 
-    inversion.py     all of it in one call
-    capture.py       reads and checks the frames of a capture
-    estimate.py      frames -> autocorrelation estimate, with what is known of the camera
-    patch_fit.py     lag pitch by the object's width (blur_fit.py: a blur that is not known)
-    spectrum.py      noisy estimate -> noise level, detection, Fourier modulus
-    methods.py       from a measurement to an albedo, by any method
-    solvers/         classical phase retrieval, one method a file
-    network/         the network: features, architecture, inference, weights files
-    likelihood.py    log-likelihood of albedos under the noise model
-    posterior.py     what samples say together: mean, spread, answers, sizes
-    refinement.py    likelihood ascent of a reconstruction, judged by lags it has not seen
-    registration.py  shift and twin image; registered mean of many starts
-    speckle_test.py  whether the light is speckle of the reconstruction
-    trust.py         confidence and warnings that follow
-    captures.py      captures among the inputs of the command; one inverted (many_captures.py: all, on workers)
-    metrics.py       scores against a truth; agreement without one
-    result.py        the files of a result (report.py: its picture)
-    training/        how the network is trained: train.py, warm_starts.py, calibrate.py are its commands
-    evaluation/      methods compared on test sets: evaluate.py is its command
+    pipeline.py      the one path from a source to a result: `reconstruct`
+    choices.py       methods and qualities
+    methods.py       reconstruction of a measurement by one method
+    blur_fit.py      blind estimation of defocus and motion blur
+    measure/         frames -> estimate -> measurement: noise level and Fourier modulus
+    albedo/          albedo images: registration, posterior samples, scores
+    likelihood/      likelihood of albedos, and refinement by it
+    solvers/         classical phase retrieval, one method per file
+    network/         the network: features, architecture, posterior sampling, weights files
+    assess/          consistency with speckle, confidence, warnings
+    output/          results: figures and files
+    batch/           captures of the command: one, or many on workers
+    training/        training of the network (commands: train.py, warm_starts.py, calibrate.py)
+    evaluation/      comparison of methods on test sets (command: evaluate.py)
     __main__.py      the command
 
-Nothing here imports Mitsuba but the evaluation's test sets of rendered frames.
+Only the rendered test sets of the evaluation import Mitsuba.
 """
 
-from typing import TYPE_CHECKING
-
-import lazy_loader
+from typing import TYPE_CHECKING, Any
 
 from correlograph.version import version
 
 if TYPE_CHECKING:
-    from invert.pipeline import CameraFacts, Capture, Corrections, Result, reconstruct
+    from correlograph.files.capture import CameraMetadata, Capture
+    from correlograph.files.corrections import Corrections
+    from invert.albedo.posterior import Samples
+    from invert.output.result import Result
+    from invert.pipeline import reconstruct
 
-__all__ = ["CameraFacts", "Capture", "Corrections", "Result", "reconstruct"]
+    CameraFacts = CameraMetadata
+
+__all__ = ["CameraFacts", "CameraMetadata", "Capture", "Corrections", "Result", "Samples", "reconstruct"]
 __version__ = version()
-__getattr__, __dir__, _ = lazy_loader.attach(__name__, submod_attrs={"inversion": __all__})
+
+_MODULES = {
+    "CameraFacts": "correlograph.files.capture",
+    "CameraMetadata": "correlograph.files.capture",
+    "Capture": "correlograph.files.capture",
+    "Corrections": "correlograph.files.corrections",
+    "Result": "invert.output.result",
+    "Samples": "invert.albedo.posterior",
+    "reconstruct": "invert.pipeline",
+}
+
+
+def __getattr__(name: str) -> Any:
+    from correlograph.lazy import load_attribute
+
+    return load_attribute(__name__, _MODULES, name)

@@ -1,111 +1,152 @@
-"""`python -m invert`: frames or autocorrelations to albedo, report.png and result.json; of many captures, a table as well."""
+"""`python -m invert`: reconstruct albedos from frames or autocorrelations; for many captures, with a table."""
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError, check_device
 from correlograph.ranges import BLUR, SEED, SI, WORKERS
 from correlograph.workers import check_scheduler, check_workers
+from invert.choices import MEAN_MODELS, METHODS, QUALITIES, UNET
 
-METHOD_CHOICES = ("unet", "classical", "hio", "raar", "er", "altmin", "twf", "taf", "mtwf", "admm-tv")
+if TYPE_CHECKING:
+    from invert.batch.captures import Captures, Request
 
 
 def parser() -> ArgumentParser:
-    p = ArgumentParser(prog="python -m invert", description="Reconstruct a hidden object's albedo.")
-    p.add_argument("inputs", nargs="+",
-                   help="frames of one capture, a folder of them, folders of captures, or autocorrelation pictures")
+    p = ArgumentParser(prog="python -m invert", description="Reconstruct the albedo of a hidden object.")
+    p.add_argument(
+        "inputs", nargs="+", help="frames of one capture, a folder of them, folders of captures, or autocorrelation images"
+    )
     p.add_argument("-o", "--output", required=True, help="folder for albedo, report.png and result.json")
-    p.add_argument("--method", choices=METHOD_CHOICES, default="unet")
-    p.add_argument("--quality", choices=("fast", "balanced", "best"), default="balanced")
-    p.add_argument("--autocorrelation", action="store_true", help="inputs are 127 x 127 estimates, one result each")
-    p.add_argument("--pixel-pitch-m", type=SI, help="pixel pitch on the wall; wanted for lengths in metres only")
-    p.add_argument("--wavelength-m", type=SI)
-    p.add_argument("--distance-m", type=SI, help="hidden object to wall")
-    p.add_argument("--patch", default="auto",
-                   help="patch size in pixels, auto (300 um a lag, or an eighth of the frame), or fit (by the object's width)")
-    p.add_argument("--mean", choices=("auto", "pooled", "fixed", "published"), default="auto",
-                   help="what of the frames' mean is subtracted: what they show, nothing but each frame's own, what they share "
-                        "at every lag, or as the paper does, on patches side by side")
-    p.add_argument("--dark", type=Path, help="dark frame to subtract")
-    p.add_argument("--flat", type=Path, help="frame of even light to divide by")
-    p.add_argument("--mask", type=Path, help="picture whose zero pixels are left out")
-    p.add_argument("--blur-pixels", type=BLUR,
-                   help="standard deviation of a known Gaussian blur, in pixels, 0 for none; looked for if not given")
-    p.add_argument("--truth", type=Path, help="known albedo (.npy or picture, one pixel a lag) to compare with")
-    p.add_argument("--weights", type=Path, help="another network, .safetensors, for --method unet")
+    p.add_argument("--method", choices=tuple(METHODS), default="unet")
+    p.add_argument("--quality", choices=tuple(QUALITIES), default="balanced")
+    p.add_argument("--autocorrelation", action="store_true", help="inputs are estimates of 127 x 127 lags, one result each")
+    p.add_argument("--pixel-pitch-m", type=SI, help="pixel pitch on the relay wall in metres; optional; sets the scale")
+    p.add_argument("--wavelength-m", type=SI, help="wavelength in metres, for example 532e-9")
+    p.add_argument("--distance-m", type=SI, help="distance from the hidden object to the relay wall in metres")
+    p.add_argument(
+        "--patch",
+        default="auto",
+        help="patch size in pixels; auto: 300 um per lag, or an eighth of the frame; fit: adapted to the width of the object",
+    )
+    p.add_argument(
+        "--mean-model",
+        "--mean",
+        dest="mean_model",
+        choices=MEAN_MODELS,
+        default="auto",
+        help="background model: auto detects it, pooled subtracts the mean of each frame, fixed subtracts what frames share, "
+        "published follows Metzler et al. 2020",
+    )
+    p.add_argument("--dark", type=Path, help="dark frame; it is subtracted")
+    p.add_argument("--flat", type=Path, help="flat-field frame; frames are divided by it")
+    p.add_argument("--mask", type=Path, help="image; its zero pixels are excluded")
+    p.add_argument(
+        "--blur-pixels",
+        help="Gaussian blur in pixels (standard deviation); 0: no blur; auto: estimate it with the network; "
+        "default: auto for unet, 0 for the other methods",
+    )
+    p.add_argument("--truth", type=Path, help="known albedo (.npy or image, one pixel per lag) to compare with")
+    p.add_argument("--weights", type=Path, help="other network weights, .safetensors, for --method unet")
     p.add_argument("--seed", type=SEED, default=0)
-    p.add_argument("--workers", type=WORKERS, help="processes for many captures; as many as the machine has cores")
-    p.add_argument("--scheduler", help="address of a running Dask scheduler instead")
+    p.add_argument("--workers", type=WORKERS, help="processes for many captures; default: one per core")
+    p.add_argument("--scheduler", help="address of a running Dask scheduler, instead of --workers")
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     return p
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Find the captures; invert one, or all of them on workers."""
+    """Find the captures among the inputs; reconstruct one, or all of them on workers."""
     options = parser().parse_args(argv)
-    _check(options)
-    from correlograph.files.output import output_folder, sole_writer
+    workers = _check(options)
     from invert.batch.captures import find_captures
 
+    request = _request(options)
     captures = find_captures(options.inputs, options.autocorrelation)
     if "" in captures:
-        _invert_one(_request(options), captures[""], Path(options.output))
-        return
-    if options.scheduler is not None:
-        check_scheduler(options.scheduler)
+        _invert_one(request, captures[""], Path(options.output))
+    else:
+        _invert_many(request, captures, options, workers)
+
+
+def _invert_one(request: Request, files: Sequence[Path], output: Path) -> None:
+    from tqdm import tqdm
+
+    from invert.batch.captures import invert_capture
+    from invert.methods import progress_steps
+
+    begin = time.perf_counter()
+    total = progress_steps(request.method, request.quality)
+    with tqdm(total=total, desc=f"{request.method}:{request.quality}", unit="step", disable=None, leave=False) as bar:
+        result, summary = invert_capture(request, files, output, bar.update)
+    for warning in result.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+    parts = ["object found" if result.object_found else "no object found", f"confidence {result.confidence:.2f}"]
+    if "pearson" in summary:
+        parts.append(f"correlation {summary['pearson']:.2f}")
+    print(f"{', '.join(parts)}, {time.perf_counter() - begin:.1f} s: {output / 'report.png'}")
+
+
+def _invert_many(request: Request, captures: Captures, options: Any, workers: int) -> None:
+    from correlograph.files.output import output_folder, sole_writer
     from invert.batch.many_captures import invert_captures
 
     output = output_folder(options.output)
     with sole_writer(output):
-        invert_captures(_request(options), captures, output, options.workers, options.scheduler)
+        invert_captures(request, captures, output, workers, options.scheduler)
     print(f"{len(captures)} captures: {output / 'table.md'}")
 
 
-def _invert_one(request: Any, files: Sequence[Path], output: Path) -> None:
-    from tqdm import tqdm
-
-    from invert.batch.captures import invert_capture
-    from invert.pipeline import steps
-
-    with tqdm(total=steps(request.method, request.quality), desc=request.method, unit="it", disable=None, leave=False) as bar:
-        summary = invert_capture(request, files, output, bar.update)
-    for warning in summary["warnings"]:
-        print(f"warning: {warning}", file=sys.stderr)
-    print(f"{'object found' if summary['object_found'] else 'no object found'}: {output / 'report.png'}")
-
-
-def _request(options: Any) -> Any:
-    from correlograph.files.capture import CameraFacts
+def _request(options: Any) -> Request:
+    from correlograph.files.capture import CameraMetadata
     from correlograph.files.corrections import Corrections
     from invert.batch.captures import Request
 
-    dark, flat, mask, weights, truth = (path and path.resolve() for path in (options.dark, options.flat, options.mask,
-                                                                             options.weights, options.truth))
-    known = CameraFacts(options.wavelength_m, options.pixel_pitch_m, options.distance_m)
-    return Request(options.autocorrelation, known, Corrections(dark, flat, mask), _patch(options.patch), options.mean,
-                   options.blur_pixels, options.method, options.quality, weights, truth, options.seed, options.device)
+    named = (options.dark, options.flat, options.mask, options.weights, options.truth)
+    dark, flat, mask, weights, truth = (path and path.resolve() for path in named)
+    return Request(
+        autocorrelation=options.autocorrelation,
+        camera=CameraMetadata(options.wavelength_m, options.pixel_pitch_m, options.distance_m),
+        corrections=Corrections(dark, flat, mask),
+        patch=_patch(options.patch),
+        mean_model=options.mean_model,
+        blur_pixels=_blur(options.blur_pixels),
+        method=METHODS[options.method],
+        quality=QUALITIES[options.quality],
+        weights=weights,
+        truth=truth,
+        seed=options.seed,
+        device=options.device,
+    )
 
 
-def _check(options: Any) -> None:
-    """Check options that argparse cannot."""
+def _check(options: Any) -> int:
+    """Check options that argparse cannot check; return the number of workers."""
     _patch(options.patch)
+    _blur(options.blur_pixels)
     check_device(options.device)
-    options.workers = check_workers(options.workers, options.scheduler)
-    if options.weights is not None and options.method != "unet":
-        raise InputError("--weights", "--method unet beside it", options.method, "leave it out")
-    if options.autocorrelation and (options.patch != "auto" or options.dark or options.flat or options.mask
-                                    or options.blur_pixels is not None):
-        found = "--patch, --dark, --flat, --mask or --blur-pixels, which go with frames"
-        raise InputError("--autocorrelation", "estimates as they are", found, "leave them out")
+    workers = check_workers(options.workers, options.scheduler)
+    if options.scheduler is not None:
+        check_scheduler(options.scheduler)
+    if options.weights is not None and options.method != UNET.name:
+        found = f"--method {options.method}"
+        raise InputError("--weights", f"--method {UNET}", found, f"select --method {UNET} or remove --weights")
+    given = [name for name in ("dark", "flat", "mask", "blur_pixels") if getattr(options, name) is not None]
+    given += ["patch"] if options.patch != "auto" else []
+    if options.autocorrelation and given:
+        found = ", ".join("--" + name.replace("_", "-") for name in given)
+        raise InputError("--autocorrelation", "no option that applies to frames", found, "remove these options")
+    return workers
 
 
 def _patch(text: str) -> Any:
-    """Patch size in pixels, None for auto, or fit."""
+    """Return the patch size in pixels, None for auto, or fit."""
     if text in ("auto", "fit"):
         return None if text == "auto" else text
     from invert.measure.estimate import PATCH
@@ -113,8 +154,19 @@ def _patch(text: str) -> Any:
     try:
         size = int(text)
     except ValueError:
-        raise InputError("--patch", "a number of pixels, auto or fit", text, "choose another") from None
+        raise InputError("--patch", "a number of pixels, auto or fit", text, "use one of these") from None
     return PATCH.check("--patch", size)
+
+
+def _blur(text: str | None) -> Any:
+    """Return the blur in pixels, auto, or None if the option is missing."""
+    if text is None or text == "auto":
+        return text
+    try:
+        pixels = float(text)
+    except ValueError:
+        raise InputError("--blur-pixels", "a number of pixels or auto", text, "use one of these") from None
+    return BLUR.check("--blur-pixels", pixels)
 
 
 if __name__ == "__main__":

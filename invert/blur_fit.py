@@ -1,9 +1,9 @@
-"""A blur that is not known: a camera out of focus, or moved during the exposure.
+"""Blind estimation of defocus and motion blur.
 
-Blur multiplies the estimate by H, and a softer object would look the same. But objects with edges seldom have an r*r that fades
-like that, so reconstructions leave much of the estimate unexplained. Then reconstructions are made with each of some blurs;
-where one explains six tenths of what was left, the blur that fits best with any of all these reconstructions is accepted,
-provided that it lowers the least misfit by a fifth.
+Blur multiplies the estimate by H, and so does a softer object. However, the r*r of an object with edges seldom decays like H, so
+that reconstructions leave much of a blurred estimate unexplained. The search then reconstructs with each of several blurs. It
+accepts the blur that fits best with any of these reconstructions if the misfit falls enough (constants below).
+Evidence: docs/research.md, "Unknown blur".
 """
 
 from __future__ import annotations
@@ -16,70 +16,73 @@ import numpy as np
 import torch
 
 from invert.likelihood.gamma import NoiseLikelihood
-from invert.measure.estimate import Estimate, blurred
+from invert.measure.estimate import Estimate, apply_blur_transfer
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction
 
 BLURS = ((1.0, 1.0), (1.6, 1.6), (2.3, 2.3), (0.0, 1.44), (1.44, 0.0))
-"""Tried, in 1 / 256 of a patch: deviations of a Gaussian down and right; the last two are those of motion by five."""
+"""Candidate blurs: Gaussian standard deviations along rows and columns in 1/256 of a patch. The last two correspond to a motion
+by five."""
 
-LEAST_NATS, LEAST_SHARE = 200.0, 0.6
-"""By how much a blur must lower the misfit of its own reconstructions, in nats and as a share."""
+MIN_GAIN_NATS, MIN_GAIN_FRACTION = 200.0, 0.6
+"""Minimum reduction of the misfit of a blur's own reconstructions, in nats and as a fraction."""
 
-LEAST_SHARE_OF_ALL = 0.2
-"""By which share it must lower the least misfit of all reconstructions. Of 30 captures of sharp letters, edges, characters and
-grey pieces, one of a grey piece reached this and the above, and was drawn as well; of 30 out of focus by a pixel 16 (a gain in
-correlation of .08, the mean of the 30), of 30 moved by five pixels 15 (.07), five of these 31 as of another blur."""
+MIN_GAIN_FRACTION_OF_ALL = 0.2
+"""Minimum fractional reduction of the lowest misfit over all reconstructions."""
 
-TRIES = 2
-"""Reconstructions of each; the better one counts, since a retrieval that fails explains nothing, blur or not."""
+RECONSTRUCTIONS_PER_BLUR = 2
+"""Reconstructions per blur; the one with the lower misfit counts."""
 
 
-def likelihood_as_seen(estimate: Estimate) -> NoiseLikelihood:
-    """That of the estimate before it is divided by its transfer."""
+def likelihood_before_division(estimate: Estimate) -> NoiseLikelihood:
+    """Return the likelihood of an estimate that is not divided by its transfer, so that its noise is uniform over the lags."""
     return NoiseLikelihood(read_measurement(estimate.lags, estimate.quantisation), transfer=estimate.transfer)
 
 
-def with_blur_found(
-    estimate: Estimate, reconstructed: Callable[[Measurement, int], Reconstruction]
+def estimate_blur(
+    estimate: Estimate, reconstruct: Callable[[Measurement, int], Reconstruction]
 ) -> tuple[Estimate, Reconstruction | None]:
-    """The estimate, a blur that explains it in its `transfer` and `facts`, and the first reconstruction made of it.
+    """Search for a blur that explains the estimate.
 
-    Without such a blur the estimate is as it was; where the blur is known, none is looked for and no reconstruction made.
+    Returns:
+        the estimate, with the blur in its `transfer` and `record` if one was found, and the first reconstruction from it;
+        None if the blur is known and no reconstruction was made.
 
     Args:
-        reconstructed: of a measurement, from another seed with each number.
+        reconstruct: reconstruction of a measurement; each number selects another seed.
     """
-    as_seen = read_measurement(estimate.lags, estimate.quantisation)
-    if estimate.blur_pixels is not None or "patches" not in estimate.facts or not as_seen.detectable or not as_seen.noise.dof:
+    undivided = read_measurement(estimate.lags, estimate.quantisation)
+    is_searchable = estimate.blur_pixels is None and estimate.record is not None
+    if not is_searchable or not undivided.detectable or not undivided.noise.dof:
         return estimate, None
 
     def misfit(tried: Estimate, made: Sequence[Reconstruction]) -> float:
-        likelihood = NoiseLikelihood(as_seen, transfer=tried.transfer)
+        likelihood = NoiseLikelihood(undivided, transfer=tried.transfer)
         return min((likelihood.misfit(torch.from_numpy(one.albedo)) for one in made if one.object_found), default=np.inf)
 
     def attempts(tried: Estimate) -> list[Reconstruction]:
-        """Reconstructions as if the blur were such, up to the first that explains the estimate."""
-        seen, made = read_measurement(tried.lags, tried.quantisation, tried.transfer), []
-        for number in range(TRIES):
-            made.append(reconstructed(seen, number))
-            if misfit(tried, made[-1:]) < LEAST_NATS:
+        """Reconstruct under the assumption of a blur, until a reconstruction explains the estimate."""
+        measurement, made = read_measurement(tried.lags, tried.quantisation, tried.transfer), []
+        for number in range(RECONSTRUCTIONS_PER_BLUR):
+            made.append(reconstruct(measurement, number))
+            if misfit(tried, made[-1:]) < MIN_GAIN_NATS:
                 break
         return made
 
     sharp = attempts(estimate)
     unexplained = misfit(estimate, sharp)
-    if not LEAST_NATS < unexplained < np.inf:
+    if not MIN_GAIN_NATS < unexplained < np.inf:
         return estimate, sharp[0]
-    patches = estimate.facts["patches"]
-    tried = [blurred(estimate, (down * patches["size"] / 256, right * patches["width"] / 256)) for down, right in BLURS]
+    rows, columns = estimate.record.grid.patch_shape
+    tried = [apply_blur_transfer(estimate, (down * rows / 256, right * columns / 256)) for down, right in BLURS]
     made = [attempts(one) for one in tried]
-    if unexplained - min(map(misfit, tried, made)) < max(LEAST_NATS, LEAST_SHARE * unexplained):
+    if unexplained - min(map(misfit, tried, made)) < max(MIN_GAIN_NATS, MIN_GAIN_FRACTION * unexplained):
         return estimate, sharp[0]
-    # What was made with one blur may fit better with another.
+    # A reconstruction made with one blur may fit better with another.
     together = [*sharp, *chain(*made)]
     left = [misfit(one, together) for one in tried]
-    if min(left) > (1.0 - LEAST_SHARE_OF_ALL) * misfit(estimate, together):
+    if min(left) > (1.0 - MIN_GAIN_FRACTION_OF_ALL) * misfit(estimate, together):
         return estimate, sharp[0]
     best = int(np.argmin(left))
-    return replace(tried[best], facts=estimate.facts | {"blur_found_pixels": tried[best].blur_pixels}), made[best][0]
+    record = replace(estimate.record, blur_found_pixels=tried[best].blur_pixels)
+    return replace(tried[best], record=record), made[best][0]

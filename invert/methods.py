@@ -1,4 +1,4 @@
-"""From a measurement to an albedo by any method, or to none where no object is detected."""
+"""Reconstruction of an albedo from a measurement by one method."""
 
 from __future__ import annotations
 
@@ -9,34 +9,37 @@ import numpy as np
 import torch
 
 from correlograph.lags import OBJECT_SIDE
-from invert.albedo.posterior import Posterior, posterior
-from invert.albedo.registration import centred, consensus, normalised
-from invert.likelihood.refinement import refined
+from invert.albedo.posterior import Samples, register_samples
+from invert.albedo.registration import consensus, crop_centred, normalise_peak
+from invert.choices import CLASSICAL, FAST, Method, Quality
+from invert.likelihood.refinement import refine_by_likelihood
 from invert.measure.spectrum import Measurement
-from invert.network.checkpoints import SHIPPED, load_network
-from invert.network.confidence import UNCALIBRATED, confidence
-from invert.network.inference import RETRIEVAL, reconstruct_by_network
-from invert.solvers.base import Progress
-from invert.solvers.registry import method_options, solve
+from invert.network.checkpoints import DEFAULT_WEIGHTS, load_network
+from invert.network.confidence import DEFAULT_COEFFICIENTS, ConfidenceFeatures, confidence
+from invert.network.inference import network_progress_steps, reconstruct_by_network
+from invert.solvers.base import Progress, no_progress
+from invert.solvers.registry import solve, solver_options
 
 BACKGROUND = 0.01
-"""Of the largest albedo, subtracted from the mean of many albedos, each with noise of its own: it costs .002 in correlation and
-gains .03 in SSIM on one-pixel edges (b 80, K 64)."""
+"""Albedo subtracted from the mean of many albedos, as a fraction of the maximum, because each contributes noise. Evidence:
+docs/research.md."""
 
-BELIEVED = 0.1
-"""Correlation with the truth that a network must expect of its reconstruction to claim an object."""
+MIN_NETWORK_CONFIDENCE = 0.1
+"""Minimum correlation with the truth that the network must predict; below it, no object is reported."""
 
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """Albedo (64, 64), float32, largest value 1 (all zero when no object was found), and how far to trust it.
+    """Albedo (64, 64), float32, maximum 1, and its confidence. The albedo is zero if no object was found.
 
     Attributes:
-        confidence: of a network, the correlation with the truth that it expects; of any other method, the agreement of the
-            best starts with one another; 0 to 1.
-        residual: relative squared error of the Fourier modulus, least over the starts; None for a network.
-        transfer: phase retrieval transfer function of the starts, augmentations or samples, empty where there was one.
-        posterior: samples of what else the object may be; None for all but the default network above `fast`.
+        confidence: 0 to 1. For a network: predicted correlation with the truth. For other methods: mean correlation of the
+            starts with the lowest residuals.
+        residual: lowest relative squared error of the Fourier modulus over the starts; None for a network.
+        transfer: phase retrieval transfer function of the starts, augmentations or samples; empty for a single one.
+        posterior: samples of the posterior; None except for the default network above `fast`.
+        features: inputs of a network's confidence; None for other methods.
+        rejected: image that the network reconstructed with too low a confidence; None if there is none.
     """
 
     albedo: np.ndarray
@@ -44,63 +47,80 @@ class Reconstruction:
     confidence: float
     residual: float | None
     transfer: tuple[float, ...] = ()
-    posterior: Posterior | None = None
+    posterior: Samples | None = None
+    features: ConfidenceFeatures | None = None
+    rejected: np.ndarray | None = None
+
+    def __repr__(self) -> str:
+        found = "object found" if self.object_found else "no object found"
+        return f"Reconstruction({found}, confidence {self.confidence:.2f})"
 
 
-NOTHING = Reconstruction(np.zeros((OBJECT_SIDE, OBJECT_SIDE), np.float32), False, 0.0, None)
+EMPTY_RECONSTRUCTION = Reconstruction(np.zeros((OBJECT_SIDE, OBJECT_SIDE), np.float32), False, 0.0, None)
 
 
-def iterations(method: str, quality: str) -> int:
-    """How often a retrieval will report progress."""
-    return (RETRIEVAL if method == "unet" else method_options(method, quality)).iterations
+def progress_steps(method: Method, quality: Quality) -> int:
+    """Return how many steps of progress a reconstruction reports."""
+    return network_progress_steps(quality) if method.is_network else solver_options(method, quality).iterations
 
 
-def retrieve(measurement: Measurement, method: str, quality: str, seed: int, device: str,
-             progress: Progress = lambda: None, weights: Path | None = None) -> Reconstruction:
-    """Run a method by name; nothing is reconstructed from a measurement without a detectable object.
+def reconstruct_measurement(
+    measurement: Measurement,
+    method: Method,
+    quality: Quality,
+    seed: int,
+    device: str,
+    progress: Progress = no_progress,
+    weights: Path | None = None,
+) -> Reconstruction:
+    """Reconstruct a measurement; without a detectable signal the reconstruction is empty.
 
     Args:
-        weights: another network than the shipped one, for `unet`.
+        weights: weights for `unet` instead of those that ship.
     """
     if not measurement.detectable:
-        return NOTHING
-    if method == "unet":
-        return _by_network(measurement, quality, seed, device, progress, weights or SHIPPED)
+        return EMPTY_RECONSTRUCTION
+    if method.is_network:
+        return _reconstruct_by_network(measurement, quality, seed, device, progress, weights or DEFAULT_WEIGHTS)
     found = solve(measurement, method, quality, seed, device, progress)
     together = consensus(found.images, found.residual)
-    image = together.image if method == "classical" else found.images[found.residual.argmin()]
-    return _reconstruction(_normalised(image), together.agreement, float(found.residual.min()), together.transfer)
+    image = together.image if method == CLASSICAL else found.images[found.residual.argmin()]
+    albedo = _crop_to_window(image)
+    residual = float(found.residual.min())
+    return Reconstruction(albedo.numpy(), bool(albedo.any()), together.agreement, residual, together.transfer)
 
 
-def _by_network(measurement: Measurement, quality: str, seed: int, device: str, progress: Progress,
-                weights: Path) -> Reconstruction:
-    """The network's reconstruction, if it is trusted."""
-    network, card = load_network(weights, device)
-    answer = reconstruct_by_network(network, measurement, quality, seed, device, progress)
-    calibration = card.get("calibration", {})
-    trust = float(confidence(calibration.get(quality, UNCALIBRATED), answer.features))
-    if trust < BELIEVED:
-        return replace(NOTHING, confidence=trust)
-    albedo = finished(answer.image, measurement, quality)
-    has_samples = answer.samples is not None and albedo.any()
-    drawn = posterior(answer.samples.cpu(), albedo, calibration.get("sizes")) if has_samples else None
-    return replace(_reconstruction(albedo, trust, None, answer.transfer), posterior=drawn)
+def _reconstruct_by_network(
+    measurement: Measurement, quality: Quality, seed: int, device: str, progress: Progress, weights: Path
+) -> Reconstruction:
+    network, metadata = load_network(weights, device)
+    output = reconstruct_by_network(network, measurement, quality, seed, device, progress)
+    calibration = metadata.get("calibration", {})
+    predicted = float(confidence(calibration.get(quality.name, DEFAULT_COEFFICIENTS), output.features))
+    albedo = _postprocess_image(output.image, measurement, quality)
+    samples = None
+    if output.samples is not None and albedo.any():
+        samples = register_samples(output.samples.cpu(), albedo, calibration.get("sizes"))
+    found = Reconstruction(
+        albedo.numpy(), bool(albedo.any()), predicted, None, output.transfer, posterior=samples, features=output.features
+    )
+    return found if predicted >= MIN_NETWORK_CONFIDENCE else _reject(found)
 
 
-def finished(image: torch.Tensor, measurement: Measurement, quality: str) -> torch.Tensor:
-    """The albedo (64, 64) that a network's image (128, 128) becomes; but for `fast` after likelihood ascent, less its
-    background."""
-    albedo = _normalised(image)
-    if quality == "fast" or not albedo.any():
+def _reject(found: Reconstruction) -> Reconstruction:
+    """Report no object, and keep the image as `rejected`."""
+    rejected = replace(EMPTY_RECONSTRUCTION, confidence=found.confidence, features=found.features)
+    return replace(rejected, rejected=found.albedo, posterior=None)
+
+
+def _postprocess_image(image: torch.Tensor, measurement: Measurement, quality: Quality) -> torch.Tensor:
+    """Crop the image (128, 128) of a network to an albedo (64, 64); except for `fast`, refine it and subtract its background."""
+    albedo = _crop_to_window(image)
+    if quality == FAST or not albedo.any():
         return albedo
-    return normalised((refined(albedo, measurement) - BACKGROUND).clamp_min(0.0))
+    return normalise_peak((refine_by_likelihood(albedo, measurement) - BACKGROUND).clamp_min(0.0))
 
 
-def _normalised(image: torch.Tensor) -> torch.Tensor:
-    """The object in the middle of its window (64, 64), largest value 1."""
-    return normalised(centred(image.clamp_min(0.0)).cpu()).float()
-
-
-def _reconstruction(albedo: torch.Tensor, confidence: float, residual: float | None,
-                    transfer: tuple[float, ...]) -> Reconstruction:
-    return Reconstruction(albedo.numpy(), bool(albedo.any()), confidence, residual, transfer)
+def _crop_to_window(image: torch.Tensor) -> torch.Tensor:
+    """Centre the object in its window (64, 64) and scale its maximum to 1."""
+    return normalise_peak(crop_centred(image.clamp_min(0.0)).cpu()).float()

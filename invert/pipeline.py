@@ -1,153 +1,162 @@
-"""Public API of the inversion: frames, a path or a published autocorrelation to a reconstruction."""
+"""The one path from a source to a result: read, estimate, find an unknown blur, reconstruct, assess."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
 
 from correlograph.errors import InputError, check_device
-from correlograph.files.capture import CameraFacts, Capture
+from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.corrections import Corrections
+from correlograph.files.images import read_image
 from correlograph.lags import LAG_SIDE
-from invert.assess.reliability import trusted
-from invert.assess.speckle_test import SpeckleTest, speckle_test
-from invert.blur_fit import likelihood_as_seen, with_blur_found
+from correlograph.ranges import SEED
+from invert.assess.reliability import assess_reliability
+from invert.assess.speckle_test import speckle_test
+from invert.blur_fit import estimate_blur, likelihood_before_division
+from invert.choices import BALANCED, FAST, UNET, Method, Quality, check_mean_model, method_named, quality_named
 from invert.measure.capture import check_frame, read_capture
 from invert.measure.estimate import Estimate, Patch, check_power, estimate_from_frames, published_estimate
-from invert.measure.spectrum import Measurement, read_measurement
-from invert.methods import Reconstruction, iterations, retrieve
-from invert.output.result_files import write_result
-from invert.solvers.base import Progress
-from radiometry.estimation.whole_frames import Mean
+from invert.measure.spectrum import read_measurement
+from invert.methods import reconstruct_measurement
+from invert.output.result import Result, Settings
+from invert.solvers.base import Progress, no_progress
 
-Source = Capture | str | Path | np.ndarray | Sequence[np.ndarray]
+Source = Capture | Estimate | str | Path | Sequence[str | Path] | np.ndarray | Sequence[np.ndarray]
 
-
-@dataclass(frozen=True)
-class Result:
-    """A reconstruction with the estimate that it was made from.
-
-    Attributes:
-        measurement: noise level and Fourier modulus read from the estimate.
-        settings: method, quality and seed.
-        seconds: of reading, autocorrelation and retrieval.
-        speckle_test: whether the light is speckle of this object; None where none was found.
-        warnings: what was found in the frames, and why the confidence is low.
-    """
-
-    estimate: Estimate
-    measurement: Measurement
-    reconstruction: Reconstruction
-    settings: dict[str, Any]
-    seconds: dict[str, float]
-    speckle_test: SpeckleTest | None = None
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def albedo(self) -> np.ndarray:
-        """float32 (64, 64), one pixel a lag, largest value 1; zero where no object was found."""
-        return self.reconstruction.albedo
-
-    @property
-    def confidence(self) -> float:
-        return self.reconstruction.confidence
-
-    @property
-    def object_found(self) -> bool:
-        return self.reconstruction.object_found
-
-    def save(self, folder: str | Path, truth: np.ndarray | None = None, request_sha256: str | None = None) -> dict[str, Any]:
-        """Write what `python -m invert` writes; returns the content of result.json.
-
-        Args:
-            request_sha256: digest of all that the result depends on, by which a later run recognises it.
-        """
-        from correlograph.files.output import output_folder
-
-        test = self.speckle_test
-        said = {"warnings": list(self.warnings), "speckle_test": None if test is None else test.as_dict(),
-                "request_sha256": request_sha256}
-        return write_result(output_folder(folder), self.estimate, self.measurement, self.reconstruction, truth,
-                            self.settings | said, self.seconds)
+Blur = float | Literal["auto"] | None
+"""Standard deviation of a Gaussian blur in pixels, or the rule that estimates it; see `reconstruct`."""
 
 
-def reconstruct(source: Source, *, method: str = "unet", quality: str = "balanced", patch: Patch = None,
-                camera: CameraFacts | None = None, corrections: Corrections | None = None, blur_pixels: float | None = None,
-                weights: str | Path | None = None, seed: int = 0, device: str = "cpu", mean: Mean = "auto") -> Result:
-    """Reconstruct the hidden object's albedo.
+def reconstruct(
+    source: Source,
+    *,
+    method: str | Method = UNET,
+    quality: str | Quality = BALANCED,
+    patch: Patch = None,
+    camera: CameraMetadata | None = None,
+    corrections: Corrections | None = None,
+    blur_pixels: Blur = None,
+    mean_model: str = "auto",
+    weights: str | Path | None = None,
+    seed: int = 0,
+    device: str = "cpu",
+    autocorrelation: bool | None = None,
+    progress: Progress = no_progress,
+) -> Result:
+    """Reconstruct the albedo of the hidden object.
 
     Args:
-        source: a capture; a frame file or a folder of them; frames (n, H, W) or (H, W); or a published
-            autocorrelation, a file or array of 127 x 127 lags.
-        patch: size in pixels; chosen from the lag pitch where None, and from the object's width as well where "fit".
-        camera: facts for frames that carry none.
-        corrections: dark frame, flat field and mask.
-        blur_pixels: standard deviation of a known Gaussian blur of the frames; where None, one is looked for.
-        mean: of the frames, that is subtracted; see `radiometry.estimation.whole_frames`.
+        source: a capture; a frame file, several, or a folder of them; frames (n, H, W) or (H, W); an estimate; or a published
+            autocorrelation, as a file or an array of 127 x 127 lags.
+        method, quality: names, or entries of `invert.choices`.
+        patch: patch size in pixels; None derives it from the lag pitch, "fit" also from the width of the object.
+        camera: metadata for frames that carry none.
+        corrections: dark frame, flat-field frame and mask.
+        blur_pixels: standard deviation of a known Gaussian blur; "auto" estimates it with the network. None does so for
+            `unet` and assumes no blur for the classical methods, which then run no network.
+        mean_model: background model: auto, pooled, fixed or published; see `radiometry.estimation.whole_frames`.
+        weights: network weights for `unet` instead of those that ship.
+        autocorrelation: whether files hold autocorrelations; None decides by their shape.
+        progress: called with the number of steps done since the last call.
 
-    Raises InputError for what cannot be inverted.
+    Returns:
+        the result, with its estimate, measurement and warnings.
+
+    Raises InputError for input that cannot be inverted.
     """
+    method, quality, mean_model = method_named(method), quality_named(quality), check_mean_model(mean_model)
     check_device(device)
+    SEED.check("seed", seed)
+    file = _check_weights(weights, method)
     begin = time.perf_counter()
-    capture = _as_capture(source, camera or CameraFacts())
-    if corrections is not None and isinstance(capture, Capture):
-        capture = corrections.of(capture)
+    capture = read_source(source, camera or CameraMetadata(), autocorrelation)
+    if isinstance(capture, Capture):
+        capture = (corrections or Corrections()).apply(capture)
+    else:
+        _refuse_frame_options(patch, corrections, blur_pixels)
     read_s = time.perf_counter() - begin
-    estimate = capture if isinstance(capture, Estimate) else estimate_from_frames(capture, patch, device, mean, blur_pixels)
-    return retrieved(estimate, method=method, quality=quality, weights=weights, seed=seed, device=device, read_s=read_s)
+    known_blur = None if blur_pixels == "auto" else blur_pixels
+    estimate = estimate_from_frames(capture, patch, device, mean_model, known_blur) if isinstance(capture, Capture) else capture
 
-
-def retrieved(estimate: Estimate, *, method: str, quality: str, weights: str | Path | None = None, seed: int = 0,
-              device: str = "cpu", read_s: float = 0.0, progress: Progress = lambda: None) -> Result:
-    """Read an estimate's noise, find a blur that the frames may have, and retrieve the albedo."""
     begin = time.perf_counter()
-    estimate, draft = with_blur_found(estimate, lambda seen, number: retrieve(seen, "unet", "fast", seed + number, device))
+    draft = None
+    if method.is_network or blur_pixels == "auto":
+        estimate, draft = estimate_blur(
+            estimate, lambda seen, number: reconstruct_measurement(seen, UNET, FAST, seed + number, device)
+        )
     measurement = read_measurement(estimate.lags, estimate.quantisation, estimate.transfer)
-    file = None if weights is None else Path(weights)
-    if draft is not None and (method, quality, file) == ("unet", "fast", None):
+    if draft is not None and (method, quality, file) == (UNET, FAST, None):
         reconstruction = draft
     else:
-        reconstruction = retrieve(measurement, method, quality, seed, device, progress, file)
+        reconstruction = reconstruct_measurement(measurement, method, quality, seed, device, progress, file)
     test = speckle_test(estimate, measurement, reconstruction.albedo) if reconstruction.object_found else None
-    reconstruction, warnings = trusted(reconstruction, test, measurement, likelihood_as_seen(estimate), estimate.facts)
+    reconstruction, warnings = assess_reliability(
+        reconstruction, test, measurement, partial(likelihood_before_division, estimate), estimate.record
+    )
     seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
-    settings = {"method": method, "quality": quality, "seed": seed}
+    settings = Settings(method.name, quality.name, seed)
     return Result(estimate, measurement, reconstruction, settings, seconds, test, tuple(warnings))
 
 
-def steps(method: str, quality: str) -> int:
-    """How often `retrieved` reports progress."""
-    return iterations(method, quality)
-
-
-def _as_capture(source: Source, camera: CameraFacts) -> Capture | Estimate:
-    if isinstance(source, Capture):
+def read_source(source: Source, camera: CameraMetadata, autocorrelation: bool | None = None) -> Capture | Estimate:
+    """Read a source as a capture, or as an estimate if it is an autocorrelation. Arguments as of `reconstruct`."""
+    if isinstance(source, (Capture, Estimate)):
         return source
     if isinstance(source, (str, Path)):
-        path = Path(source)
-        return published_estimate(path) if path.is_file() and _is_published(path) else read_capture([path], camera)
-    array = np.asarray(source)
-    if array.ndim == 2 and array.shape == (LAG_SIDE, LAG_SIDE):
+        source = [source]
+    if isinstance(source, Sequence) and len(source) > 0 and all(isinstance(item, (str, Path)) for item in source):
+        paths = [Path(item) for item in source]
+        if autocorrelation or (autocorrelation is None and len(paths) == 1 and _has_published_shape(paths[0])):
+            return published_estimate(paths[0])
+        return read_capture(paths, camera)
+    return _read_array(source, camera)
+
+
+def _read_array(source: object, camera: CameraMetadata) -> Capture | Estimate:
+    try:
+        array = np.asarray(source)
+    except ValueError:
+        raise InputError("frames", "frames of one size", "arrays of several shapes", "provide one array (n, H, W)") from None
+    if array.shape == (LAG_SIDE, LAG_SIDE) and array.dtype.kind in "uif":
         check_power(array, "the array")
-        return Estimate("autocorrelation", np.asarray(array, np.float32))
+        return Estimate("autocorrelation", np.array(array, np.float32))
     if array.ndim == 2:
         array = array[None]
     if array.ndim != 3 or array.dtype.kind not in "uif" or len(array) == 0:
-        raise InputError("frames", "numbers of shape (frames, height, width)", f"{array.dtype} of shape {array.shape}",
-                         "give one channel of intensity")
-    frames = [np.asarray(frame, np.float32) for frame in array]
+        found = f"{array.dtype} of shape {array.shape}"
+        raise InputError("frames", "numbers of shape (frames, height, width)", found, "provide one channel of intensity")
+    frames = [np.array(frame, np.float32) for frame in array]
     for number, frame in enumerate(frames):
         check_frame(frame, Path(f"frame {number}"))
     return Capture(frames, camera, tuple(f"frame {number}" for number in range(len(frames))))
 
 
-def _is_published(path: Path) -> bool:
-    """Whether a file has the shape of a published autocorrelation."""
-    from correlograph.files.images import read_picture
+def _has_published_shape(path: Path) -> bool:
+    return path.is_file() and read_image(path)[0].shape in ((LAG_SIDE, LAG_SIDE), (LAG_SIDE, 2 * LAG_SIDE))
 
-    return read_picture(path)[0].shape in ((LAG_SIDE, LAG_SIDE), (LAG_SIDE, 2 * LAG_SIDE))
+
+def _check_weights(weights: str | Path | None, method: Method) -> Path | None:
+    if weights is not None and not method.is_network:
+        raise InputError("weights", f"method {UNET}", f"method {method}", f"select method {UNET} or remove weights")
+    return None if weights is None else Path(weights)
+
+
+def _refuse_frame_options(patch: Patch, corrections: Corrections | None, blur_pixels: Blur) -> None:
+    """Refuse options that change the estimate of frames, because an autocorrelation is already an estimate."""
+    given = [
+        name
+        for name, value, default in (
+            ("patch", patch, None),
+            ("corrections", corrections or Corrections(), Corrections()),
+            ("blur_pixels", blur_pixels, None),
+        )
+        if value != default
+    ]
+    if given:
+        raise InputError("autocorrelation", "no option that applies to frames", ", ".join(given), "remove these options")

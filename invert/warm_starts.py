@@ -1,4 +1,4 @@
-"""`python -m invert.warm_starts`: precompute classical reconstructions for training; the command is `invert.training.warm_starts`."""
+"""`python -m invert.warm_starts`: precompute classical reconstructions (`invert.training.warm_starts`)."""
 
 from correlograph.command import run_module
 

@@ -62,8 +62,12 @@ def patch_grid(frame_shape: tuple[int, int], size: int | tuple[int, int]) -> Pat
     height, width = (size, size) if isinstance(size, int) else size
     if not (LAG_SIDE <= height <= frame_shape[0] and LAG_SIDE <= width <= frame_shape[1]):
         shorter = min(frame_shape)
-        raise InputError("patch", f"a size between {LAG_SIDE} pixels (as many lags) and the frame's shorter side ({shorter})",
-                         size, "choose another --patch")
+        raise InputError(
+            "patch",
+            f"a size between {LAG_SIDE} pixels (as many lags) and the frame's shorter side ({shorter})",
+            size,
+            "choose another --patch",
+        )
     rows, columns = frame_shape[0] // height, frame_shape[1] // width
     fewest = min(rows, columns)
     return PatchGrid(height, rows - rows % fewest, columns - columns % fewest, frame_shape, width if width != height else None)
@@ -73,8 +77,11 @@ SQUARE_ENOUGH = 1.05
 """Patches stay square where a camera's angle stretches the wall by less: lags then differ by as little down and right."""
 
 
-def automatic_patch_size(frame_shape: tuple[int, int], geometry: tuple[float, float, float | tuple[float, float]] | None = None,
-                         pitch_m: float = 300e-6) -> int | tuple[int, int]:
+def automatic_patch_size(
+    frame_shape: tuple[int, int],
+    geometry: tuple[float, float, float | tuple[float, float]] | None = None,
+    pitch_m: float = 300e-6,
+) -> int | tuple[int, int]:
     """Patch size whose lag pitch is nearest to `pitch_m`, or an eighth of the frame when the geometry is unknown.
 
     Kept between 127 pixels (all lags fit) and half the shorter side (four patches at least). A number for square patches,
@@ -83,6 +90,7 @@ def automatic_patch_size(frame_shape: tuple[int, int], geometry: tuple[float, fl
     Args:
         geometry: (wavelength_m, distance_m, pixel_pitch_m), or None; a pair of pitches is that of rows and of columns.
     """
+
     def kept(wanted: int, side: int) -> int:
         return int(min(max(wanted, LAG_SIDE), max(side // 2, min(LAG_SIDE, side))))
 
@@ -117,7 +125,7 @@ def peak_of_cell_means(albedo_autocorrelation: np.ndarray) -> float:
     return float(2.0 * peak - 0.5 * (albedo_autocorrelation[middle, middle + 1] + albedo_autocorrelation[middle + 1, middle]))
 
 
-def window_smooth(albedo_autocorrelation: np.ndarray, cells_per_lag: int = 1) -> np.ndarray:
+def smooth_by_window(albedo_autocorrelation: np.ndarray, cells_per_lag: int = 1) -> np.ndarray:
     """What a boxcar patch makes of r*r: convolved with sinc^2 per axis, sampled at whole lags.
 
     r*r of an image of square cells is bilinear between cell lags, so the convolution is exact.

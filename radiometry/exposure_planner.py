@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from correlograph.errors import InputError, positive
+from correlograph.errors import InputError, check_positive
 from radiometry.noise.budget import estimate_error
-from radiometry.noise.level import INDEPENDENT, fit_known_signal
+from radiometry.noise.level import HALF_PLANE, fit_known_signal
 from radiometry.prediction import Prediction, predict
 
 FRAME_COUNTS = (2, 3, 4, 5, 7, *(round(10 * 2 ** (half / 2)) for half in range(34)))
@@ -43,8 +43,9 @@ def error_of(prediction: Prediction, frames: int, floor: float) -> float:
     return estimate_error(float(signal.sum()), float((signal**2).sum()), signal.size, floor, prediction.dof(frames))
 
 
-def divide(geometry: Any, budget_s: float, resolution_m: float = 300e-6,
-           counts: tuple[int, ...] = FRAME_COUNTS) -> list[Division]:
+def divide(
+    geometry: Any, budget_s: float, resolution_m: float = 300e-6, counts: tuple[int, ...] = FRAME_COUNTS
+) -> list[Division]:
     """Ways to divide `budget_s` seconds of exposure into `counts` frames, fewest first.
 
     Args:
@@ -56,30 +57,53 @@ def divide(geometry: Any, budget_s: float, resolution_m: float = 300e-6,
 
     Raises InputError for a budget that is not positive, a scene without light, or an object wider than 64 lags.
     """
-    positive("--budget-s", budget_s)
-    positive("--resolution-m", resolution_m)
+    check_positive("--budget-s", budget_s)
+    check_positive("--resolution-m", resolution_m)
     facts = (geometry.wavelength_m, geometry.distance_m, geometry.seen_pitch_m[0])
     smallest = int(np.ceil(facts[0] * facts[1] / (resolution_m * facts[2]) - 0.5))
     shorter = min(geometry.frame_shape)
     if smallest > shorter // 2:
-        raise InputError("--resolution-m", f"{2 * facts[0] * facts[1] / (shorter * facts[2]):.3g} m or coarser in this scene",
-                         resolution_m, "choose a coarser one or a nearer wall")
+        raise InputError(
+            "--resolution-m",
+            f"{2 * facts[0] * facts[1] / (shorter * facts[2]):.3g} m or coarser in this scene",
+            resolution_m,
+            "choose a coarser one or a nearer wall",
+        )
     prediction = predict(geometry, max(smallest, 127))
     for widest, pitch_m in zip(geometry.hidden_object.extent_m, prediction.pitches_m, strict=True):
         if widest > 64 * pitch_m:
-            raise InputError("--resolution-m", f"{widest / 64:.3g} m or coarser, for the object to fit 64 lags", resolution_m,
-                             "choose a coarser one")
+            raise InputError(
+                "--resolution-m",
+                f"{widest / 64:.3g} m or coarser, for the object to fit 64 lags",
+                resolution_m,
+                "choose a coarser one",
+            )
     exposure = geometry.electronics.exposure_s
     divisions = []
     for frames in counts:
         shrink = budget_s / frames / exposure
-        terms = replace(prediction.terms, signal=prediction.terms.signal * shrink, dark=prediction.terms.dark * shrink,
-                        ambient=prediction.terms.ambient * shrink, detector_grain_pixels=0.0)
+        terms = replace(
+            prediction.terms,
+            signal=prediction.terms.signal * shrink,
+            dark=prediction.terms.dark * shrink,
+            ambient=prediction.terms.ambient * shrink,
+            detector_grain_pixels=0.0,
+        )
         floor = terms.floor_over_peak()
         if floor is None:
             raise InputError("scene", "light from the hidden object", "none", "raise power or albedo")
-        divisions.append(Division(frames, budget_s / frames, prediction.grid.size, prediction.grid.count, prediction.pitch_m,
-                                  floor, prediction.dof(frames), error_of(prediction, frames, floor)))
+        divisions.append(
+            Division(
+                frames,
+                budget_s / frames,
+                prediction.grid.size,
+                prediction.grid.count,
+                prediction.pitch_m,
+                floor,
+                prediction.dof(frames),
+                error_of(prediction, frames, floor),
+            )
+        )
     return divisions
 
 
@@ -93,4 +117,4 @@ def measured_error(estimate: np.ndarray, prediction: Prediction) -> float:
     """Relative error of an estimate against the known r*r, gain and floor fitted, scaled to the same lags."""
     gain, floor = fit_known_signal(estimate, prediction.signal)
     residual = estimate - floor - gain * prediction.signal
-    return float(np.sqrt((residual[INDEPENDENT] ** 2).sum() / ((gain * prediction.signal[INDEPENDENT]) ** 2).sum()))
+    return float(np.sqrt((residual[HALF_PLANE] ** 2).sum() / ((gain * prediction.signal[HALF_PLANE]) ** 2).sum()))

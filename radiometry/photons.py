@@ -18,8 +18,9 @@ def decibel(ratio: float) -> float:
     return 10.0 * math.log10(ratio) if ratio > 0.0 else -math.inf
 
 
-def grain_area(albedo: np.ndarray, cell_area_m2: float, wavelength_m: float, distance_m: float,
-               square_sum: float | None = None) -> float:
+def grain_area(
+    albedo: np.ndarray, cell_area_m2: float, wavelength_m: float, distance_m: float, square_sum: float | None = None
+) -> float:
     """Coherence area of the speckle on the wall, in m^2.
 
     (lambda z)^2 (integral r^2) / (integral r)^2, the integral of the squared degree of coherence

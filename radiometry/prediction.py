@@ -18,9 +18,9 @@ from radiometry.autocorrelation import (
     automatic_patch_size,
     patch_grid,
     peak_of_cell_means,
-    window_smooth,
+    smooth_by_window,
 )
-from radiometry.estimation.third_moment import LEAST_SHARE, drawn_third_moment
+from radiometry.estimation.third_moment import MIN_SIGNAL_FRACTION, drawn_third_moment
 from radiometry.estimation.whole_frames import degrees_of_freedom
 from radiometry.noise.budget import NoiseTerms
 from radiometry.noise.level import RING
@@ -66,7 +66,7 @@ class Prediction:
         """K of an estimate from so many frames without a fixed pattern."""
         return degrees_of_freedom(frames, self.grid.frame_shape, self.grid.patch_shape)
 
-    def exposed(self, factor: float) -> Prediction:
+    def with_exposure(self, factor: float) -> Prediction:
         """The same with exposures longer by a factor."""
         terms = self.terms
         longer = replace(terms, signal=terms.signal * factor, dark=terms.dark * factor, ambient=terms.ambient * factor)
@@ -79,13 +79,21 @@ class Prediction:
         if floor is None:
             return None
         weight = self.signal / (self.signal + floor)
-        weight[(weight < LEAST_SHARE) | (RING < 2)] = 0.0
+        weight[(weight < MIN_SIGNAL_FRACTION) | (RING < 2)] = 0.0
         if not weight.any() or not self.cells.any():
             return None
         terms = self.terms
         pixels = math.prod(self.grid.patch_shape)
-        mean, deviation = drawn_third_moment(self.cells, weight, self.transfer, pixels, terms.signal**2 * terms.grain_pixels,
-                                             terms.ambient + terms.dark, terms.read, polarisations=self.polarisations)
+        mean, deviation = drawn_third_moment(
+            self.cells,
+            weight,
+            self.transfer,
+            pixels,
+            terms.signal**2 * terms.grain_pixels,
+            terms.ambient + terms.dark,
+            terms.read,
+            polarisations=self.polarisations,
+        )
         patches = frames * math.prod(self.grid.frame_shape) / pixels
         return max(0.0, mean) / deviation * patches**0.5
 
@@ -113,7 +121,7 @@ def noise_terms(geometry: Any, albedo: np.ndarray, cell_area_m2: float, square_s
     subjective_grain = (geometry.wavelength_m * geometry.pupil_distance_m) ** 2 / pupil_area
     signal = light_budget(geometry.light_path).photoelectrons_per_pixel_s * electronics.exposure_s
     # What two incoherent polarisations, and motion, leave of the speckle's variance.
-    kept = (0.5 if geometry.depolarised else 1.0) * float(geometry.motion.transfer(np.zeros(1), np.zeros(1))[0])
+    kept = (0.5 if geometry.is_depolarised else 1.0) * float(geometry.motion.transfer(np.zeros(1), np.zeros(1))[0])
     other = geometry.other_light_share * signal if geometry.other_light_share > 1e-3 else 0.0  # less is not modelled
     return NoiseTerms(
         signal=signal,
@@ -145,17 +153,23 @@ def predict(geometry: Any, patch: int | None = None) -> Prediction:
     side = max(64 * CELLS_PER_LAG, *(math.ceil(extent / step) + 1 for extent, step in zip(hidden.extent_m, cell, strict=True)))
     albedo = hidden.sample(cell, (side, side)).albedo
     lags = autocorrelate(albedo)
-    transfer = lag_transfer(np.arange(-LAGS, LAGS + 1), grid.patch_shape, geometry.pixel_pitch_m, geometry.pupil_diameter_m,
-                            geometry.wavelength_m, geometry.pupil_distance_m)
+    transfer = lag_transfer(
+        np.arange(-LAGS, LAGS + 1),
+        grid.patch_shape,
+        geometry.pixel_pitch_m,
+        geometry.pupil_diameter_m,
+        geometry.wavelength_m,
+        geometry.pupil_distance_m,
+    )
     steps = np.arange(-LAGS, LAGS + 1.0)
     if geometry.motion.moves:
         left = geometry.motion.transfer(steps[:, None] * pitches_m[0], steps[None, :] * pitches_m[1])
         transfer = transfer * left / left[LAGS, LAGS]
     peak = peak_of_cell_means(lags)
-    signal = window_smooth(lags / peak if peak > 0.0 else lags, CELLS_PER_LAG) * transfer
+    signal = smooth_by_window(lags / peak if peak > 0.0 else lags, CELLS_PER_LAG) * transfer
     terms = noise_terms(geometry, albedo, cell[0] * cell[1] * hidden.axes.cell, peak)
     middle = [slice(size // 2 - 32 * CELLS_PER_LAG, size // 2 + 32 * CELLS_PER_LAG) for size in albedo.shape]
     cells = albedo[tuple(middle)].reshape(64, CELLS_PER_LAG, 64, CELLS_PER_LAG).mean((1, 3))
     if cells.sum() * CELLS_PER_LAG**2 < 0.99 * albedo.sum():  # wider than lags can tell
         cells = np.zeros_like(cells)
-    return Prediction(terms, grid, pitches_m, signal, transfer, cells, 2 if geometry.depolarised else 1)
+    return Prediction(terms, grid, pitches_m, signal, transfer, cells, 2 if geometry.is_depolarised else 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from correlograph.errors import InputError, positive
+from correlograph.errors import InputError, check_positive
 
 AVERSION_S = 0.25
 """Time after which the eye turns away from visible light."""
@@ -16,8 +16,12 @@ def maximum_permissible_exposure(wavelength_m: float, duration_s: float = AVERSI
     18 t^0.75 J/m^2 with C6 = 1, divided by t. Raises InputError outside the table's row.
     """
     if not 400e-9 <= wavelength_m <= 700e-9:
-        raise InputError("wavelength", "400 to 700 nm (visible) for the laser-safety line", f"{wavelength_m * 1e9:.4g} nm",
-                         "look the limit up in IEC 60825-1")
+        raise InputError(
+            "wavelength",
+            "400 to 700 nm (visible) for the laser-safety line",
+            f"{wavelength_m * 1e9:.4g} nm",
+            "look the limit up in IEC 60825-1",
+        )
     if not 18e-6 <= duration_s <= 10.0:
         raise InputError("duration", "18 us to 10 s", duration_s, "choose another")
     return 18.0 * duration_s**0.75 / duration_s
@@ -30,8 +34,8 @@ def spot_safety(power_w: float, wavelength_m: float, spot_diameter_m: float, alb
     the limit; the beam itself is unsafe wherever `spot_over_limit` exceeds one.
     """
     limit = maximum_permissible_exposure(wavelength_m)
-    area = 0.25 * math.pi * positive("spot_diameter", spot_diameter_m) ** 2
-    irradiance = positive("power", power_w, zero_allowed=True) / area
+    area = 0.25 * math.pi * check_positive("spot_diameter", spot_diameter_m) ** 2
+    irradiance = check_positive("power", power_w, zero_allowed=True) / area
     return {
         "limit_w_per_m2": limit,
         "spot_w_per_m2": irradiance,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from correlograph.errors import InputError, positive
+from correlograph.errors import InputError, check_positive
 from radiometry.photons import decibel, photon_rate
 
 
@@ -44,13 +44,31 @@ class LightPath:
     """Light that rays carry, over that of the closed form: curvature, depth, tilt and BSDFs that are not Lambertian."""
 
     def __post_init__(self) -> None:
-        for name in ("wavelength_m", "source_to_object_m", "object_to_detector_m", "detector_to_pupil_m",
-                     "pupil_diameter_m", "pixel_area_m2", "pixels", "beyond_flat"):
-            positive(name, getattr(self, name))
+        for name in (
+            "wavelength_m",
+            "source_to_object_m",
+            "object_to_detector_m",
+            "detector_to_pupil_m",
+            "pupil_diameter_m",
+            "pixel_area_m2",
+            "pixels",
+            "beyond_flat",
+        ):
+            check_positive(name, getattr(self, name))
         for name in ("power_w", "object_albedo_area_m2"):
-            positive(name, getattr(self, name), zero_allowed=True)
-        for name in ("source_albedo", "source_cosine", "object_cosine_in", "object_cosine_out", "detector_cosine_in",
-                     "detector_albedo", "detector_cosine_out", "pupil_cosine", "transmission", "quantum_efficiency"):
+            check_positive(name, getattr(self, name), zero_allowed=True)
+        for name in (
+            "source_albedo",
+            "source_cosine",
+            "object_cosine_in",
+            "object_cosine_out",
+            "detector_cosine_in",
+            "detector_albedo",
+            "detector_cosine_out",
+            "pupil_cosine",
+            "transmission",
+            "quantum_efficiency",
+        ):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise InputError(name, "a ratio between 0 and 1", getattr(self, name), f"correct {name}")
 
@@ -86,6 +104,7 @@ class Budget:
 
     def as_dict(self) -> dict[str, object]:
         """JSON-ready: `per_pixel_db`, `per_frame_db`, `photons_per_second`, `rows`. A dark path reads null."""
+
         def finite(value: float) -> float | None:
             return value if math.isfinite(value) else None
 
@@ -134,5 +153,11 @@ def closed_form(path: LightPath) -> Budget:
 
 def detector_to_pixel(path: LightPath) -> float:
     """Photoelectrons per photon that lands on a pixel's share of the virtual detector."""
-    return (path.detector_albedo * path.detector_cosine_out * path.pupil_cosine * path.transmission * path.quantum_efficiency
-            * pupil_fraction(path.pupil_diameter_m, path.detector_to_pupil_m))
+    return (
+        path.detector_albedo
+        * path.detector_cosine_out
+        * path.pupil_cosine
+        * path.transmission
+        * path.quantum_efficiency
+        * pupil_fraction(path.pupil_diameter_m, path.detector_to_pupil_m)
+    )

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 
-def pupil_otf(frequency_per_m: np.ndarray, pupil_diameter_m: float, wavelength_m: float,
-              pupil_distance_m: float) -> np.ndarray:
+def pupil_otf(frequency_per_m: np.ndarray, pupil_diameter_m: float, wavelength_m: float, pupil_distance_m: float) -> np.ndarray:
     """Incoherent transfer function of a circular pupil, at spatial frequencies on the wall.
 
     Goodman, Introduction to Fourier Optics, Eq. 6-32: cut-off D / (lambda z), any shape of input.
@@ -15,16 +14,28 @@ def pupil_otf(frequency_per_m: np.ndarray, pupil_diameter_m: float, wavelength_m
     return 2.0 / np.pi * (np.arccos(reduced) - reduced * np.sqrt(1.0 - reduced**2))
 
 
-def amplitude_transfer(frequency_row_per_m: np.ndarray, frequency_column_per_m: np.ndarray, pixel_pitch_m: float,
-                       pupil_diameter_m: float, wavelength_m: float, pupil_distance_m: float) -> np.ndarray:
+def amplitude_transfer(
+    frequency_row_per_m: np.ndarray,
+    frequency_column_per_m: np.ndarray,
+    pixel_pitch_m: float,
+    pupil_diameter_m: float,
+    wavelength_m: float,
+    pupil_distance_m: float,
+) -> np.ndarray:
     """Transfer function of the mean image: pupil OTF times the square pixel's sinc (100 % fill)."""
     pixel = np.sinc(frequency_row_per_m * pixel_pitch_m) * np.sinc(frequency_column_per_m * pixel_pitch_m)
     radius = np.hypot(frequency_row_per_m, frequency_column_per_m)
     return pixel * pupil_otf(radius, pupil_diameter_m, wavelength_m, pupil_distance_m)
 
 
-def lag_transfer(lags: np.ndarray, patch_shape: tuple[int, int], pixel_pitch_m: float, pupil_diameter_m: float,
-                 wavelength_m: float, pupil_distance_m: float) -> np.ndarray:
+def lag_transfer(
+    lags: np.ndarray,
+    patch_shape: tuple[int, int],
+    pixel_pitch_m: float,
+    pupil_diameter_m: float,
+    wavelength_m: float,
+    pupil_distance_m: float,
+) -> np.ndarray:
     """H of the noise model S = H (r*r) + b, on a square grid of lags.
 
     Lag k of a patch of N pixels is the frequency k / N in cycles a pixel, whatever angle the camera looks at the wall; H is
@@ -39,8 +50,9 @@ def lag_transfer(lags: np.ndarray, patch_shape: tuple[int, int], pixel_pitch_m: 
         shape (n, n), 1 at zero lag.
     """
     row, column = (lags / (pixels * pixel_pitch_m) for pixels in patch_shape)
-    return amplitude_transfer(row[:, None], column[None, :], pixel_pitch_m, pupil_diameter_m, wavelength_m,
-                              pupil_distance_m) ** 2
+    return (
+        amplitude_transfer(row[:, None], column[None, :], pixel_pitch_m, pupil_diameter_m, wavelength_m, pupil_distance_m) ** 2
+    )
 
 
 def gaussian_transfer(lags: np.ndarray, patch_shape: tuple[int, int], blur_pixels: tuple[float, float]) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""`python -m radiometry.validate`: compare the noise model with rendered and lab speckle; the command is `correlograph.commands.noise_validation`."""
+"""`python -m radiometry.validate`: compare the noise model with frames (`correlograph.commands.noise_validation`)."""
 
 from correlograph.command import run_module
 

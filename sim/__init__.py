@@ -35,8 +35,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Scene", "Settings", "activate", "load", "render", "wall_field"]
 __version__ = version()
-__getattr__, __dir__, _ = lazy_loader.attach(__name__, submod_attrs={"plan": ["Settings"],
-                                                                     "scene": ["Scene", "load", "render", "wall_field"]})
+__getattr__, __dir__, _ = lazy_loader.attach(
+    __name__, submod_attrs={"plan": ["Settings"], "scene": ["Scene", "load", "render", "wall_field"]}
+)
 
 
 @cache

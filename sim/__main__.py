@@ -22,19 +22,36 @@ def parser() -> ArgumentParser:
     p.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="scene parameter")
     p.add_argument("--frames", type=FRAMES, default=2)
     p.add_argument("--seed", type=SEED, default=0)
-    p.add_argument("--plan", action="store_true",
-                   help="print what would be modelled, and render nothing: a page on a terminal, JSON elsewhere")
+    p.add_argument(
+        "--plan",
+        action="store_true",
+        help="print what would be modelled, and render nothing: a page on a terminal, JSON elsewhere",
+    )
     p.add_argument("--json", action="store_true", help="print the plan as JSON on a terminal, too")
-    p.add_argument("--truth-patch", type=int, metavar="PIXELS",
-                   help="patch size whose lags truth.npy is sampled at, for 'invert --patch' (default: as invert chooses)")
+    p.add_argument(
+        "--truth-patch",
+        type=int,
+        metavar="PIXELS",
+        help="patch size whose lags truth.npy is sampled at, for 'invert --patch' (default: as invert chooses)",
+    )
     p.add_argument("--mean", action="store_true", help="write expected photoelectrons, before any noise")
-    p.add_argument("--accuracy", choices=("statistical", "field"), default="statistical",
-                   help="what the tolerance bounds: the expected autocorrelation, or this realisation's field")
+    p.add_argument(
+        "--accuracy",
+        choices=("statistical", "field"),
+        default="statistical",
+        help="what the tolerance bounds: the expected autocorrelation, or this realisation's field",
+    )
     p.add_argument("--propagator", choices=("auto", *KERNELS), default="auto")
     p.add_argument("--tolerance", type=SI, default=1e-2, help="relative error allowed")
     p.add_argument("--precision", choices=("float32", "float64"), help="of the propagation; whatever the tolerance needs")
-    p.add_argument("--effect", dest="effects", action="append", default=[], metavar="NAME=on|off|auto",
-                   help="model an effect, or leave it out, whatever the plan says")
+    p.add_argument(
+        "--effect",
+        dest="effects",
+        action="append",
+        default=[],
+        metavar="NAME=on|off|auto",
+        help="model an effect, or leave it out, whatever the plan says",
+    )
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     return p
 
@@ -53,8 +70,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     from sim.scene_file import parse_definitions
 
     scene = load(options.scene, **parse_definitions(options.definitions))
-    plan = scene.plan(Settings(options.accuracy, options.tolerance, options.propagator, options.precision,
-                               parse_effects(options.effects)))
+    plan = scene.plan(
+        Settings(options.accuracy, options.tolerance, options.propagator, options.precision, parse_effects(options.effects))
+    )
     monte_carlo = scene.monte_carlo()
     content = as_json(plan, options.frames, monte_carlo)
     if options.plan:
@@ -79,7 +97,7 @@ def _render(scene, plan, content, options) -> None:
     """Draw every frame into a hidden folder, then move all at once: a stopped run leaves an older capture whole."""
     from tqdm import tqdm
 
-    from correlograph.files.capture_folder import frame_path, replace_capture, staged
+    from correlograph.files.capture_folder import frame_path, replace_capture, stage_capture
     from correlograph.files.frames import write_frame
     from correlograph.files.output import output_folder, save_array, save_json
     from sim.scene import draw, header, lag_grid_albedo, record, saturation
@@ -88,7 +106,7 @@ def _render(scene, plan, content, options) -> None:
     begin = time.perf_counter()
     truth, pitches_m = lag_grid_albedo(plan.geometry, options.truth_patch)
     write_s = saturated = 0.0
-    with staged(folder) as staging:
+    with stage_capture(folder) as staging:
         drawn = draw(plan, options.frames, options.seed, mean=options.mean, device=options.device)
         prepared = time.perf_counter()
         for number, frame in enumerate(tqdm(drawn, total=options.frames, desc="frames", unit="frame", disable=None)):
@@ -98,8 +116,20 @@ def _render(scene, plan, content, options) -> None:
             write_s += time.perf_counter() - started
         seconds = {"prepare": prepared - begin, "render": time.perf_counter() - prepared - write_s, "write": write_s}
         save_array(staging / "truth.npy", truth)
-        save_json(staging / "sim.json", record(scene, plan, content, options.seed, options.frames, pitches_m, mean=options.mean,
-                                               saturated=saturated, seconds=seconds))
+        save_json(
+            staging / "sim.json",
+            record(
+                scene,
+                plan,
+                content,
+                options.seed,
+                options.frames,
+                pitches_m,
+                mean=options.mean,
+                saturated=saturated,
+                seconds=seconds,
+            ),
+        )
         replace_capture(staging, folder)
     if saturated > SATURATION_WORTH_A_WARNING:
         print(f"warning: full_well: {100 * saturated:.3g} % of the pixels are saturated", file=sys.stderr)

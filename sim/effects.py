@@ -15,14 +15,29 @@ from sim.optics.motion import lost_variance
 from sim.optics.object_samples import ObjectSamples
 from sim.plugins.speckle_camera import Electronics
 
-ELECTRONIC = {"read_noise": "read_noise", "row_noise": "row_noise", "column_noise": "column_noise",
-              "fixed_pattern": "fixed_pattern", "dark_current": "dark_current", "full_well": "full_well",
-              "quantisation": "bits"}
+ELECTRONIC = {
+    "read_noise": "read_noise",
+    "row_noise": "row_noise",
+    "column_noise": "column_noise",
+    "fixed_pattern": "fixed_pattern",
+    "dark_current": "dark_current",
+    "full_well": "full_well",
+    "quantisation": "bits",
+}
 """Effects that a parameter of the speckle_camera switches on, and that parameter."""
 
-OPTICAL = ("source_grain", "pupil_and_pixel", "shot_noise", "detector_roughness", "detector_texture", "depolarisation",
-           "linewidth", "ambient", "other_light",
-           "motion")
+OPTICAL = (
+    "source_grain",
+    "pupil_and_pixel",
+    "shot_noise",
+    "detector_roughness",
+    "detector_texture",
+    "depolarisation",
+    "linewidth",
+    "ambient",
+    "other_light",
+    "motion",
+)
 
 FORCEABLE = (*OPTICAL, *ELECTRONIC)
 
@@ -56,8 +71,9 @@ def parse_effects(texts: Iterable[str]) -> tuple[tuple[str, bool], ...]:
     return tuple(forced.items())
 
 
-def decide(geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced: tuple[tuple[str, bool], ...],
-           tolerance: float) -> dict[str, Effect]:
+def decide(
+    geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced: tuple[tuple[str, bool], ...], tolerance: float
+) -> dict[str, Effect]:
     """All effects of a scene, modelled or left out and why.
 
     Raises InputError where one is forced on that the scene gives no parameter for.
@@ -72,38 +88,79 @@ def decide(geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced
     moved = lost_variance(geometry, samples)
     contrast = lost_contrast(samples.path_m, samples.amplitude, geometry.linewidth_hz)
     found = [
-        Effect("phase_screen", True, f"rough virtual source (phase rms {phase_rms:.3g} rad), independent samples",
-               min(1.0, 0.5 * (half_angle / scattering) ** 2) if scattering else 0.0),
+        Effect(
+            "phase_screen",
+            True,
+            f"rough virtual source (phase rms {phase_rms:.3g} rad), independent samples",
+            min(1.0, 0.5 * (half_angle / scattering) ** 2) if scattering else 0.0,
+        ),
         Effect("source_grain", True, f"grain of {grain_m(geometry) * 1e6:.3g} um on the object", 0.0),
         Effect("pupil_and_pixel", True, "H, incoherent blur by pupil and pixel", 0.0),
         Effect("shot_noise", True, "Poisson", 0.0),
-        Effect("detector_roughness", speckle > tolerance, "subjective speckle of the virtual detector, as floor over peak",
-               speckle),
-        Effect("detector_texture", spread > 0.0, f"albedo of the virtual detector, {spread:.3g} rms of its mean in the frame; "
-               "its variance over the speckle's", spread**2),
-        Effect("depolarisation", geometry.depolarised, "a wall or the object is set to depolarise: two incoherent modes"
-               if geometry.depolarised else "no phase_screen is set to depolarise", float(geometry.depolarised)),
-        Effect("ambient", lit, f"{'other emitters' if lit else 'no emitter beside the laser'}, as floor over peak",
-               terms.over_peak()["ambient"] or 0.0),
-        Effect("other_light", geometry.other_light_share > tolerance, "the laser's light by way of clutter or of several "
-               "reflections, over the hidden object's", geometry.other_light_share),
-        Effect("motion", moved > tolerance, "share of the speckle's variance that is lost while the shutter is open"
-               if geometry.motion.moves else "nothing moves while the shutter is open", moved),
+        Effect(
+            "detector_roughness", speckle > tolerance, "subjective speckle of the virtual detector, as floor over peak", speckle
+        ),
+        Effect(
+            "detector_texture",
+            spread > 0.0,
+            f"albedo of the virtual detector, {spread:.3g} rms of its mean in the frame; its variance over the speckle's",
+            spread**2,
+        ),
+        Effect(
+            "depolarisation",
+            geometry.is_depolarised,
+            "a wall or the object is set to depolarise: two incoherent modes"
+            if geometry.is_depolarised
+            else "no phase_screen is set to depolarise",
+            float(geometry.is_depolarised),
+        ),
+        Effect(
+            "ambient",
+            lit,
+            f"{'other emitters' if lit else 'no emitter beside the laser'}, as floor over peak",
+            terms.over_peak()["ambient"] or 0.0,
+        ),
+        Effect(
+            "other_light",
+            geometry.other_light_share > tolerance,
+            "the laser's light by way of clutter or of several reflections, over the hidden object's",
+            geometry.other_light_share,
+        ),
+        Effect(
+            "motion",
+            moved > tolerance,
+            "share of the speckle's variance that is lost while the shutter is open"
+            if geometry.motion.moves
+            else "nothing moves while the shutter is open",
+            moved,
+        ),
         Effect("linewidth", contrast > tolerance, f"{geometry.linewidth_hz:.3g} Hz against the spread of paths", contrast),
     ]
-    found += [Effect(name, getattr(electronics, parameter) > 0.0, _set_or_zero(getattr(electronics, parameter)), 0.0)
-              for name, parameter in ELECTRONIC.items()]
+    found += [
+        Effect(name, getattr(electronics, parameter) > 0.0, _set_or_zero(getattr(electronics, parameter)), 0.0)
+        for name, parameter in ELECTRONIC.items()
+    ]
     decided = {effect.name: effect for effect in found}
     for name, on in forced:
-        needs = {"motion": moved, "other_light": geometry.other_light_share, "linewidth": geometry.linewidth_hz,
-                 "ambient": float(lit), "detector_texture": spread}
+        needs = {
+            "motion": moved,
+            "other_light": geometry.other_light_share,
+            "linewidth": geometry.linewidth_hz,
+            "ambient": float(lit),
+            "detector_texture": spread,
+        }
         needs |= {key: getattr(electronics, value) for key, value in ELECTRONIC.items()}
         if on and needs.get(name, 1.0) == 0.0:
-            raise InputError(f"--effect {name}", "a parameter of the scene that sets it", "zero",
-                             f"set {ELECTRONIC.get(name, name)} in the scene")
+            raise InputError(
+                f"--effect {name}",
+                "a parameter of the scene that sets it",
+                "zero",
+                f"set {ELECTRONIC.get(name, name)} in the scene",
+            )
         decided[name] = replace(decided[name], modelled=on, why=f"forced {'on' if on else 'off'}; {decided[name].why}")
-    remaining = {name: 0.0 if effect.modelled and name != "phase_screen" else effect.predicted_error
-                 for name, effect in decided.items()}
+    remaining = {
+        name: 0.0 if effect.modelled and name != "phase_screen" else effect.predicted_error for name, effect in decided.items()
+    }
     return {name: replace(effect, predicted_error=remaining[name]) for name, effect in decided.items()}
 
 

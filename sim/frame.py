@@ -30,8 +30,9 @@ class Simulation:
     Raises InputError when the object or the wall cannot be modelled as the settings ask.
     """
 
-    def __init__(self, geometry: Geometry, settings: Settings | None = None, device: str = "cpu", *,
-                 plan: Plan | None = None) -> None:
+    def __init__(
+        self, geometry: Geometry, settings: Settings | None = None, device: str = "cpu", *, plan: Plan | None = None
+    ) -> None:
         self.device = torch.device(device)
         self._transfer = transfer_function(geometry).to(self.device)
         self._follow(plan or Plan.of(geometry, settings))
@@ -47,10 +48,10 @@ class Simulation:
     def _models(self, effect: str) -> bool:
         return self.effects[effect].modelled
 
-    def showing(self, cells: np.ndarray, pitch_m: float | tuple[float, float]) -> Simulation:
+    def with_object(self, cells: np.ndarray, pitch_m: float | tuple[float, float]) -> Simulation:
         """The same simulation with a flat object of albedo cells (n, n) in place of the scene's own."""
         other = copy(self)
-        other._follow(Plan.of(self.geometry.showing(cells, pitch_m), self.settings))
+        other._follow(Plan.of(self.geometry.with_object(cells, pitch_m), self.settings))
         return other
 
     @property
@@ -58,8 +59,15 @@ class Simulation:
         """Expected photoelectrons of one pixel from the hidden object, over all speckle realisations."""
         return self.plan.mean_photoelectrons
 
-    def wall_field(self, seed: int, number: int, polarisation: int = 0, offset_hz: float = 0.0, oversampling: int = 1,
-                   progress: Callable[[int], object] = lambda parts: None) -> torch.Tensor:
+    def wall_field(
+        self,
+        seed: int,
+        number: int,
+        polarisation: int = 0,
+        offset_hz: float = 0.0,
+        oversampling: int = 1,
+        progress: Callable[[int], object] = lambda parts: None,
+    ) -> torch.Tensor:
         """Complex field on the wall of one coherent mode of a frame, its mean square the samples' brightness.
 
         Args:
@@ -75,17 +83,32 @@ class Simulation:
         canvas = self._canvas_field(seed, number, polarisation, offset_hz, oversampling, pose, progress)
         return middle(canvas, (height * oversampling, width * oversampling))
 
-    def _canvas_field(self, seed: int, number: int, polarisation: int, offset_hz: float, oversampling: int, pose: Pose,
-                      progress: Callable[[int], object] = lambda parts: None) -> torch.Tensor:
+    def _canvas_field(
+        self,
+        seed: int,
+        number: int,
+        polarisation: int,
+        offset_hz: float,
+        oversampling: int,
+        pose: Pose,
+        progress: Callable[[int], object] = lambda parts: None,
+    ) -> torch.Tensor:
         """The same with a border around it for the camera's blur."""
         samples, option = self._samples, self.propagator
         height, width = samples.wall.shape
-        wall = replace(samples.wall, shape=(height * oversampling, width * oversampling),
-                       pitch_m=samples.wall.pitch_m / oversampling)
+        wall = replace(
+            samples.wall, shape=(height * oversampling, width * oversampling), pitch_m=samples.wall.pitch_m / oversampling
+        )
         rows, columns = self.geometry.period_shape
         period = (rows * oversampling, columns * oversampling)
-        lit = illuminate(self.geometry, samples.grid, lambda frame: _stream(seed, frame, 2 * polarisation), number,
-                         grain=self._models("source_grain"), pose=pose)
+        lit = illuminate(
+            self.geometry,
+            samples.grid,
+            lambda frame: _stream(seed, frame, 2 * polarisation),
+            number,
+            grain=self._models("source_grain"),
+            pose=pose,
+        )
         if any(pose.object_m):
             lit = lit.astype(np.complex64)
             lit[samples.place] *= phasor(travel_phase(self.geometry, samples.coordinates_m, pose), 1.0)
@@ -118,7 +141,7 @@ class Simulation:
             self._gain = np.divide(1.0, np.sqrt(mean), out=np.zeros_like(mean), where=mean > 1e-3)
         return self._gain
 
-    def expected(self, seed: int, number: int) -> torch.Tensor:
+    def expected_frame(self, seed: int, number: int) -> torch.Tensor:
         """Expected photoelectrons of one frame's speckle, before any noise: float32 (H, W).
 
         Incoherent sum over polarisations, spectral lines and the sub-exposures of a motion.
@@ -130,8 +153,12 @@ class Simulation:
         texture = self._texture(factor) if self._models("detector_texture") else None
         total = torch.zeros(self.geometry.canvas_shape, device=self.device)
         poses = self._poses(number)
-        modes = ((polarisation, offset_hz, weight / len(poses), pose) for polarisation in range(polarisations)
-                 for offset_hz, weight in self._modes.lines for pose in poses)
+        modes = (
+            (polarisation, offset_hz, weight / len(poses), pose)
+            for polarisation in range(polarisations)
+            for offset_hz, weight in self._modes.lines
+            for pose in poses
+        )
         for polarisation, offset_hz, weight, pose in modes:
             wall = self._canvas_field(seed, number, polarisation, offset_hz, factor, pose).to(torch.complex64)
             if texture is not None:
@@ -178,8 +205,9 @@ class Simulation:
         Frame `number` of a capture lights another spot of the virtual source, at least a spot diameter away unless the
         laser's `scan_step` is less, so its speckle is independent; so is its noise.
         """
-        noise = expose(self.expected(seed, number).numpy(), self._electronics, _stream(seed, number, 1),
-                       self._models("shot_noise"))
+        noise = expose(
+            self.expected_frame(seed, number).numpy(), self._electronics, _stream(seed, number, 1), self._models("shot_noise")
+        )
         return torch.from_numpy(noise)
 
 

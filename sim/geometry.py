@@ -54,13 +54,13 @@ class Geometry:
     pupil_distance_m: float
     electronics: Electronics
     light_path: LightPath
-    baffled: bool
+    is_direct_path_blocked: bool
     """Whether a shape stands on the straight line from the virtual source to the virtual detector."""
     direct_light: float
     """Fraction of the laser's light that one square metre of the virtual detector receives straight
     from the virtual source: zero when a baffle, or the walls' own facing, blocks it."""
     linewidth_hz: float
-    depolarised: bool
+    is_depolarised: bool
     """Whether light has lost its polarisation before it reaches the virtual detector."""
     detector_height_rms_m: float | None
     """Roughness of the virtual detector; None where no phase_screen tells it."""
@@ -75,11 +75,11 @@ class Geometry:
     other_light: OtherLight | None = None
     """The laser's light by way of clutter or of several reflections; None for an object shown in place of the scene's."""
 
-    def exposed(self, exposure_s: float) -> Geometry:
+    def with_exposure(self, exposure_s: float) -> Geometry:
         """The same scene at another exposure."""
         return replace(self, electronics=replace(self.electronics, exposure_s=exposure_s))
 
-    def showing(self, cells: np.ndarray, pitch_m: float | tuple[float, float]) -> Geometry:
+    def with_object(self, cells: np.ndarray, pitch_m: float | tuple[float, float]) -> Geometry:
         """The same scene with a flat object of albedo cells (n, n) in place of its own, `pitch_m` apart (down, right)."""
         pitches = pitch_m if isinstance(pitch_m, tuple) else (pitch_m, pitch_m)
         shown = FlatObject(cells, pitches, self.hidden_object)
@@ -125,9 +125,12 @@ class Geometry:
     def motion(self) -> Motion:
         """What moves during one exposure."""
         exposure_s, (down, right) = self.electronics.exposure_s, self.object_speed_m_s
-        return Motion(self.spot.scan_speed_m_s * exposure_s / self.spot.diameter_m, (down * exposure_s, right * exposure_s),
-                      self.wavelength_m * self.source_distance_m / self.spot.diameter_m,
-                      (1.0 / self.source_distance_m + 1.0 / self.distance_m) / self.wavelength_m)
+        return Motion(
+            self.spot.scan_speed_m_s * exposure_s / self.spot.diameter_m,
+            (down * exposure_s, right * exposure_s),
+            self.wavelength_m * self.source_distance_m / self.spot.diameter_m,
+            (1.0 / self.source_distance_m + 1.0 / self.distance_m) / self.wavelength_m,
+        )
 
     @property
     def seen_pitch_m(self) -> tuple[float, float]:
@@ -149,13 +152,17 @@ class Geometry:
     @property
     def period_shape(self) -> tuple[int, int]:
         """Pixels after which the field of samples at `object_pitch_m` repeats."""
-        grains = [self.wavelength_m * self.distance_m / (extent * pitch)
-                  for extent, pitch in zip(self.hidden_object.extent_m, self.seen_pitch_m, strict=True)]
+        grains = [
+            self.wavelength_m * self.distance_m / (extent * pitch)
+            for extent, pitch in zip(self.hidden_object.extent_m, self.seen_pitch_m, strict=True)
+        ]
         return period(self.canvas_shape, (grains[0], grains[1]))
 
     @property
     def object_pitch_m(self) -> tuple[float, float]:
         """Object sampling (down, right) whose FFT is exactly a period: lambda z / (pixels pitch)."""
-        rows, columns = (self.wavelength_m * self.distance_m / (n * pitch)
-                         for n, pitch in zip(self.period_shape, self.seen_pitch_m, strict=True))
+        rows, columns = (
+            self.wavelength_m * self.distance_m / (n * pitch)
+            for n, pitch in zip(self.period_shape, self.seen_pitch_m, strict=True)
+        )
         return rows, columns

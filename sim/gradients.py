@@ -70,17 +70,42 @@ def setup_of(geometry: Any, cells: int = 48, patch: int | None = None) -> Setup:
     albedo = hidden.cell_means((extent / cells, extent / cells), cells)
     to_spot = geometry.spot.centre - hidden.centre
     angle = math.atan2(float(to_spot @ hidden.axes.right), float(-to_spot @ hidden.line_of_sight))
-    losses = (path.source_albedo * path.source_cosine * path.detector_albedo * path.detector_cosine_in * path.transmission
-              * path.detector_cosine_out * path.pupil_cosine * path.quantum_efficiency
-              * path.pixel_area_m2 / geometry.pixel_pitch_m**2)
-    numbers = {"cell_m": extent / cells, "tilt_right": 0.0, "tilt_down": 0.0, "shift_right_m": 0.0, "shift_down_m": 0.0,
-               "source_m": path.source_to_object_m, "detector_m": path.object_to_detector_m, "source_angle": angle,
-               "exposure_s": camera.exposure_s, "power_w": path.power_w, "wavelength_m": path.wavelength_m,
-               "pixel_pitch_m": geometry.pixel_pitch_m, "pupil_diameter_m": path.pupil_diameter_m,
-               "pupil_m": path.detector_to_pupil_m, "losses": losses}
+    losses = (
+        path.source_albedo
+        * path.source_cosine
+        * path.detector_albedo
+        * path.detector_cosine_in
+        * path.transmission
+        * path.detector_cosine_out
+        * path.pupil_cosine
+        * path.quantum_efficiency
+        * path.pixel_area_m2
+        / geometry.pixel_pitch_m**2
+    )
+    numbers = {
+        "cell_m": extent / cells,
+        "tilt_right": 0.0,
+        "tilt_down": 0.0,
+        "shift_right_m": 0.0,
+        "shift_down_m": 0.0,
+        "source_m": path.source_to_object_m,
+        "detector_m": path.object_to_detector_m,
+        "source_angle": angle,
+        "exposure_s": camera.exposure_s,
+        "power_w": path.power_w,
+        "wavelength_m": path.wavelength_m,
+        "pixel_pitch_m": geometry.pixel_pitch_m,
+        "pupil_diameter_m": path.pupil_diameter_m,
+        "pupil_m": path.detector_to_pupil_m,
+        "losses": losses,
+    }
     scalars = {name: torch.tensor(float(value), dtype=torch.float64) for name, value in numbers.items()}
-    return Setup(torch.as_tensor(albedo, dtype=torch.float64), **scalars, patch=patches_of(geometry, patch)[0].size,
-                 stretch=hidden.axes.stretch)
+    return Setup(
+        torch.as_tensor(albedo, dtype=torch.float64),
+        **scalars,
+        patch=patches_of(geometry, patch)[0].size,
+        stretch=hidden.axes.stretch,
+    )
 
 
 def parameters(setup: Setup) -> list[str]:
@@ -95,8 +120,14 @@ def cell_light(setup: Setup) -> tuple[Tensor, Tensor]:
     down, right = (part.reshape(-1) for part in torch.meshgrid(index, index, indexing="ij"))
     # Coordinates (down, right, towards the wall); the object turns about its centre.
     cos_r, sin_r, cos_d, sin_d = (f(angle) for angle in (setup.tilt_right, setup.tilt_down) for f in (torch.cos, torch.sin))
-    x = torch.stack([down * cos_d + setup.shift_down_m, right * cos_r - down * sin_d * sin_r + setup.shift_right_m,
-                     right * sin_r + down * sin_d * cos_r], 1)
+    x = torch.stack(
+        [
+            down * cos_d + setup.shift_down_m,
+            right * cos_r - down * sin_d * sin_r + setup.shift_right_m,
+            right * sin_r + down * sin_d * cos_r,
+        ],
+        1,
+    )
     normal = torch.stack([-sin_d, -cos_d * sin_r, cos_d * cos_r])
     zero = torch.zeros((), dtype=torch.float64)
     spot = setup.source_m * torch.stack([zero, torch.sin(setup.source_angle), torch.cos(setup.source_angle)])
@@ -107,8 +138,17 @@ def cell_light(setup: Setup) -> tuple[Tensor, Tensor]:
     photons = setup.power_w * setup.wavelength_m / (Planck * speed_of_light) * setup.exposure_s * setup.losses
     radius = 0.5 * setup.pupil_diameter_m
     caught = radius**2 / (radius**2 + setup.pupil_m**2)
-    light = (photons * caught * setup.pixel_pitch_m**2 * setup.cell_m**2 / math.pi**2
-             * setup.albedo.reshape(-1) * lit * seen / (d1 * d2) ** 2)
+    light = (
+        photons
+        * caught
+        * setup.pixel_pitch_m**2
+        * setup.cell_m**2
+        / math.pi**2
+        * setup.albedo.reshape(-1)
+        * lit
+        * seen
+        / (d1 * d2) ** 2
+    )
     return light, x[:, :2] * (setup.detector_m / to_wall[:, 2:])
 
 

@@ -14,8 +14,14 @@ NAME = "DRJIT_LIBLLVM_PATH"
 MIN_LLVM_VERSION = 17
 """Dr.Jit's minimum and maximum need this version on x86; spheres, smooth meshes, masks and microfacets use them."""
 
-_PLACES = ("/usr/lib/*/libLLVM*.so*", "/usr/lib64/libLLVM*.so*", "/usr/lib/llvm-*/lib/libLLVM*.so*",
-           "/usr/local/lib/libLLVM*.so*", "/opt/homebrew/opt/llvm/lib/libLLVM*.dylib", "/usr/local/opt/llvm/lib/libLLVM*.dylib")
+_PLACES = (
+    "/usr/lib/*/libLLVM*.so*",
+    "/usr/lib64/libLLVM*.so*",
+    "/usr/lib/llvm-*/lib/libLLVM*.so*",
+    "/usr/local/lib/libLLVM*.so*",
+    "/opt/homebrew/opt/llvm/lib/libLLVM*.dylib",
+    "/usr/local/opt/llvm/lib/libLLVM*.dylib",
+)
 
 
 def version_of(path: str) -> int | None:

@@ -58,8 +58,12 @@ class MemoryEffect:
         Raises InputError where the virtual detector has no roughness of its own.
         """
         if geometry.detector_height_rms_m is None:
-            raise InputError("virtual_detector", "a phase_screen, whose roughness limits the memory effect", "another BSDF",
-                             "wrap it in a phase_screen")
+            raise InputError(
+                "virtual_detector",
+                "a phase_screen, whose roughness limits the memory effect",
+                "another BSDF",
+                "wrap it in a phase_screen",
+            )
         _, (pitch_m, _) = patches_of(geometry)
         cells = geometry.hidden_object.cell_means(pitch_m, 64).astype(np.float64)
         aperture_m = geometry.wavelength_m * geometry.distance_m / pitch_m
@@ -68,8 +72,15 @@ class MemoryEffect:
         stopped = (aperture_m / geometry.pupil_diameter_m) ** 2
         rate = light_budget(geometry.light_path).photoelectrons_per_pixel_s * stopped * (pixel / angle) ** 2
         height, width = geometry.frame_shape
-        return cls(cells / cells.sum(), pitch_m, geometry.distance_m, aperture_m,
-                   (int(height * angle / pixel), int(width * angle / pixel)), rate, _decorrelation(geometry))
+        return cls(
+            cells / cells.sum(),
+            pitch_m,
+            geometry.distance_m,
+            aperture_m,
+            (int(height * angle / pixel), int(width * angle / pixel)),
+            rate,
+            _decorrelation(geometry),
+        )
 
     @property
     def contrast(self) -> float:

@@ -36,11 +36,16 @@ def main(argv: Sequence[str] | None = None) -> None:
         mesh = trimesh.load(options.input, force="mesh")
         mesh.apply_scale(options.unit_m)
     except Exception as error:  # every loader raises its own kinds
-        raise InputError("input", "a mesh that can be read", f"{options.input} ({type(error).__name__})",
-                         "export it again") from None
+        raise InputError(
+            "input", "a mesh that can be read", f"{options.input} ({type(error).__name__})", "export it again"
+        ) from None
     if len(mesh.faces) == 0 or not np.isfinite(mesh.vertices).all():
-        raise InputError("input", "a mesh of triangles at finite places", f"{len(mesh.faces)} triangles in {options.input}",
-                         "export it again")
+        raise InputError(
+            "input",
+            "a mesh of triangles at finite places",
+            f"{len(mesh.faces)} triangles in {options.input}",
+            "export it again",
+        )
     with atomic(options.output) as partial:
         partial.write_bytes(mesh.export(file_type="ply", vertex_normal=False))
     size = " x ".join(f"{extent * 1e3:.3g}" for extent in mesh.extents)

@@ -93,8 +93,16 @@ class Plan:
         kernel = choose(kernels, settings.propagator, settings.tolerance)
         prediction = predict(geometry)
         effects = decide(geometry, samples, prediction.terms, settings.effects, settings.tolerance)
-        return cls(geometry, settings, samples, tuple(kernels), kernel, prediction, effects,
-                   _modes(geometry, samples, effects, settings))
+        return cls(
+            geometry,
+            settings,
+            samples,
+            tuple(kernels),
+            kernel,
+            prediction,
+            effects,
+            _modes(geometry, samples, effects, settings),
+        )
 
     @cached_property
     def mean_photoelectrons(self) -> float:
@@ -115,17 +123,25 @@ def check_sampling(geometry: Geometry) -> None:
         field_of_view = 0.5 * geometry.wavelength_m * geometry.distance_m / pitch
         if extent > field_of_view:
             nearest = 2.0 * extent * pitch / geometry.wavelength_m
-            raise InputError("hidden_object", f"at most {field_of_view * 1e3:.3g} mm across at {geometry.distance_m:.3g} m "
-                             f"with {pitch * 1e6:.3g} um pixels on the wall", f"{extent * 1e3:.3g} mm",
-                             f"move the virtual detector to {nearest:.3g} m or more, or use smaller pixels")
+            raise InputError(
+                "hidden_object",
+                f"at most {field_of_view * 1e3:.3g} mm across at {geometry.distance_m:.3g} m "
+                f"with {pitch * 1e6:.3g} um pixels on the wall",
+                f"{extent * 1e3:.3g} mm",
+                f"move the virtual detector to {nearest:.3g} m or more, or use smaller pixels",
+            )
 
 
 def check_rough(geometry: Geometry) -> None:
     """An object smoother than about lambda / 4 keeps a specular part, which is not modelled."""
     height_rms_m = geometry.hidden_object.height_rms_m
     if 4.0 * math.pi * height_rms_m / geometry.wavelength_m < math.pi:
-        raise InputError("height_rms", f"a rough hidden_object, {geometry.wavelength_m / 4.0:.3g} m or more", height_rms_m,
-                         "the specular part of smooth objects is not modelled")
+        raise InputError(
+            "height_rms",
+            f"a rough hidden_object, {geometry.wavelength_m / 4.0:.3g} m or more",
+            height_rms_m,
+            "the specular part of smooth objects is not modelled",
+        )
 
 
 def check_exposure(geometry: Geometry) -> None:
@@ -134,8 +150,12 @@ def check_exposure(geometry: Geometry) -> None:
     rate = light_budget(geometry.light_path).photoelectrons_per_pixel_s * (1.0 + geometry.other_light_share)
     rate += electronics.dark_current
     if not rate * electronics.exposure_s < 1e12:
-        raise InputError("exposure", "fewer than 1e12 electrons in a pixel", f"{rate * electronics.exposure_s:.3g}",
-                         "lower exposure, power or dark_current")
+        raise InputError(
+            "exposure",
+            "fewer than 1e12 electrons in a pixel",
+            f"{rate * electronics.exposure_s:.3g}",
+            "lower exposure, power or dark_current",
+        )
 
 
 def _kernels(geometry: Geometry, samples: ObjectSamples, settings: Settings) -> list[Option]:
@@ -146,14 +166,19 @@ def _kernels(geometry: Geometry, samples: ObjectSamples, settings: Settings) -> 
     pitches_m, stretch = patches_of(geometry)[1], geometry.hidden_object.axes.stretch
     lag_m = (pitches_m[0] / stretch[0], pitches_m[1] / stretch[1])
     precisions = PRECISIONS if settings.precision is None else (settings.precision,)
-    return options(Task(samples.wall, samples.flat_m, bare, lag_m, settings.accuracy, settings.tolerance, precisions),
-                   settings.propagator)
+    return options(
+        Task(samples.wall, samples.flat_m, bare, lag_m, settings.accuracy, settings.tolerance, precisions), settings.propagator
+    )
 
 
 def _modes(geometry: Geometry, samples: ObjectSamples, effects: dict[str, Effect], settings: Settings) -> Modes:
     """The modes that the effects of a scene ask for."""
     exact = effects["detector_roughness"].modelled and settings.accuracy == "field"
     spread = effects["linewidth"].modelled and len(samples.path_m) > 0
-    return Modes(exact, oversampling(geometry) if exact else 1, 2 if effects["depolarisation"].modelled else 1,
-                 tuple(spectral_lines(samples.path_m, geometry.linewidth_hz)) if spread else ((0.0, 1.0),),
-                 sub_exposures(geometry, samples, settings.tolerance) if effects["motion"].modelled else 1)
+    return Modes(
+        exact,
+        oversampling(geometry) if exact else 1,
+        2 if effects["depolarisation"].modelled else 1,
+        tuple(spectral_lines(samples.path_m, geometry.linewidth_hz)) if spread else ((0.0, 1.0),),
+        sub_exposures(geometry, samples, settings.tolerance) if effects["motion"].modelled else 1,
+    )

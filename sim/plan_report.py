@@ -18,7 +18,7 @@ from sim.transport.monte_carlo import MonteCarlo
 CAMERA_SECONDS_PER_PIXEL = 7e-8
 """Blur and Poisson draw of one frame per pixel on two cores; only a prediction of time, never a result."""
 
-WORTH_SEEING = 3.0
+MIN_DETECTABLE_SNR = 3.0
 """Mean signal to noise of an estimate's lags from which an object can be made out."""
 
 DISAGREEMENT = 0.02
@@ -34,10 +34,19 @@ def as_json(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> d
     """Kernels, effects, warnings, prediction of time and memory, light budget."""
     geometry, kernel, modes = plan.geometry, plan.kernel, plan.modes
     pixels = math.prod(geometry.canvas_shape)
-    listed = [*plan.effects.values(),
-              Effect("direct_light", False, "blocked by a shape" if geometry.baffled else "not blocked by any shape", 0.0),
-              Effect("defocus", False, "the sensor is taken to be tilted until all of the wall is in focus (Scheimpflug); "
-                     f"untilted, the frame's corner would be blurred over {defocus_pixels(geometry):.2g} pixels", 0.0)]
+    listed = [
+        *plan.effects.values(),
+        Effect(
+            "direct_light", False, "blocked by a shape" if geometry.is_direct_path_blocked else "not blocked by any shape", 0.0
+        ),
+        Effect(
+            "defocus",
+            False,
+            "the sensor is taken to be tilted until all of the wall is in focus (Scheimpflug); "
+            f"untilted, the frame's corner would be blurred over {defocus_pixels(geometry):.2g} pixels",
+            0.0,
+        ),
+    ]
     return {
         "accuracy": plan.settings.accuracy,
         "tolerance": plan.settings.tolerance,
@@ -63,18 +72,25 @@ def as_json(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> d
 def warnings_of(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> list[str]:
     """Warnings: what the author may not expect."""
     tolerance, kernel = plan.settings.tolerance, plan.kernel
-    found = [f"{effect.name}: predicted error {effect.predicted_error:.2g} exceeds the tolerance {tolerance:g}"
-             for effect in plan.effects.values() if effect.predicted_error > tolerance]
+    found = [
+        f"{effect.name}: predicted error {effect.predicted_error:.2g} exceeds the tolerance {tolerance:g}"
+        for effect in plan.effects.values()
+        if effect.predicted_error > tolerance
+    ]
     if kernel.predicted_error > tolerance:
-        found.insert(0, f"propagator {kernel.propagator}: predicted {plan.settings.accuracy} error "
-                     f"{kernel.predicted_error:.2g} exceeds the tolerance {tolerance:g}; use --propagator auto")
+        found.insert(
+            0,
+            f"propagator {kernel.propagator}: predicted {plan.settings.accuracy} error "
+            f"{kernel.predicted_error:.2g} exceeds the tolerance {tolerance:g}; use --propagator auto",
+        )
     found += scene_warnings(plan.geometry, plan.prediction.pitches_m)
     if monte_carlo is not None:
         found += disagreement(plan.geometry, monte_carlo)
     ratio = plan.prediction.signal_to_noise(frames)
     if ratio is not None and ratio < 1.0:
-        found.append(f"signal to noise: {ratio:.2g} on average over the object's lags in {frames} frames; "
-                     + advice(plan, frames))
+        found.append(
+            f"signal to noise: {ratio:.2g} on average over the object's lags in {frames} frames; " + advice(plan, frames)
+        )
     return found
 
 
@@ -93,16 +109,18 @@ def disagreement(geometry: Geometry, monte_carlo: MonteCarlo) -> list[str]:
     allowed = 4.0 * monte_carlo.standard_error + DISAGREEMENT * max(expected, monte_carlo.per_frame)
     if abs(expected - monte_carlo.per_frame) <= allowed or expected == monte_carlo.per_frame:
         return []
-    return [f"light budget: {budget.per_frame_db:.2f} dB a frame, but {monte_carlo.per_frame_db:.2f} dB by Monte Carlo (95 %: "
-            + " to ".join("dark" if db is None else f"{db:.2f}" for db in monte_carlo.as_dict()["interval_db"])
-            + "); surfaces may be finer, or highlights sharper, than the samples"]
+    return [
+        f"light budget: {budget.per_frame_db:.2f} dB a frame, but {monte_carlo.per_frame_db:.2f} dB by Monte Carlo (95 %: "
+        + " to ".join("dark" if db is None else f"{db:.2f}" for db in monte_carlo.as_dict()["interval_db"])
+        + "); surfaces may be finer, or highlights sharper, than the samples"
+    ]
 
 
 def advice(plan: Plan, frames: int) -> str:
     """How long to expose for an object to be seen."""
     for factor in (2.0**n for n in range(1, 61)):
-        longer = plan.prediction.exposed(factor)
-        if (longer.signal_to_noise(frames) or 0.0) >= WORTH_SEEING:
+        longer = plan.prediction.with_exposure(factor)
+        if (longer.signal_to_noise(frames) or 0.0) >= MIN_DETECTABLE_SNR:
             return f"expose {factor * plan.geometry.electronics.exposure_s:.2g} s to see it"
     return "no exposure shows it in so few patches; take more frames"
 
@@ -112,27 +130,33 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
     geometry, prediction, kernel = plan.geometry, plan.prediction, plan.kernel
     content = as_json(plan, frames, monte_carlo)
     grid, pitches = prediction.grid, prediction.pitches_m
-    grain = [geometry.wavelength_m * geometry.distance_m / (extent * pitch)
-             for extent, pitch in zip(geometry.hidden_object.extent_m, geometry.seen_pitch_m, strict=True)]
+    grain = [
+        geometry.wavelength_m * geometry.distance_m / (extent * pitch)
+        for extent, pitch in zip(geometry.hidden_object.extent_m, geometry.seen_pitch_m, strict=True)
+    ]
     dof, ratio, third = prediction.dof(frames), content["signal_to_noise"], prediction.third_moment_signal_to_noise(frames)
     floor, budget = prediction.terms.floor_over_peak(), light_budget(geometry.light_path)
     lines = [
         "{} x {} pixels, ".format(*geometry.frame_shape) + f"{frames} frames of {geometry.electronics.exposure_s:g} s",
         f"light           {plan.mean_photoelectrons:.3g} photoelectrons a pixel; {budget.per_pixel_db:.2f} dB a pixel, "
-        f"{budget.per_frame_db:.2f} dB a frame" + ("" if monte_carlo is None else
-                                                   f" ({monte_carlo.per_frame_db:.2f} dB by Monte Carlo)"),
+        f"{budget.per_frame_db:.2f} dB a frame"
+        + ("" if monte_carlo is None else f" ({monte_carlo.per_frame_db:.2f} dB by Monte Carlo)"),
         f"grain           {grain[0]:.1f} x {grain[1]:.1f} pixels",
         f"estimate        {grid.rows} x {grid.columns} patches of {grid.patch_shape[0]} x {grid.patch_shape[1]} pixels, "
         f"{pitches[0] * 1e6:.0f} x {pitches[1] * 1e6:.0f} um a lag, K {dof:.3g}",
         f"noise           floor over peak {'none' if floor is None else f'{floor:.3g}'}, signal to noise "
         f"{'none' if ratio is None else f'{ratio:.2g}'}, of the third moment {'none' if third is None else f'{third:.2g}'}"
-        + (f"; {advice(plan, frames)}" if ratio is not None and ratio < WORTH_SEEING else ""),
+        + (f"; {advice(plan, frames)}" if ratio is not None and ratio < MIN_DETECTABLE_SNR else ""),
         f"propagation     {kernel.propagator} in {kernel.precision}, {plan.settings.accuracy} error "
         f"{kernel.predicted_error:.2g} of {plan.settings.tolerance:g} allowed, {content['scatterers']} scatterers, about "
         f"{content['seconds']:.1f} s",
         "modelled        " + ", ".join(name for name, effect in plan.effects.items() if effect.modelled),
-        "left out        " + ", ".join(f"{name} ({effect.predicted_error:.1g})" if effect.predicted_error else name
-                                       for name, effect in plan.effects.items() if not effect.modelled)
+        "left out        "
+        + ", ".join(
+            f"{name} ({effect.predicted_error:.1g})" if effect.predicted_error else name
+            for name, effect in plan.effects.items()
+            if not effect.modelled
+        )
         + f", defocus (of {defocus_pixels(geometry):.2g} pixels, were the sensor not tilted along with the wall)",
     ]
     return "\n".join(lines + [f"warning: {warning}" for warning in content["warnings"]])
@@ -144,30 +168,44 @@ def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[s
     warnings = []
     share = specular_share(geometry)
     if share > 1e-3:
-        warnings.append(f"virtual_source: {100 * share:.3g} % of the light is specular, past or onto the object; "
-                        "the light budget counts all of it as scattered")
+        warnings.append(
+            f"virtual_source: {100 * share:.3g} % of the light is specular, past or onto the object; "
+            "the light budget counts all of it as scattered"
+        )
     common = overlap(geometry)
     if common > 0.0:
-        warnings.append(f"scan_step: {100 * common:.3g} % of the spot is shared by one frame and the next, whose speckle then "
-                        f"correlates by {common**2:.2g}: fewer degrees of freedom than predicted; move it by "
-                        f"{geometry.spot.diameter_m:.3g} m or more")
+        warnings.append(
+            f"scan_step: {100 * common:.3g} % of the spot is shared by one frame and the next, whose speckle then "
+            f"correlates by {common**2:.2g}: fewer degrees of freedom than predicted; move it by "
+            f"{geometry.spot.diameter_m:.3g} m or more"
+        )
     for width_m, pitch_m in zip(geometry.hidden_object.extent_m, pitches_m, strict=True):
         if width_m > 64 * pitch_m:
-            warnings.append(f"hidden_object: {width_m * 1e3:.3g} mm across, but the 64 lags of {pitch_m * 1e6:.4g} um that "
-                            f"truth.npy and invert hold end at {64e3 * pitch_m:.3g} mm; render a smaller one, or invert with "
-                            "a smaller --patch")
+            warnings.append(
+                f"hidden_object: {width_m * 1e3:.3g} mm across, but the 64 lags of {pitch_m * 1e6:.4g} um that "
+                f"truth.npy and invert hold end at {64e3 * pitch_m:.3g} mm; render a smaller one, or invert with "
+                "a smaller --patch"
+            )
     if budget.per_pixel == 0.0:
         warnings.append("hidden_object: none of its light reaches the camera; check its albedo, its facing, and occluders")
-    if not geometry.baffled:
-        per_frame = (geometry.direct_light * math.prod(geometry.frame_shape) * geometry.pixel_pitch_m**2
-                     * detector_to_pixel(geometry.light_path) * budget.laser_photons_per_s)
-        warnings.append("direct_light: nothing stands between virtual source and virtual detector; "
-                        f"{per_frame:.3g} photoelectrons/s a frame come straight from the source (none if it faces away) "
-                        "and are not modelled; add a baffle")
+    if not geometry.is_direct_path_blocked:
+        per_frame = (
+            geometry.direct_light
+            * math.prod(geometry.frame_shape)
+            * geometry.pixel_pitch_m**2
+            * detector_to_pixel(geometry.light_path)
+            * budget.laser_photons_per_s
+        )
+        warnings.append(
+            "direct_light: nothing stands between virtual source and virtual detector; "
+            f"{per_frame:.3g} photoelectrons/s a frame come straight from the source (none if it faces away) "
+            "and are not modelled; add a baffle"
+        )
     mean = budget.photoelectrons_per_pixel_s * electronics.exposure_s
     # Speckle is negative-exponential: this share of the pixels lies above the full well.
     saturated = math.exp(-electronics.full_well / mean) if electronics.full_well and mean else 0.0
     if saturated > 1e-3:
-        warnings.append(f"full_well: {100 * saturated:.3g} % of the pixels will saturate, "
-                        "which the noise prediction leaves out")
+        warnings.append(
+            f"full_well: {100 * saturated:.3g} % of the pixels will saturate, which the noise prediction leaves out"
+        )
     return warnings

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from correlograph.errors import InputError, check_device
-from correlograph.files.capture import CameraFacts, Capture
+from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.frames import FrameHeader
 from correlograph.ranges import FRAMES, SEED
 from correlograph.version import version
@@ -35,8 +35,14 @@ class Scene:
         sensor: the one in use; None for the only one.
     """
 
-    def __init__(self, scene: mi.Scene, name: str = "", digest: str = "", parameters: Mapping[str, Any] | None = None,
-                 sensor: int | None = None) -> None:
+    def __init__(
+        self,
+        scene: mi.Scene,
+        name: str = "",
+        digest: str = "",
+        parameters: Mapping[str, Any] | None = None,
+        sensor: int | None = None,
+    ) -> None:
         self.mitsuba, self.name, self.digest, self.parameters = scene, name, digest, dict(parameters or {})
         self.sensor = None if sensor is None else scene.sensors()[sensor]
         self._prepared: tuple[int, Geometry, dict[Settings, Plan]] | None = None
@@ -88,14 +94,23 @@ def load(scene: str | Path | dict[str, Any] | mi.Scene, /, **parameters: Any) ->
     path = Path(scene)
     if not path.is_file() and scene_path(str(scene)).is_file():
         path = scene_path(str(scene))
-    given = {name: value if isinstance(value, str) else repr(value) if isinstance(value, float) else str(value)
-             for name, value in parameters.items()}
+    given = {
+        name: value if isinstance(value, str) else repr(value) if isinstance(value, float) else str(value)
+        for name, value in parameters.items()
+    }
     loaded, digest = load_scene(path, given)
     return Scene(loaded, str(scene), digest, given)
 
 
-def render(scene: Scene | str | Path | dict[str, Any] | mi.Scene, frames: int = 2, seed: int = 0, *,
-           settings: Settings | None = None, mean: bool = False, device: str = "cpu") -> Capture:
+def render(
+    scene: Scene | str | Path | dict[str, Any] | mi.Scene,
+    frames: int = 2,
+    seed: int = 0,
+    *,
+    settings: Settings | None = None,
+    mean: bool = False,
+    device: str = "cpu",
+) -> Capture:
     """Render a capture in memory; `Capture.save` writes it.
 
     Args:
@@ -114,14 +129,28 @@ def render(scene: Scene | str | Path | dict[str, Any] | mi.Scene, frames: int = 
     seconds = {"prepare": prepared - begin, "render": time.perf_counter() - prepared, "write": 0.0}
     headers = tuple(header(plan, seed, number, scene.digest) for number in range(frames))
     truth, pitches_m = lag_grid_albedo(plan.geometry)
-    entries = record(scene, plan, content, seed, frames, pitches_m, mean=mean,
-                     saturated=saturation(plan, drawn), seconds=seconds)
+    entries = record(
+        scene, plan, content, seed, frames, pitches_m, mean=mean, saturated=saturation(plan, drawn), seconds=seconds
+    )
     names = tuple(f"frame_{number:04d}" for number in range(frames))
-    return Capture(drawn, CameraFacts.of(headers[0]), names, truth, entries, headers)
+    return Capture(drawn, CameraMetadata.of(headers[0]), names, truth, entries, headers)
 
 
-def wall_field(scene: Scene | str | Path | dict[str, Any] | mi.Scene, seed: int = 0, frame: int = 0, *,
-               settings: Settings | None = None, device: str = "cpu") -> np.ndarray:
+def render_geometry(geometry: Geometry, frames: int = 2, seed: int = 0) -> Capture:
+    """Render frames of a geometry in memory, with the metadata of its camera but without truth and record."""
+    plan = Plan.of(geometry)
+    names = tuple(f"frame_{number:04d}" for number in range(frames))
+    return Capture(list(draw(plan, frames, seed)), CameraMetadata.of(header(plan, seed, 0, "")), names)
+
+
+def wall_field(
+    scene: Scene | str | Path | dict[str, Any] | mi.Scene,
+    seed: int = 0,
+    frame: int = 0,
+    *,
+    settings: Settings | None = None,
+    device: str = "cpu",
+) -> np.ndarray:
     """Complex field on the virtual detector, (H, W), its mean square 1 on average; complex128 where a kernel in double
     precision was chosen."""
     scene = scene if isinstance(scene, Scene) else load(scene)
@@ -135,20 +164,40 @@ def draw(plan: Plan, frames: int, seed: int, *, mean: bool = False, device: str 
     """Frames one after the other, float32 (H, W)."""
     simulation = Simulation(plan.geometry, device=device, plan=plan)
     for number in range(frames):
-        frame: torch.Tensor = simulation.expected(seed, number) if mean else simulation.frame(seed, number)
+        frame: torch.Tensor = simulation.expected_frame(seed, number) if mean else simulation.frame(seed, number)
         yield frame.numpy()
 
 
 def header(plan: Plan, seed: int, number: int, digest: str) -> FrameHeader:
     """Header of a frame's file."""
     geometry = plan.geometry
-    return FrameHeader(geometry.wavelength_m, geometry.pixel_pitch_m, geometry.distance_m, geometry.electronics.exposure_s,
-                       seed, number, digest, version(), geometry.pupil_diameter_m, geometry.pupil_distance_m,
-                       *geometry.seen_pitch_m)
+    return FrameHeader(
+        geometry.wavelength_m,
+        geometry.pixel_pitch_m,
+        geometry.distance_m,
+        geometry.electronics.exposure_s,
+        seed,
+        number,
+        digest,
+        version(),
+        geometry.pupil_diameter_m,
+        geometry.pupil_distance_m,
+        *geometry.seen_pitch_m,
+    )
 
 
-def record(scene: Scene, plan: Plan, content: dict[str, Any], seed: int, frames: int, pitches_m: tuple[float, float], *,
-           mean: bool, saturated: float, seconds: dict[str, float]) -> dict[str, Any]:
+def record(
+    scene: Scene,
+    plan: Plan,
+    content: dict[str, Any],
+    seed: int,
+    frames: int,
+    pitches_m: tuple[float, float],
+    *,
+    mean: bool,
+    saturated: float,
+    seconds: dict[str, float],
+) -> dict[str, Any]:
     """What sim.json holds."""
     return {
         "scene": scene.name,

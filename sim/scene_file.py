@@ -47,8 +47,12 @@ def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -
     given = dict(definitions or {})
     unknown = sorted(set(given) - set(defaults))
     if unknown:
-        raise InputError(f"-D {unknown[0]}", f"one of the scene's parameters ({', '.join(defaults) or 'none'})",
-                         unknown[0], "correct the name or add a <default> to the scene")
+        raise InputError(
+            f"-D {unknown[0]}",
+            f"one of the scene's parameters ({', '.join(defaults) or 'none'})",
+            unknown[0],
+            "correct the name or add a <default> to the scene",
+        )
     names = _file_parameters(root, defaults)
     for key in names & set(given):
         if Path(given[key]).is_file():

@@ -30,8 +30,12 @@ BYTES_PER_PIXEL = 64
 
 def fingerprint(scene: mi.Scene) -> int:
     """A number that changes when `mi.traverse` changes anything in a scene."""
-    return hash(tuple((key, np.asarray(value).tobytes() if hasattr(value, "__array__") or dr.is_array_v(value) else str(value))
-                      for key, value in mi.traverse(scene).items()))
+    return hash(
+        tuple(
+            (key, np.asarray(value).tobytes() if hasattr(value, "__array__") or dr.is_array_v(value) else str(value))
+            for key, value in mi.traverse(scene).items()
+        )
+    )
 
 
 def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geometry:
@@ -45,20 +49,26 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
     shapes = {shape.id(): shape for shape in scene.shapes()}
     # A shape of a scene file is never a plain, nameless Mesh; what Mitsuba merges is.
     if any(shape.class_name() == "Mesh" and not shape.id() for shape in scene.shapes()):
-        raise InputError("scene", "separate shapes with their ids", "shapes merged by Mitsuba",
-                         "pass optimize=False to mi.load_file")
+        raise InputError(
+            "scene", "separate shapes with their ids", "shapes merged by Mitsuba", "pass optimize=False to mi.load_file"
+        )
     source = _shape(shapes, "virtual_source")
     detector = _shape(shapes, "virtual_detector")
     laser = _only(scene.emitters(), Laser, "laser")
     camera = sensor if isinstance(sensor, SpeckleCamera) else _only(scene.sensors(), SpeckleCamera, "speckle_camera")
     hidden_shapes = [shape for shape in scene.shapes() if is_hidden_object(shape)]
     if not hidden_shapes:
-        raise InputError("hidden_object", "at least one shape whose id starts with hidden_object", sorted(shapes),
-                         "add one, and pass optimize=False to mi.load_file")
+        raise InputError(
+            "hidden_object",
+            "at least one shape whose id starts with hidden_object",
+            sorted(shapes),
+            "add one, and pass optimize=False to mi.load_file",
+        )
 
     spot_point, source_normal, source_albedo = _first_hit(scene, laser.origin, laser.direction, source, "the laser beam")
-    detector_centre, detector_normal, _ = _first_hit(scene, camera.pupil_centre, camera.axis, detector,
-                                                     "the axis of the speckle_camera")
+    detector_centre, detector_normal, _ = _first_hit(
+        scene, camera.pupil_centre, camera.axis, detector, "the axis of the speckle_camera"
+    )
     height, width = _film_size(camera)
     _check_spot_fits(scene, laser, source)
     right, down = pixel_steps(camera.axis, camera.up, _facing(detector_normal, camera.axis, "the speckle_camera"))
@@ -100,8 +110,16 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
     if flat > 0.0 and hidden_object.throughput > 0.0:
         path = replace(path, beyond_flat=hidden_object.throughput / flat)
     return Geometry(
-        spot=Spot(spot_point, laser.spot_diameter_m, screen.height_rms_m, screen.correlation_length_m, laser.scan_step_m,
-                  laser.scan_speed_m_s, laser.direction, source_normal),
+        spot=Spot(
+            spot_point,
+            laser.spot_diameter_m,
+            screen.height_rms_m,
+            screen.correlation_length_m,
+            laser.scan_step_m,
+            laser.scan_speed_m_s,
+            laser.direction,
+            source_normal,
+        ),
         hidden_object=hidden_object,
         detector_centre=detector_centre,
         pupil_centre=camera.pupil_centre,
@@ -113,14 +131,18 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
         pupil_distance_m=path.detector_to_pupil_m,
         electronics=camera.electronics,
         light_path=path,
-        baffled=is_blocked(scene, spot_point, detector_centre),
+        is_direct_path_blocked=is_blocked(scene, spot_point, detector_centre),
         linewidth_hz=laser.linewidth_hz,
-        depolarised=any(isinstance(shape.bsdf(), PhaseScreen) and shape.bsdf().depolarising for shape in scene.shapes()
-                        if shape.id() == "virtual_source" or is_hidden_object(shape)),
+        is_depolarised=any(
+            isinstance(shape.bsdf(), PhaseScreen) and shape.bsdf().depolarising
+            for shape in scene.shapes()
+            if shape.id() == "virtual_source" or is_hidden_object(shape)
+        ),
         detector_height_rms_m=detector.bsdf().height_rms_m if isinstance(detector.bsdf(), PhaseScreen) else None,
         detector_texture=texture,
-        ambient_irradiance=ambient_irradiance(scene, detector_centre, right, down, detector_normal,
-                                              (height * camera.pixel_pitch_m, width * camera.pixel_pitch_m)),
+        ambient_irradiance=ambient_irradiance(
+            scene, detector_centre, right, down, detector_normal, (height * camera.pixel_pitch_m, width * camera.pixel_pitch_m)
+        ),
         object_velocity_m_s=_velocity(hidden_shapes),
         frame_interval_s=camera.frame_interval_s,
         other_light=estimate_other_light(scene, camera=camera),
@@ -130,8 +152,9 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
 
 def _shape(shapes: dict[str, mi.Shape], name: str) -> mi.Shape:
     if name not in shapes:
-        raise InputError(name, f"a shape with id {name}", f"only {sorted(shapes)}",
-                         "add it, and pass optimize=False to mi.load_file")
+        raise InputError(
+            name, f"a shape with id {name}", f"only {sorted(shapes)}", "add it, and pass optimize=False to mi.load_file"
+        )
     return shapes[name]
 
 
@@ -142,15 +165,15 @@ def _only(plugins: list, kind: type, name: str):
     return found[0]
 
 
-def _first_hit(scene: mi.Scene, origin: np.ndarray, direction: np.ndarray, expected: mi.Shape,
-               ray_name: str) -> tuple[np.ndarray, np.ndarray, float]:
+def _first_hit(
+    scene: mi.Scene, origin: np.ndarray, direction: np.ndarray, expected: mi.Shape, ray_name: str
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Point, outward normal and diffuse albedo where a ray first meets the scene, which must be `expected`."""
     hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(*origin.tolist()), mi.Vector3f(*direction.tolist())))
     if not bool(hit.is_valid()[0]):
         raise InputError(expected.id(), f"{ray_name} to meet it", "nothing there", "correct the to_world transforms")
     if hit.shape[0] != expected:
-        raise InputError(expected.id(), f"{ray_name} to meet it", f"{hit.shape[0].id()} in the way",
-                         "move one of them")
+        raise InputError(expected.id(), f"{ray_name} to meet it", f"{hit.shape[0].id()} in the way", "move one of them")
     distance = float(hit.t[0])
     check_energy(expected.id(), hit, hit.is_valid())
     normal = np.asarray(hit.n, np.float64).reshape(3)
@@ -169,8 +192,12 @@ def _film_size(camera: SpeckleCamera) -> tuple[int, int]:
     if min(height, width) < LAG_SIDE:
         raise InputError("film", f"at least {LAG_SIDE} x {LAG_SIDE} pixels (one patch)", f"{width} x {height}", "enlarge it")
     if height * width * BYTES_PER_PIXEL > memory_bytes():
-        raise InputError("film", f"a frame that fits into {memory_bytes() / 1e9:.1f} GB", f"{width} x {height} pixels, about "
-                         f"{height * width * BYTES_PER_PIXEL / 1e9:.3g} GB", "choose a smaller film")
+        raise InputError(
+            "film",
+            f"a frame that fits into {memory_bytes() / 1e9:.1f} GB",
+            f"{width} x {height} pixels, about {height * width * BYTES_PER_PIXEL / 1e9:.3g} GB",
+            "choose a smaller film",
+        )
     return height, width
 
 
@@ -183,8 +210,14 @@ def _check_spot_fits(scene: mi.Scene, laser: Laser, source: mi.Shape) -> None:
         _first_hit(scene, edge, laser.direction, source, "the edge of the laser beam")
 
 
-def _direct_light(scene: mi.Scene, source_albedo: float, spot: np.ndarray, source_normal: np.ndarray,
-                  detector: np.ndarray, detector_normal: np.ndarray) -> float:
+def _direct_light(
+    scene: mi.Scene,
+    source_albedo: float,
+    spot: np.ndarray,
+    source_normal: np.ndarray,
+    detector: np.ndarray,
+    detector_normal: np.ndarray,
+) -> float:
     way = detector - spot
     cosines = max(_cosine_signed(source_normal, way), 0.0) * max(_cosine_signed(detector_normal, -way), 0.0)
     if cosines == 0.0 or is_blocked(scene, spot, detector):
@@ -204,8 +237,12 @@ def _facing(normal: np.ndarray, direction: np.ndarray, name: str) -> np.ndarray:
     """The wall's normal; InputError where `direction` is more than 87 degrees off it."""
     cosine = abs(float(normal @ direction))
     if cosine < GRAZING:
-        raise InputError("virtual_detector", f"{name} at most {np.degrees(np.arccos(GRAZING)):.0f} degrees off its normal",
-                         f"{np.degrees(np.arccos(cosine)):.1f} degrees", "turn one of them")
+        raise InputError(
+            "virtual_detector",
+            f"{name} at most {np.degrees(np.arccos(GRAZING)):.0f} degrees off its normal",
+            f"{np.degrees(np.arccos(cosine)):.1f} degrees",
+            "turn one of them",
+        )
     return normal
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from correlograph.errors import InputError
-from correlograph.files.output import silenced
+from correlograph.files.output import silence_output
 from sim.libllvm import MIN_LLVM_VERSION, newest_preferred, version_of
 
-with silenced():  # a missing libLLVM is told by `activate_variant`, on one line
+with silence_output():  # a missing libLLVM is told by `activate_variant`, on one line
     import drjit as dr
     import mitsuba as mi
 
@@ -29,19 +29,33 @@ def activate_variant() -> str:
         elif has_llvm:
             mi.set_variant("llvm_ad_mono")
         else:
-            raise InputError("libLLVM", "a system libLLVM (or a CUDA GPU) for Mitsuba to compile with", "neither",
-                             "install it: 'apt-get install libllvm19' on Debian and Ubuntu, 'brew install llvm' on "
-                             "macOS, or set DRJIT_LIBLLVM_PATH")
+            raise InputError(
+                "libLLVM",
+                "a system libLLVM (or a CUDA GPU) for Mitsuba to compile with",
+                "neither",
+                "install it: 'apt-get install libllvm19' on Debian and Ubuntu, 'brew install llvm' on "
+                "macOS, or set DRJIT_LIBLLVM_PATH",
+            )
     elif not current.startswith(("llvm", "cuda")):
-        raise InputError("Mitsuba variant", "an llvm_* or cuda_* variant", current,
-                         "call mi.set_variant('llvm_ad_mono') before 'import sim'")
+        raise InputError(
+            "Mitsuba variant", "an llvm_* or cuda_* variant", current, "call mi.set_variant('llvm_ad_mono') before 'import sim'"
+        )
     return mi.variant()
 
 
 _PLAIN_EMITTERS = ("Emitter", "AreaLight", "PointLight", "SpotLight")
 """Emitters that an older libLLVM compiles; one written in Python, as the laser is, goes by the name of its base."""
-_PLAIN_SURFACES = {"SmoothDiffuse", "TwoSided", "Null", "PhaseScreen", "UniformSpectrum", "BitmapTexture", "Checkerboard",
-                   "Transform", "MeshAttribute"}
+_PLAIN_SURFACES = {
+    "SmoothDiffuse",
+    "TwoSided",
+    "Null",
+    "PhaseScreen",
+    "UniformSpectrum",
+    "BitmapTexture",
+    "Checkerboard",
+    "Transform",
+    "MeshAttribute",
+}
 """What an older libLLVM compiles of surfaces; the shapes are meshes."""
 
 
@@ -58,7 +72,7 @@ def _old_llvm() -> int | None:
     return major if major is not None and major < MIN_LLVM_VERSION and mi.variant().startswith("llvm") else None
 
 
-DEEPEST = 40
+MAX_NESTING_DEPTH = 40
 """Elements of a scene file within one another."""
 
 
@@ -74,17 +88,26 @@ def check_loadable(root: ElementTree.Element) -> None:
     """As `check_compilable`, for a scene's XML: loading a mesh computes smooth normals. Colours mean nothing to light of one
     wavelength, and Mitsuba comes to no end with plugins nested without end."""
     if (colour := next(root.iter("rgb"), None)) is not None:
-        raise InputError(f"rgb {colour.get('name')}", "a value at the laser's wavelength", f"the colour {colour.get('value')}",
-                         f'write <spectrum name="{colour.get("name")}" value="..."/>')
-    if (depth := _depth(root)) > DEEPEST:
-        raise InputError("scene", f"elements nested up to {DEEPEST} deep", f"{depth}", "take some plugins out of one another")
+        raise InputError(
+            f"rgb {colour.get('name')}",
+            "a value at the laser's wavelength",
+            f"the colour {colour.get('value')}",
+            f'write <spectrum name="{colour.get("name")}" value="..."/>',
+        )
+    if (depth := _depth(root)) > MAX_NESTING_DEPTH:
+        raise InputError(
+            "scene", f"elements nested up to {MAX_NESTING_DEPTH} deep", f"{depth}", "take some plugins out of one another"
+        )
     major = _old_llvm()
     for node in root.iter("shape"):
         flat = any(child.get("name") == "face_normals" and child.get("value") == "true" for child in node)
         if major and node.get("type") in ("ply", "obj") and not flat:
-            raise InputError(node.get("id", "shape"), f"libLLVM {MIN_LLVM_VERSION} or newer for a mesh with smooth normals",
-                             f"libLLVM {major}", "'apt-get install libllvm19', or give the mesh "
-                             '<boolean name="face_normals" value="true"/>')
+            raise InputError(
+                node.get("id", "shape"),
+                f"libLLVM {MIN_LLVM_VERSION} or newer for a mesh with smooth normals",
+                f"libLLVM {major}",
+                '\'apt-get install libllvm19\', or give the mesh <boolean name="face_normals" value="true"/>',
+            )
 
 
 def check_compilable(scene: mi.Scene) -> None:
@@ -98,12 +121,20 @@ def check_compilable(scene: mi.Scene) -> None:
     for emitter in scene.emitters():
         kind = emitter.class_name()
         if kind not in _PLAIN_EMITTERS:
-            raise InputError(emitter.id() or "emitter", f"libLLVM {MIN_LLVM_VERSION} or newer to compile a {kind}",
-                             f"libLLVM {major}", "'apt-get install libllvm19', or use area, point and spot emitters")
+            raise InputError(
+                emitter.id() or "emitter",
+                f"libLLVM {MIN_LLVM_VERSION} or newer to compile a {kind}",
+                f"libLLVM {major}",
+                "'apt-get install libllvm19', or use area, point and spot emitters",
+            )
     for shape in scene.shapes():
         culprits = sorted(set(re.findall(r"([A-Za-z]\w*(?: BSDF)?)\s*[\[:]\n", f"{shape.bsdf()}\n")) - _PLAIN_SURFACES)
         if not shape.is_mesh():
             culprits.append(shape.class_name())
         for culprit in culprits:
-            raise InputError(shape.id() or "shape", f"libLLVM {MIN_LLVM_VERSION} or newer to compile a {culprit}",
-                             f"libLLVM {major}", "'apt-get install libllvm19', or use meshes and diffuse surfaces")
+            raise InputError(
+                shape.id() or "shape",
+                f"libLLVM {MIN_LLVM_VERSION} or newer to compile a {culprit}",
+                f"libLLVM {major}",
+                "'apt-get install libllvm19', or use meshes and diffuse surfaces",
+            )

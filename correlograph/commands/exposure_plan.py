@@ -17,8 +17,13 @@ def parser() -> ArgumentParser:
     p.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="scene parameter")
     p.add_argument("--budget-s", type=SI, required=True, help="seconds of exposure in all")
     p.add_argument("--resolution-m", type=SI, default=300e-6, help="coarsest object pitch of a lag that will do")
-    p.add_argument("--check", type=Range(0, 10**6), default=0, metavar="FRAMES",
-                   help="render every division of at most FRAMES frames and measure its error")
+    p.add_argument(
+        "--check",
+        type=Range(0, 10**6),
+        default=0,
+        metavar="FRAMES",
+        help="render every division of at most FRAMES frames and measure its error",
+    )
     p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("-o", "--output", default="out/plan", help="folder for plan.json and plan.png")
     return p
@@ -40,16 +45,21 @@ def main(argv: Sequence[str] | None = None) -> None:
     chosen = best(divisions)
     folder = output_folder(options.output)
     checked = render_errors(geometry, [d for d in divisions if d.frames <= options.check], options.seed)
-    save_json(folder / "plan.json", {
-        "budget_s": options.budget_s,
-        "chosen": asdict(chosen),
-        "divisions": [asdict(division) for division in divisions],
-        "rendered_error": {str(frames): error for frames, error in checked.items()},
-    })
+    save_json(
+        folder / "plan.json",
+        {
+            "budget_s": options.budget_s,
+            "chosen": asdict(chosen),
+            "divisions": [asdict(division) for division in divisions],
+            "rendered_error": {str(frames): error for frames, error in checked.items()},
+        },
+    )
     draw(folder / "plan.png", divisions, chosen, checked)
-    print(f"{chosen.frames} frames of {chosen.exposure_s:.4g} s, each in {chosen.patches} patches of {chosen.patch} pixels "
-          f"({chosen.pitch_m * 1e6:.0f} um a lag): floor over peak {chosen.floor_over_peak:.3g}, K {chosen.dof:.3g}, "
-          f"error of the estimate {100 * chosen.error:.3g} %: {folder / 'plan.png'}")
+    print(
+        f"{chosen.frames} frames of {chosen.exposure_s:.4g} s, each in {chosen.patches} patches of {chosen.patch} pixels "
+        f"({chosen.pitch_m * 1e6:.0f} um a lag): floor over peak {chosen.floor_over_peak:.3g}, K {chosen.dof:.3g}, "
+        f"error of the estimate {100 * chosen.error:.3g} %: {folder / 'plan.png'}"
+    )
 
 
 def render_errors(geometry: Any, divisions: list[Any], seed: int) -> dict[int, float]:
@@ -67,7 +77,7 @@ def render_errors(geometry: Any, divisions: list[Any], seed: int) -> dict[int, f
     prediction = predict(geometry, divisions[0].patch)  # all divisions share the patch size
     with tqdm(total=sum(d.frames for d in divisions), desc="frames", unit="frame", disable=None) as bar:
         for division in divisions:
-            simulation = Simulation(geometry.exposed(division.exposure_s))
+            simulation = Simulation(geometry.with_exposure(division.exposure_s))
             estimator = AutocorrelationEstimator(prediction.grid)
             for number in range(division.frames):
                 estimator.add(simulation.frame(seed, number))

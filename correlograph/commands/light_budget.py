@@ -73,6 +73,7 @@ def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: in
 
 def as_text(account: dict[str, Any]) -> str:
     """The account as a table to read."""
+
     def db(value: float | None) -> str:
         return "dark" if value is None else f"{value:9.2f} dB"
 
@@ -87,8 +88,11 @@ def as_text(account: dict[str, Any]) -> str:
         f"{'light by other ways, over the object':<40}{account['other_light_share']:9.2g}",
         f"{'photoelectrons per second and frame':<40}{account['photons_per_second']:9.3g}",
         f"{'photoelectrons per pixel':<40}{account['photoelectrons_per_pixel']:9.3g}  in {account['exposure_s']:g} s",
-        "floor over peak: " + (", ".join(f"{name.replace('_', ' ')} {share:.3g}" for name, share in
-                                         account["noise_over_peak"].items() if share) or "no signal"),
+        "floor over peak: "
+        + (
+            ", ".join(f"{name.replace('_', ' ')} {share:.3g}" for name, share in account["noise_over_peak"].items() if share)
+            or "no signal"
+        ),
         f"degrees of freedom K {account['dof']:.3g}, mean signal to noise "
         + (f"{account['signal_to_noise']:.3g}" if account["signal_to_noise"] is not None else "none"),
     ]
@@ -96,9 +100,11 @@ def as_text(account: dict[str, Any]) -> str:
     if safety is None:
         lines.append("laser safety: not visible light; look the limit up in IEC 60825-1")
     else:
-        lines.append(f"laser safety (IEC 60825-1, visible, 0.25 s): spot {safety['spot_w_per_m2']:.3g} W/m^2, "
-                     f"{safety['spot_over_limit']:.3g} times the limit of {safety['limit_w_per_m2']:.3g}; "
-                     f"its diffuse light is safe beyond {safety['hazard_distance_m'] * 100:.2g} cm")
+        lines.append(
+            f"laser safety (IEC 60825-1, visible, 0.25 s): spot {safety['spot_w_per_m2']:.3g} W/m^2, "
+            f"{safety['spot_over_limit']:.3g} times the limit of {safety['limit_w_per_m2']:.3g}; "
+            f"its diffuse light is safe beyond {safety['hazard_distance_m'] * 100:.2g} cm"
+        )
     return "\n".join(lines)
 
 

@@ -17,6 +17,7 @@ EXPOSURES_S = (1 / 512, 1 / 128, 1 / 32, 1 / 8, 1 / 4, 1 / 2, 1.0)
 PATCHES = (1, 2, 3, 5, 10, 25, 64)
 BUDGETS = ((100, 0.1), (10, 1.0), (1, 10.0))
 
+
 def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m radiometry.validate", description="Noise model against rendered and measured speckle.")
     p.add_argument("-o", "--output", default="out/validation", help="folder for validation.json and the figures")
@@ -49,11 +50,13 @@ def _validate(folder: Path, options: Any) -> None:
         series["measured"] = {"exposure": lab_over_exposure(options.measured), "patches": lab_over_patches(options.measured)}
     result: dict[str, Any] = {
         name: {
-            "variance_over_mean_squared": slope([c["mean"] ** 2 for c in kinds["exposure"]],
-                                                [c["variance"] for c in kinds["exposure"]]),
+            "variance_over_mean_squared": slope(
+                [c["mean"] ** 2 for c in kinds["exposure"]], [c["variance"] for c in kinds["exposure"]]
+            ),
             "predicted": 1.0 / kinds["exposure"][0]["dof"],
-            "variance_over_mean_times_n": slope([1.0 / c["dof"] for c in kinds["patches"]],
-                                                [c["variance"] / c["mean"] ** 2 for c in kinds["patches"]]),
+            "variance_over_mean_times_n": slope(
+                [1.0 / c["dof"] for c in kinds["patches"]], [c["variance"] / c["mean"] ** 2 for c in kinds["patches"]]
+            ),
             "predicted_times_n": 1.0,
             **kinds,
         }
@@ -89,7 +92,7 @@ class Renderer:
     def frames(self, count: int, exposure_s: float):
         from sim.frame import Simulation
 
-        simulation = Simulation(self.geometry.exposed(exposure_s))
+        simulation = Simulation(self.geometry.with_exposure(exposure_s))
         return (simulation.frame(self.seed, number) for number in range(count))
 
     def over_exposure(self) -> list[dict[str, float]]:
@@ -118,8 +121,9 @@ class Renderer:
             if rows > grid.rows or columns > grid.columns:
                 continue
             shape = (rows * size, columns * size)
-            estimate, dof = estimate_autocorrelation([frame[: shape[0], : shape[1]] for frame in frames],
-                                                     PatchGrid(size, rows, columns, shape), "published")
+            estimate, dof = estimate_autocorrelation(
+                [frame[: shape[0], : shape[1]] for frame in frames], PatchGrid(size, rows, columns, shape), "published"
+            )
             corners.append(corner(estimate, dof, patches=patches))
         return corners
 
@@ -133,8 +137,10 @@ class Renderer:
         from radiometry.estimation.whole_frames import estimate_autocorrelation
 
         grid = self.prediction.grid
-        return [(f"{count} x {exposure_s:g} s", estimate_autocorrelation(self.frames(count, exposure_s), grid)[0])
-                for count, exposure_s in BUDGETS]
+        return [
+            (f"{count} x {exposure_s:g} s", estimate_autocorrelation(self.frames(count, exposure_s), grid)[0])
+            for count, exposure_s in BUDGETS
+        ]
 
 
 def _as_picture(estimate: np.ndarray) -> np.ndarray:
@@ -149,13 +155,17 @@ def summary(result: dict[str, Any], folder: Path) -> str:
     for name in ("rendered", "measured"):
         if name in result:
             entry = result[name]
-            lines.append(f"{name}: variance / mean^2 = {entry['variance_over_mean_squared']:.4f} "
-                         f"(predicted {entry['predicted']:.4f}); "
-                         f"(variance / mean^2) N = {entry['variance_over_mean_times_n']:.3f} (predicted 1)")
+            lines.append(
+                f"{name}: variance / mean^2 = {entry['variance_over_mean_squared']:.4f} "
+                f"(predicted {entry['predicted']:.4f}); "
+                f"(variance / mean^2) N = {entry['variance_over_mean_times_n']:.3f} (predicted 1)"
+            )
     if "lab_floor" in result:
         floor = result["lab_floor"]
-        lines.append(f"lab floor over peak = ({floor['a_s']:.4f} +- {floor['a_error_s']:.4f} s) / t + {floor['c']:.4f} +- "
-                     f"{floor['c_error']:.4f}; ideal a = {result['ideal_shot_floor_s']:.4f} s")
+        lines.append(
+            f"lab floor over peak = ({floor['a_s']:.4f} +- {floor['a_error_s']:.4f} s) / t + {floor['c']:.4f} +- "
+            f"{floor['c_error']:.4f}; ideal a = {result['ideal_shot_floor_s']:.4f} s"
+        )
     lines.append(f"figures and numbers: {folder}")
     return "\n".join(lines)
 

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from correlograph.errors import InputError
-from correlograph.files.capture_folder import frame_path, replace_capture, staged
+from correlograph.files.capture_folder import frame_path, replace_capture, stage_capture
 from correlograph.files.frames import FrameHeader, write_frame
 from correlograph.files.output import output_folder, save_array, save_json
 
 
 @dataclass(frozen=True)
-class CameraFacts:
+class CameraMetadata:
     """What is known of the capture; None where it is not. Lengths in metres, pitch on a wall that faces the camera.
 
     `row_pitch_m` and `column_pitch_m` differ from it where camera or wall stand at an angle.
@@ -39,13 +39,24 @@ class CameraFacts:
         return self.wavelength_m, self.distance_m, pitches
 
     @classmethod
-    def of(cls, header: FrameHeader | None) -> CameraFacts:
+    def of(cls, header: FrameHeader | None) -> CameraMetadata:
         """What a frame's header says, in the single precision of its file: memory and file are inverted alike."""
         if header is None:
             return cls()
-        values = (header.wavelength_m, header.pixel_pitch_m, header.distance_m, header.pupil_diameter_m,
-                  header.pupil_distance_m, header.row_pitch_m, header.column_pitch_m)
+        values = (
+            header.wavelength_m,
+            header.pixel_pitch_m,
+            header.distance_m,
+            header.pupil_diameter_m,
+            header.pupil_distance_m,
+            header.row_pitch_m,
+            header.column_pitch_m,
+        )
         return cls(*(None if value is None else float(np.float32(value)) for value in values))
+
+
+CameraFacts = CameraMetadata
+"""Old name of `CameraMetadata`."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +73,7 @@ class Capture:
     """
 
     frames: Sequence[np.ndarray]
-    camera: CameraFacts = CameraFacts()
+    camera: CameraMetadata = CameraMetadata()
     names: tuple[str, ...] = ()
     truth: np.ndarray | None = None
     record: dict[str, Any] = field(default_factory=dict)
@@ -78,7 +89,7 @@ class Capture:
         if len(self.headers) != len(self.frames) or self.truth is None:
             raise InputError("capture", "frames that were rendered", "captured ones", "their files are elsewhere already")
         target = output_folder(folder)
-        with staged(target) as staging:
+        with stage_capture(target) as staging:
             for number, (frame, header) in enumerate(zip(self.frames, self.headers, strict=True)):
                 write_frame(frame_path(staging, number), frame, header)
             save_array(staging / "truth.npy", self.truth)

@@ -16,11 +16,15 @@ MOVING = ".capture-is-being-moved"
 """Stands in a folder while a finished capture moves into place; what a killed run leaves there is neither old nor new."""
 
 
-def check_whole(folder: Path) -> None:
+def check_complete(folder: Path) -> None:
     """Refuse a folder that a killed run left between two captures."""
     if (folder / MOVING).exists():
-        raise InputError("capture", "a whole one", f"the remains of a run that was killed in {folder}",
-                         "render it again into the same folder")
+        raise InputError(
+            "capture",
+            "a whole one",
+            f"the remains of a run that was killed in {folder}",
+            "render it again into the same folder",
+        )
 
 
 def frame_path(folder: Path, number: int) -> Path:
@@ -28,7 +32,7 @@ def frame_path(folder: Path, number: int) -> Path:
 
 
 @contextmanager
-def staged(folder: Path) -> Iterator[Path]:
+def stage_capture(folder: Path) -> Iterator[Path]:
     """A fresh hidden folder inside `folder`, gone afterwards, for the only process that writes there."""
     with sole_writer(folder):
         staging = folder / f"{PARTIAL}{os.getpid()}"

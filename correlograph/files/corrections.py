@@ -10,9 +10,9 @@ import numpy as np
 
 from correlograph.errors import InputError
 from correlograph.files.capture import Capture
-from correlograph.files.images import read_picture
+from correlograph.files.images import read_image
 
-LEAST_USED = 0.25
+MIN_USED_FRACTION = 0.25
 """Share of a frame that a mask must leave."""
 
 
@@ -30,7 +30,7 @@ class Corrections:
     flat: Path | None = None
     mask: Path | None = None
 
-    def of(self, capture: Capture) -> Capture:
+    def apply(self, capture: Capture) -> Capture:
         """The capture, its frames corrected. Raises InputError for files that do not fit."""
         if self == Corrections():
             return capture
@@ -43,14 +43,22 @@ class Corrections:
         if self.flat:
             flat = _read("--flat", self.flat, shape) - dark
             if flat.min() <= 0.0:
-                raise InputError("--flat", "more light in every pixel than the dark frame holds",
-                                 f"{flat.min():g} in {self.flat.name}", "give such pixels a value, and mask them")
+                raise InputError(
+                    "--flat",
+                    "more light in every pixel than the dark frame holds",
+                    f"{flat.min():g} in {self.flat.name}",
+                    "give such pixels a value, and mask them",
+                )
             corrected = [frame / (flat / flat.mean()) for frame in corrected]
         if self.mask:
             used = _read("--mask", self.mask, shape) != 0.0
-            if used.mean() < LEAST_USED:
-                raise InputError("--mask", f"a mask that leaves {LEAST_USED:.0%} of the pixels",
-                                 f"{used.mean():.1%} in {self.mask.name}", "zero pixels are left out; turn it round")
+            if used.mean() < MIN_USED_FRACTION:
+                raise InputError(
+                    "--mask",
+                    f"a mask that leaves {MIN_USED_FRACTION:.0%} of the pixels",
+                    f"{used.mean():.1%} in {self.mask.name}",
+                    "zero pixels are left out; turn it round",
+                )
             corrected = [np.where(used, frame, frame[used].mean()).astype(np.float32) for frame in corrected]
         return corrected
 
@@ -58,7 +66,7 @@ class Corrections:
 def _read(option: str, file: Path, shape: tuple[int, ...]) -> np.ndarray:
     if not file.is_file():
         raise InputError(option, "a picture", f"no {file}", "check the path")
-    pixels, _ = read_picture(file)
+    pixels, _ = read_image(file)
     if not np.isfinite(pixels).all():
         raise InputError(option, "finite pixels", f"NaN or infinity in {file.name}", "give another")
     if pixels.shape != shape:

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import OpenEXR
 
-from correlograph.errors import InputError, positive
+from correlograph.errors import InputError, check_positive
 from correlograph.files.exr_version import add_version, read_version
-from correlograph.files.output import atomic, silenced
+from correlograph.files.output import atomic, silence_output
 
 CHANNEL = "photoelectrons"
 
@@ -57,15 +57,23 @@ def read_frame(path: Path) -> tuple[np.ndarray, FrameHeader | None]:
     Raises InputError for a damaged file or one with colour channels.
     """
     try:
-        with silenced(), OpenEXR.File(str(path), separate_channels=True) as file:
+        with silence_output(), OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
             attributes = {**file.header(), "version": read_version(path)}
     except Exception as error:  # the library raises bare exceptions of several kinds
-        raise InputError("frame", "a whole EXR file", f"{path} ({str(error).splitlines()[0] if str(error) else 'damaged'})",
-                         "write it again or leave it out") from None
+        raise InputError(
+            "frame",
+            "a whole EXR file",
+            f"{path} ({str(error).splitlines()[0] if str(error) else 'damaged'})",
+            "write it again or leave it out",
+        ) from None
     if len(channels) != 1:
-        raise InputError("frame", f"one channel ({CHANNEL})", f"{path} with {', '.join(sorted(channels))}",
-                         "convert it to one channel of intensity")
+        raise InputError(
+            "frame",
+            f"one channel ({CHANNEL})",
+            f"{path} with {', '.join(sorted(channels))}",
+            "convert it to one channel of intensity",
+        )
     pixels = next(iter(channels.values())).astype(np.float32)
     known = {field.name: attributes[field.name] for field in fields(FrameHeader) if field.name in attributes}
     required = {field.name for field in fields(FrameHeader) if field.default is not None}
@@ -73,5 +81,5 @@ def read_frame(path: Path) -> tuple[np.ndarray, FrameHeader | None]:
         return pixels, None
     for name, value in known.items():
         if name.endswith(("_m", "_s")):
-            known[name] = positive(f"{name} of {path.name}", value)
+            known[name] = check_positive(f"{name} of {path.name}", value)
     return pixels, FrameHeader(**known)

@@ -10,18 +10,18 @@ from correlograph.errors import InputError
 from correlograph.files.frames import FrameHeader, read_frame
 from correlograph.lags import LAG_SIDE
 
-LARGEST_PIXEL = 1e9
+MAX_PIXEL = 1e9
 """Beyond any camera's numbers, and safe to square and sum in single precision."""
 
 FRAME_KINDS = (".exr", ".tif", ".tiff", ".png", ".npy")
 """In a folder, the first kind present is the capture."""
 
 
-def read_picture(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
+def read_image(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
     """One monochrome picture as float32 (H, W), with its header if it is one of the simulator's frames."""
     pixels, header = _read_pixels(file)
-    if pixels.size and not (np.abs(np.nan_to_num(pixels, posinf=0.0, neginf=0.0)) <= LARGEST_PIXEL).all():
-        raise InputError("frame", f"pixels up to {LARGEST_PIXEL:g}", f"larger ones in {file.name}", "scale the frames down")
+    if pixels.size and not (np.abs(np.nan_to_num(pixels, posinf=0.0, neginf=0.0)) <= MAX_PIXEL).all():
+        raise InputError("frame", f"pixels up to {MAX_PIXEL:g}", f"larger ones in {file.name}", "scale the frames down")
     return pixels.astype(np.float32), header
 
 
@@ -46,11 +46,16 @@ def _read_pixels(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
     except InputError:
         raise
     except Exception as error:  # every decoder raises its own kinds
-        raise InputError("frame", "a picture that can be read", f"{file} ({type(error).__name__})",
-                         "write it again or leave it out") from None
+        raise InputError(
+            "frame", "a picture that can be read", f"{file} ({type(error).__name__})", "write it again or leave it out"
+        ) from None
     if pixels.ndim != 2:
-        raise InputError("frame", "a monochrome picture (height, width)", f"{file.name} of shape {pixels.shape}",
-                         "give one channel of intensity, one frame a file")
+        raise InputError(
+            "frame",
+            "a monochrome picture (height, width)",
+            f"{file.name} of shape {pixels.shape}",
+            "give one channel of intensity, one frame a file",
+        )
     if pixels.dtype.kind not in "uif":
         raise InputError("frame", "numbers", f"{file.name} of type {pixels.dtype}", "convert it to 16-bit integers or floats")
     return pixels, None
@@ -64,17 +69,25 @@ def read_autocorrelation(file: Path) -> tuple[np.ndarray, float]:
     if not file.is_file():
         found = "a folder" if file.is_dir() else "no"
         raise InputError("autocorrelation", "a picture or array", f"{found} {file}", "check the path")
-    pixels, _ = read_picture(file)
+    pixels, _ = read_image(file)
     if pixels.shape == (LAG_SIDE, 2 * LAG_SIDE):
         pixels = pixels[:, :LAG_SIDE]
     if pixels.shape != (LAG_SIDE, LAG_SIDE):
-        raise InputError("autocorrelation", f"{LAG_SIDE} x {LAG_SIDE} lags (or {LAG_SIDE} x {2 * LAG_SIDE}, left half)",
-                         f"{pixels.shape[0]} x {pixels.shape[1]} in {file.name}", "crop it, zero lag in the middle")
+        raise InputError(
+            "autocorrelation",
+            f"{LAG_SIDE} x {LAG_SIDE} lags (or {LAG_SIDE} x {2 * LAG_SIDE}, left half)",
+            f"{pixels.shape[0]} x {pixels.shape[1]} in {file.name}",
+            "crop it, zero lag in the middle",
+        )
     if not np.isfinite(pixels).all() or (pixels < 0.0).any():
         raise InputError("autocorrelation", "finite lags, zero or more", f"others in {file.name}", "correct the file")
     step = 0.0 if file.suffix.lower() in (".npy", ".exr") else 1.0
     asymmetry = np.abs(pixels - pixels[::-1, ::-1]).max()
     if asymmetry > step + 1e-3 * pixels.max():
-        raise InputError("autocorrelation", "a centro-symmetric picture, zero lag in the middle",
-                         f"a difference of {asymmetry:g} between opposite lags in {file.name}", "check what the file holds")
+        raise InputError(
+            "autocorrelation",
+            "a centro-symmetric picture, zero lag in the middle",
+            f"a difference of {asymmetry:g} between opposite lags in {file.name}",
+            "check what the file holds",
+        )
     return pixels, step

@@ -33,8 +33,9 @@ def output_folder(path: str | Path) -> Path:
         probe.touch()
         probe.unlink(missing_ok=True)
     except OSError as error:
-        raise InputError("output folder", "a folder that can be written to", f"{folder} ({error.strerror})",
-                         "choose another with -o") from None
+        raise InputError(
+            "output folder", "a folder that can be written to", f"{folder} ({error.strerror})", "choose another with -o"
+        ) from None
     return folder
 
 
@@ -55,8 +56,12 @@ def sole_writer(output: str | Path, name: str = "output folder") -> Iterator[Non
     try:
         lock.acquire()
     except Timeout:
-        raise InputError(name, "one that no other process is writing", f"{output}, which one is",
-                         "wait until it has ended, or choose another name") from None
+        raise InputError(
+            name,
+            "one that no other process is writing",
+            f"{output}, which one is",
+            "wait until it has ended, or choose another name",
+        ) from None
     try:
         _remove_leftovers(path)
         yield
@@ -82,8 +87,12 @@ def atomic(path: Path) -> Iterator[Path]:
         yield partial
         os.replace(partial, path)
     except OSError as error:
-        raise InputError("output file", "a file that can be written", f"{path} ({error.strerror})",
-                         "free some space or choose another folder with -o") from None
+        raise InputError(
+            "output file",
+            "a file that can be written",
+            f"{path} ({error.strerror})",
+            "free some space or choose another folder with -o",
+        ) from None
     finally:
         partial.unlink(missing_ok=True)
 
@@ -101,7 +110,7 @@ def save_json(path: Path, content: dict[str, Any]) -> None:
 
 
 @contextmanager
-def silenced() -> Iterator[None]:
+def silence_output() -> Iterator[None]:
     """Keep a library's messages off the terminal where our own error repeats them."""
     sys.stderr.flush()
     kept = os.dup(2)

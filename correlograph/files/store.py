@@ -74,8 +74,12 @@ def begin(address: str, schema: Schema, arguments: dict[str, Any], count: int) -
         return group
     for key, value in arguments.items():
         if found.get(key) != value:
-            raise InputError(schema.kind, f"the {key} that {address} was begun with", _difference(found.get(key), value),
-                             "ask again with the same, or choose another address")
+            raise InputError(
+                schema.kind,
+                f"the {key} that {address} was begun with",
+                _difference(found.get(key), value),
+                "ask again with the same, or choose another address",
+            )
     _check_arrays(group, address, schema)
     if "://" not in address:
         for left in Path(address).rglob("*.partial"):  # zarr's name for a file that a killed run was writing
@@ -89,7 +93,7 @@ def arguments_of(address: str, kind: str) -> dict[str, Any]:
     return {} if group is None else group.attrs.asdict()
 
 
-def open_whole(address: str, schema: Schema) -> zarr.Group:
+def open_complete(address: str, schema: Schema) -> zarr.Group:
     """Open a finished store for reading; InputError where there is none, or it is unfinished, damaged or of another kind."""
     group = _open(address, "r", schema.kind)
     if group is None:
@@ -99,14 +103,14 @@ def open_whole(address: str, schema: Schema) -> zarr.Group:
     try:
         missing = missing_parts(group)
     except Exception as error:  # codecs raise their own kinds
-        raise _damaged(address, schema, f"marks that cannot be read ({_one_line(error)})") from None
+        raise _damage_error(address, schema, f"marks that cannot be read ({_one_line(error)})") from None
     if missing:
         found = f"{len(missing)} of {group['complete'].shape[0]} parts missing in {address}"
         raise InputError(schema.kind, "a complete one", found, f"run the same {schema.made_by} again")
     for name in schema.arrays:
         array = group[name]
         if array.nchunks_initialized < group["complete"].shape[0] * (schema.part // schema.chunk):
-            raise _damaged(address, schema, f"files of {name} missing")
+            raise _damage_error(address, schema, f"files of {name} missing")
     return group
 
 
@@ -116,10 +120,10 @@ def read_array(group: zarr.Group, address: str, name: str, schema: Schema) -> np
         values = np.asarray(group[name])
         known = np.asarray(group["crc32"])[:, list(schema.arrays).index(name)]
     except Exception as error:  # codecs raise their own kinds
-        raise _damaged(address, schema, f"{name} that cannot be read ({_one_line(error)})") from None
+        raise _damage_error(address, schema, f"{name} that cannot be read ({_one_line(error)})") from None
     for part, expected in enumerate(known):
         if _crc(values[part * schema.part : (part + 1) * schema.part]) != int(expected):
-            raise _damaged(address, schema, f"a wrong checksum in part {part} of {name}")
+            raise _damage_error(address, schema, f"a wrong checksum in part {part} of {name}")
     return values
 
 
@@ -128,7 +132,7 @@ def read_rows(group: zarr.Group, address: str, name: str, rows: np.ndarray, sche
     try:
         return np.stack([np.asarray(group[name][int(row)]) for row in rows])
     except Exception as error:  # codecs raise their own kinds
-        raise _damaged(address, schema, f"{name} that cannot be read ({_one_line(error)})") from None
+        raise _damage_error(address, schema, f"{name} that cannot be read ({_one_line(error)})") from None
 
 
 def missing_parts(group: zarr.Group) -> list[int]:
@@ -166,18 +170,30 @@ def _check_empty(address: str, kind: str) -> None:
         return
     path = Path(address)
     if not address.strip() or path.is_file() or (path.is_dir() and any(path.iterdir())):
-        raise InputError(kind, "a new name, an empty folder or a store of this program", f"other files in {address!r}",
-                         "choose another address; nothing of yours is overwritten")
+        raise InputError(
+            kind,
+            "a new name, an empty folder or a store of this program",
+            f"other files in {address!r}",
+            "choose another address; nothing of yours is overwritten",
+        )
 
 
 def _check_mark(group: zarr.Group, address: str, schema: Schema) -> None:
     found = {key: group.attrs.asdict().get(key) for key in schema.mark}
     if found["made_by"] != schema.mark["made_by"]:
-        raise InputError(schema.kind, f"a store made by {schema.made_by}", f"another Zarr group at {address}",
-                         "choose another address, or make the store again if an older version wrote it")
+        raise InputError(
+            schema.kind,
+            f"a store made by {schema.made_by}",
+            f"another Zarr group at {address}",
+            "choose another address, or make the store again if an older version wrote it",
+        )
     if found["format"] != schema.version:
-        raise InputError(schema.kind, f"format {schema.version}", f"format {found['format']!r} at {address}",
-                         f"make it again with {schema.made_by}")
+        raise InputError(
+            schema.kind,
+            f"format {schema.version}",
+            f"format {found['format']!r} at {address}",
+            f"make it again with {schema.made_by}",
+        )
 
 
 def _create_arrays(group: zarr.Group, address: str, schema: Schema, count: int) -> None:
@@ -187,11 +203,18 @@ def _create_arrays(group: zarr.Group, address: str, schema: Schema, count: int) 
         for name, (shape, dtype) in schema.arrays.items():
             if name not in group:
                 compressors = None if dtype == "float16" else "auto"  # noise does not compress
-                group.create_array(name, shape=(count, *shape), dtype=dtype, chunks=(schema.chunk, *shape),
-                                   shards=(schema.part, *shape), compressors=compressors)
+                group.create_array(
+                    name,
+                    shape=(count, *shape),
+                    dtype=dtype,
+                    chunks=(schema.chunk, *shape),
+                    shards=(schema.part, *shape),
+                    compressors=compressors,
+                )
         if "crc32" not in group:
-            group.create_array("crc32", shape=(parts, len(schema.arrays)), dtype="uint32", chunks=(1, len(schema.arrays)),
-                               compressors=None)
+            group.create_array(
+                "crc32", shape=(parts, len(schema.arrays)), dtype="uint32", chunks=(1, len(schema.arrays)), compressors=None
+            )
         if "complete" not in group:
             group.create_array("complete", shape=(parts,), dtype="uint8", chunks=(1,), compressors=None)
     except (OSError, ValueError, MemoryError) as error:
@@ -209,14 +232,13 @@ def _check_arrays(group: zarr.Group, address: str, schema: Schema) -> None:
         wanted |= {"crc32": ((parts, len(schema.arrays)), np.dtype("uint32")), "complete": ((parts,), np.dtype("uint8"))}
         wrong = [name for name, (shape, dtype) in wanted.items() if held[name].shape != shape or held[name].dtype != dtype]
     except Exception as error:  # damaged metadata raises what it likes
-        raise _damaged(address, schema, f"arrays that cannot be read ({_one_line(error)})") from None
+        raise _damage_error(address, schema, f"arrays that cannot be read ({_one_line(error)})") from None
     if wrong or count == 0:
-        raise _damaged(address, schema, f"{wrong[0]} of another shape or dtype" if wrong else "no samples")
+        raise _damage_error(address, schema, f"{wrong[0]} of another shape or dtype" if wrong else "no samples")
 
 
-def _damaged(address: str, schema: Schema, found: str) -> InputError:
-    return InputError(schema.kind, f"one as {schema.made_by} left it", f"{found} at {address}",
-                      "delete it and make it again")
+def _damage_error(address: str, schema: Schema, found: str) -> InputError:
+    return InputError(schema.kind, f"one as {schema.made_by} left it", f"{found} at {address}", "delete it and make it again")
 
 
 def _unusable(address: str, kind: str, error: Exception) -> InputError:

@@ -11,9 +11,9 @@ from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from skimage.registration import phase_cross_correlation
 
 from correlograph.lags import LAGS
-from invert.albedo.registration import on_grid, registered
-from radiometry.autocorrelation import autocorrelate, window_smooth
-from radiometry.noise.level import INDEPENDENT, RING
+from invert.albedo.registration import on_grid, register_images
+from radiometry.autocorrelation import autocorrelate, smooth_by_window
+from radiometry.noise.level import HALF_PLANE, RING
 
 SUCCESS = 0.8
 """Registered Pearson correlation from which a reconstruction counts as a success."""
@@ -55,7 +55,7 @@ def aligned_pearson(image: np.ndarray, truth: np.ndarray) -> tuple[float, np.nda
     Returns:
         the correlation over the truth's own window, and the image moved onto it.
     """
-    moved = registered(on_grid(image)[None], on_grid(truth))[0][0, : truth.shape[0], : truth.shape[1]].numpy()
+    moved = register_images(on_grid(image)[None], on_grid(truth))[0][0, : truth.shape[0], : truth.shape[1]].numpy()
     return _pearson(moved, truth), moved
 
 
@@ -77,14 +77,16 @@ def score(image: np.ndarray, truth: np.ndarray) -> Scores:
     pearson, moved = aligned(image.astype(np.float64), truth.astype(np.float64))
     peak = float(truth.max())
     fitted = moved * float((moved * truth).sum() / max((moved * moved).sum(), 1e-30))
-    ssim = structural_similarity(fitted, truth.astype(np.float64), data_range=peak, gaussian_weights=True, sigma=1.5,
-                                 use_sample_covariance=False)
+    ssim = structural_similarity(
+        fitted, truth.astype(np.float64), data_range=peak, gaussian_weights=True, sigma=1.5, use_sample_covariance=False
+    )
     with np.errstate(divide="ignore"):
         psnr_db = float(peak_signal_noise_ratio(truth.astype(np.float64), fitted, data_range=peak))
     shown = truth > 0.5 * peak
     drawn = _brightest(fitted, int(shown.sum()))
-    return Scores(pearson, float(ssim), min(psnr_db, PERFECT_DB), _iou(drawn, shown), _edge_f1(drawn, shown),
-                  pearson >= SUCCESS)
+    return Scores(
+        pearson, float(ssim), min(psnr_db, PERFECT_DB), _iou(drawn, shown), _edge_f1(drawn, shown), pearson >= SUCCESS
+    )
 
 
 def _pearson(image: np.ndarray, truth: np.ndarray) -> float:
@@ -120,13 +122,13 @@ def agreement(albedo: np.ndarray, estimate: np.ndarray, floor: float, signal_rin
     Says that a reconstruction explains the data, not that it is right: a bright point beside a faint copy of the object
     explains them too.
     """
-    used = INDEPENDENT & (signal_ring >= RING) & (np.hypot(*np.mgrid[-LAGS : LAGS + 1, -LAGS : LAGS + 1]) > 1.5)
-    return _pearson(window_smooth(autocorrelate(albedo))[used], (estimate - floor)[used])
+    used = HALF_PLANE & (signal_ring >= RING) & (np.hypot(*np.mgrid[-LAGS : LAGS + 1, -LAGS : LAGS + 1]) > 1.5)
+    return _pearson(smooth_by_window(autocorrelate(albedo))[used], (estimate - floor)[used])
 
 
 def bootstrap_error(values: np.ndarray, resamples: int = 2000, seed: int = 0) -> float:
     """Standard error of a mean over test images, by resampling them (Efron, doi:10.1214/aos/1176344552)."""
-    found = bootstrap((np.asarray(values, np.float64),), np.mean, n_resamples=resamples, method="percentile",
-                      rng=np.random.default_rng(seed))
+    found = bootstrap(
+        (np.asarray(values, np.float64),), np.mean, n_resamples=resamples, method="percentile", rng=np.random.default_rng(seed)
+    )
     return float(found.standard_error)
-

@@ -1,4 +1,4 @@
-"""What samples of the posterior say together: mean, spread, where light is likely, alternatives, sizes."""
+"""Statistics of posterior samples: mean, standard deviation, clusters, sizes with credible intervals."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from scipy.spatial.distance import squareform
 
 from correlograph.errors import InputError
 from correlograph.lags import OBJECT_SIDE
-from invert.albedo.registration import mutual_likeness, normalised, on_grid, padded, registered
+from invert.albedo.registration import normalise_peak, on_grid, pairwise_correlation, register_images, zero_pad
 
-DIFFERENT = 0.2
-"""1 - correlation of samples, blurred by a lag, from which on they show different objects."""
+MIN_CLUSTER_DISTANCE = 0.2
+"""Distance (1 - correlation, after a blur of one lag) above which samples belong to different clusters."""
 
-BRIGHT = 0.5
-"""Albedo from which on a pixel is bright; the largest of a sample is 1."""
+BRIGHT_THRESHOLD = 0.5
+"""Albedo above which a pixel counts as bright; the maximum of a sample is 1."""
 
 SIZES = ("width", "height", "area")
 
-Errors = Mapping[str, Sequence[float]]
-"""Of each size, quantiles from 0 to 1, evenly spaced, of the truth's `Spread.error`."""
+SizeErrors = Mapping[str, Sequence[float]]
+"""Quantiles of `SizeStatistics.error` of the truth for each size, at equidistant probabilities from 0 to 1."""
 
 
 @dataclass(frozen=True)
-class Alternative:
-    """One of the answers: its probability, the samples that show it (their numbers), and the mean (64, 64) of these."""
+class SampleCluster:
+    """Samples that show one object: their probability, their numbers, and their mean albedo (64, 64)."""
 
     probability: float
     members: tuple[int, ...]
@@ -38,36 +38,44 @@ class Alternative:
 
 
 @dataclass(frozen=True)
-class Spread:
-    """Mean of a size over the samples, and the unit of its error: their deviation, and what a pixel at an edge may change."""
+class SizeStatistics:
+    """Mean of a size over the samples, and the scale of its error: their deviation plus the effect of one edge pixel."""
 
     mean: float
     scale: float
 
     @classmethod
-    def of(cls, samples: np.ndarray, size: str) -> Spread:
-        sizes = np.array([measured(one, size) for one in samples])
+    def of(cls, samples: np.ndarray, size: str) -> SizeStatistics:
+        """Measure a size in samples (n, 64, 64)."""
+        sizes = np.array([measure_size(one, size) for one in samples])
         return cls(float(sizes.mean()), float(sizes.std()) + 0.5 + 0.02 * float(sizes.mean()))
 
     def error(self, size: float) -> float:
-        """How far a size lies from the samples' mean, over the scale."""
+        """Return the difference of a size from the mean of the samples, in units of the scale."""
         return (size - self.mean) / self.scale
 
 
 @dataclass(frozen=True)
-class Posterior:
-    """Equally likely objects, (n, 64, 64), float32, largest value 1 each, registered to the reconstruction.
+class Samples:
+    """Equally likely objects, (n, 64, 64), float32, maximum 1 each, registered to the reconstruction.
 
     Attributes:
-        errors: of their sizes, as calibration found them; without them, intervals are the samples' own quantiles.
+        errors: calibrated errors of the sizes; without them, intervals are the quantiles of the samples.
     """
 
     samples: np.ndarray
-    errors: Errors | None = None
+    errors: SizeErrors | None = None
+
+    def __repr__(self) -> str:
+        probabilities = ", ".join(f"{cluster.probability:.2f}" for cluster in self.clusters)
+        return f"Samples({len(self.samples)} samples, probabilities of clusters {probabilities})"
+
+    def __len__(self) -> int:
+        return len(self.samples)
 
     @property
     def mean(self) -> np.ndarray:
-        """(64, 64)."""
+        """Mean albedo, (64, 64)."""
         return self.samples.mean(0)
 
     @property
@@ -78,10 +86,10 @@ class Posterior:
     @property
     def bright(self) -> np.ndarray:
         """Probability that a pixel is bright, (64, 64)."""
-        return (self.samples > BRIGHT).mean(0)
+        return (self.samples > BRIGHT_THRESHOLD).mean(0)
 
     def interval(self, size: str, probability: float) -> tuple[float, float]:
-        """Credible interval of a size in lags, or in square lags: equal tails, 0 or more.
+        """Return the credible interval of a size in lags, or in square lags, with equal tails.
 
         Args:
             size: `width` or `height` of the bright part, or its `area`.
@@ -91,52 +99,53 @@ class Posterior:
             InputError: another size or probability.
         """
         if not 0.0 <= probability <= 1.0:
-            raise InputError("probability", "0 to 1", probability, "give a share, such as 0.8")
+            raise InputError("probability", "0 to 1", probability, "use a fraction such as 0.8")
         tails = 0.5 * (1.0 - probability), 0.5 * (1.0 + probability)
         quantiles = (self.errors or {}).get(size)
         if quantiles is None:
-            low, high = np.quantile([measured(one, size) for one in self.samples], tails)
+            low, high = np.quantile([measure_size(one, size) for one in self.samples], tails)
             return float(low), float(high)
-        spread = Spread.of(self.samples, size)
-        low, high = spread.mean + spread.scale * np.interp(tails, np.linspace(0.0, 1.0, len(quantiles)), quantiles)
+        statistics = SizeStatistics.of(self.samples, size)
+        errors = np.interp(tails, np.linspace(0.0, 1.0, len(quantiles)), quantiles)
+        low, high = statistics.mean + statistics.scale * errors
         return max(float(low), 0.0), max(float(high), 0.0)
 
-    def laid_over(self, albedo: np.ndarray) -> Posterior:
-        """The same objects, brought to the place and the turn of an albedo (64, 64)."""
-        return posterior(torch.from_numpy(self.samples), torch.from_numpy(albedo), self.errors)
+    def register_to(self, albedo: np.ndarray) -> Samples:
+        """Return the samples registered to an albedo (64, 64)."""
+        return register_samples(torch.from_numpy(self.samples), torch.from_numpy(albedo), self.errors)
 
     @cached_property
-    def alternatives(self) -> list[Alternative]:
-        """The different answers among the samples, likeliest first; one where all agree."""
+    def clusters(self) -> list[SampleCluster]:
+        """Clusters of samples that show different objects, most probable first."""
         count = len(self.samples)
         if count == 1:
-            return [Alternative(1.0, (0,), self.samples[0])]
+            return [SampleCluster(1.0, (0,), self.samples[0])]
         blurred = torch.stack([on_grid(gaussian_filter(one, 1.0)) for one in self.samples])
-        likeness = mutual_likeness(blurred).numpy()
-        apart = np.clip(1.0 - 0.5 * (likeness + likeness.T), 0.0, None)
-        np.fill_diagonal(apart, 0.0)
-        labels = fcluster(linkage(squareform(apart, checks=False), "average"), DIFFERENT, "distance")
+        correlation = pairwise_correlation(blurred).numpy()
+        distance = np.clip(1.0 - 0.5 * (correlation + correlation.T), 0.0, None)
+        np.fill_diagonal(distance, 0.0)
+        labels = fcluster(linkage(squareform(distance, checks=False), "average"), MIN_CLUSTER_DISTANCE, "distance")
         groups = [np.flatnonzero(labels == label) for label in np.unique(labels)]
-        found = [Alternative(len(group) / count, tuple(group.tolist()), self.samples[group].mean(0)) for group in groups]
-        return sorted(found, key=lambda one: -one.probability)
+        found = [SampleCluster(len(group) / count, tuple(group.tolist()), self.samples[group].mean(0)) for group in groups]
+        return sorted(found, key=lambda cluster: -cluster.probability)
 
 
-def measured(albedo: np.ndarray, size: str) -> float:
-    """A size of the bright part of an albedo, in lags or square lags; 0 where nothing is bright.
+def measure_size(albedo: np.ndarray, size: str) -> float:
+    """Measure the bright part of an albedo, in lags or square lags; 0 if no pixel is bright.
 
     Raises:
         InputError: a size that is not in `SIZES`.
     """
     if size not in SIZES:
-        raise InputError("size", f"one of {', '.join(SIZES)}", size, "choose one of these")
-    lit = albedo > BRIGHT * albedo.max()
+        raise InputError("size", f"one of {', '.join(SIZES)}", size, "select a size from this list")
+    is_bright = albedo > BRIGHT_THRESHOLD * albedo.max()
     if size == "area":
-        return float(lit.sum())
-    extent = np.flatnonzero(lit.any(0 if size == "width" else 1))
+        return float(is_bright.sum())
+    extent = np.flatnonzero(is_bright.any(0 if size == "width" else 1))
     return float(extent[-1] - extent[0] + 1) if extent.size else 0.0
 
 
-def posterior(samples: torch.Tensor, albedo: torch.Tensor, errors: Errors | None = None) -> Posterior:
-    """Samples (n, 64, 64), brought to the place and the turn of a reconstruction (64, 64)."""
-    placed, _ = registered(padded(normalised(samples)), on_grid(albedo.numpy()))
-    return Posterior(np.ascontiguousarray(placed[:, :OBJECT_SIDE, :OBJECT_SIDE].numpy(), np.float32), errors)
+def register_samples(samples: torch.Tensor, albedo: torch.Tensor, errors: SizeErrors | None = None) -> Samples:
+    """Register samples (n, 64, 64) to a reconstruction (64, 64)."""
+    registered, _ = register_images(zero_pad(normalise_peak(samples)), on_grid(albedo.numpy()))
+    return Samples(np.ascontiguousarray(registered[:, :OBJECT_SIDE, :OBJECT_SIDE].numpy(), np.float32), errors)

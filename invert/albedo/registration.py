@@ -17,17 +17,17 @@ def on_grid(image: np.ndarray, side: int = 2 * OBJECT_SIDE) -> torch.Tensor:
     return grid
 
 
-def normalised(albedos: torch.Tensor) -> torch.Tensor:
+def normalise_peak(albedos: torch.Tensor) -> torch.Tensor:
     """Albedos (..., H, W), largest value 1 each; zeros stay zeros."""
     return albedos / albedos.amax((-2, -1), keepdim=True).clamp_min(1e-30)
 
 
-def padded(albedos: torch.Tensor) -> torch.Tensor:
+def zero_pad(albedos: torch.Tensor) -> torch.Tensor:
     """Albedos (..., 64, 64) on the grid of twice their side, where a circular shift is a plain one."""
     return torch.nn.functional.pad(albedos, (0, OBJECT_SIDE, 0, OBJECT_SIDE))
 
 
-def turned(image: torch.Tensor) -> torch.Tensor:
+def rotate_180(image: torch.Tensor) -> torch.Tensor:
     """Image turned by 180 degrees about pixel (0, 0) of the periodic grid."""
     return torch.roll(torch.flip(image, (-2, -1)), (1, 1), (-2, -1))
 
@@ -38,7 +38,7 @@ def correlation_maps(image: torch.Tensor, reference: torch.Tensor) -> torch.Tens
     Returns:
         (n, 2, H, W): as it is, and turned.
     """
-    both = torch.stack((image, turned(image)), 1)
+    both = torch.stack((image, rotate_180(image)), 1)
     both = both - both.mean((-2, -1), keepdim=True)
     reference = reference - reference.mean()
     spectrum = torch.fft.rfft2(reference) * torch.fft.rfft2(both).conj()
@@ -46,7 +46,7 @@ def correlation_maps(image: torch.Tensor, reference: torch.Tensor) -> torch.Tens
     return torch.fft.irfft2(spectrum, s=reference.shape) / norm.clamp_min(1e-30)
 
 
-def registered(image: torch.Tensor, reference: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def register_images(image: torch.Tensor, reference: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Shift and turn each image of a batch (n, H, W) to fit `reference` (H, W).
 
     Returns:
@@ -57,16 +57,16 @@ def registered(image: torch.Tensor, reference: torch.Tensor) -> tuple[torch.Tens
     moved = []
     for one, best in zip(image, place.tolist(), strict=True):
         turn, shift = divmod(best, height * width)
-        moved.append(torch.roll(turned(one) if turn else one, divmod(shift, width), (0, 1)))
+        moved.append(torch.roll(rotate_180(one) if turn else one, divmod(shift, width), (0, 1)))
     return torch.stack(moved), value
 
 
-def mutual_likeness(images: torch.Tensor) -> torch.Tensor:
+def pairwise_correlation(images: torch.Tensor) -> torch.Tensor:
     """Pearson correlation of images (n, H, W) with each other after the best shift and turn; (n, n), row by reference."""
-    return torch.stack([registered(images, one)[1] for one in images])
+    return torch.stack([register_images(images, one)[1] for one in images])
 
 
-def laid_over(pictures: torch.Tensor, references: torch.Tensor) -> torch.Tensor:
+def register_groups(pictures: torch.Tensor, references: torch.Tensor) -> torch.Tensor:
     """Pictures of each object (n, k, 64, 64), shifted and turned together so that the first fits its reference (n, 64, 64).
 
     What would leave the window is lost, so a shift counts less by the fourth power of the mass it keeps.
@@ -82,12 +82,14 @@ def laid_over(pictures: torch.Tensor, references: torch.Tensor) -> torch.Tensor:
     moved = []
     for own, best in zip(pictures, (fit * kept**4).flatten(1).argmax(1).tolist(), strict=True):
         turn, shift = divmod(best, side * side)
-        whole = padded(own)
-        moved.append(torch.roll(turned(whole) if turn else whole, divmod(shift, side), (-2, -1))[:, :OBJECT_SIDE, :OBJECT_SIDE])
+        whole = zero_pad(own)
+        moved.append(
+            torch.roll(rotate_180(whole) if turn else whole, divmod(shift, side), (-2, -1))[:, :OBJECT_SIDE, :OBJECT_SIDE]
+        )
     return torch.stack(moved)
 
 
-def centred(images: torch.Tensor, side: int = OBJECT_SIDE) -> torch.Tensor:
+def crop_centred(images: torch.Tensor, side: int = OBJECT_SIDE) -> torch.Tensor:
     """Cut the `side` x `side` window that holds the most of periodic images (..., H, W), taken together, in its middle."""
     for dimension in (-2, -1):
         profile = images.movedim(dimension, 0).flatten(1).sum(1).double()
@@ -124,15 +126,15 @@ def consensus(images: torch.Tensor, residual: torch.Tensor, best: int = 8, alike
     out of the mean, but not of the agreement.
     """
     chosen = images[residual.argsort(stable=True)[:best]]
-    mutual = mutual_likeness(chosen)
-    aligned, correlation = registered(chosen, chosen[mutual.sum(1).argmax()])
+    mutual = pairwise_correlation(chosen)
+    aligned, correlation = register_images(chosen, chosen[mutual.sum(1).argmax()])
     count = len(chosen)
     others = (mutual.sum() - mutual.diagonal().sum()) / (count * (count - 1)) if count > 1 else mutual.new_ones(())
-    mean = agreeing_mean(aligned, correlation, alike)
+    mean = mean_of_agreeing(aligned, correlation, alike)
     return Consensus(mean, float(others.clamp(0.0, 1.0)), phase_retrieval_transfer(aligned))
 
 
-def agreeing_mean(aligned: torch.Tensor, correlation: torch.Tensor, alike: float = 0.7) -> torch.Tensor:
+def mean_of_agreeing(aligned: torch.Tensor, correlation: torch.Tensor, alike: float = 0.7) -> torch.Tensor:
     """Mean (H, W) of registered images (n, H, W), without those whose correlation (n,) with the reference is below `alike` of
     the best one's."""
     return aligned[correlation >= alike * correlation.max()].mean(0)

@@ -1,92 +1,117 @@
-"""How far a reconstruction is to be trusted beyond what its method says, and what a user must know of the frames."""
+"""Reliability of a reconstruction: lower confidence if the data do not support it, and warnings about the frames."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import torch
 
 from correlograph.lags import OBJECT_SIDE
-from invert.albedo.posterior import Posterior
+from invert.albedo.posterior import Samples
 from invert.assess.speckle_test import SpeckleTest
 from invert.likelihood.gamma import NoiseLikelihood
-from invert.measure.patch_fit import overfull
+from invert.measure.estimate import EstimateRecord
+from invert.measure.patch_fit import is_wider_than_lags
 from invert.measure.spectrum import Measurement
 from invert.methods import Reconstruction
 
-DOUBTFUL = 0.5
-"""Largest confidence in a reconstruction from light that need not be speckle, or that it does not explain."""
+MAX_UNVERIFIED_CONFIDENCE = 0.5
+"""Maximum confidence if the light may not be speckle of the object, or if the reconstruction does not explain the estimate."""
 
-TEXTURE, GLINT = 0.25, 1.8
-"""Third moment, over that of speckle, below which light is texture, and above which something else shines."""
+MIN_MOMENT_RATIO, MAX_MOMENT_RATIO = 0.25, 1.8
+"""Range of the third moment, in units of that of speckle. Texture lies below it; specular highlights lie above it."""
 
-UNEXPLAINED = 0.35
+MAX_UNEXPLAINED_FRACTION = 0.35
+"""Maximum fraction of the signal that a reconstruction may leave unexplained."""
 
-UNFITTED_NATS, UNFITTED_SHARE = 100.0, 0.04
-"""Misfit of the likeliest sample, in nats and over that of no object, from which the object is not among the samples. Of 120
-edges, characters and grey objects at eight noise levels four are beyond both, dense edges with a correlation below .35."""
+MAX_DEFICIT_NATS, MAX_DEFICIT_FRACTION = 100.0, 0.04
+"""Maximum log-likelihood deficit of the most likely sample, in nats and as a fraction of the deficit without an object. Evidence:
+docs/research.md."""
 
-SATURATED = 1e-3
-SAME_SPECKLE = 0.3
+MAX_SATURATED_FRACTION = 1e-3
+MAX_FRAME_CORRELATION = 0.3
+MAX_SHIFT_PIXELS = 0.2
+MAX_PATTERN_FRACTION = 0.1
 
 
-def trusted(found: Reconstruction, test: SpeckleTest | None, measurement: Measurement, likelihood: NoiseLikelihood,
-            facts: dict[str, Any]) -> tuple[Reconstruction, list[str]]:
-    """Lower the confidence where the light is not shown to be speckle of this object; and the warnings of a capture.
+def assess_reliability(
+    found: Reconstruction,
+    test: SpeckleTest | None,
+    measurement: Measurement,
+    likelihood: Callable[[], NoiseLikelihood],
+    record: EstimateRecord | None,
+) -> tuple[Reconstruction, list[str]]:
+    """Lower the confidence of a reconstruction that the data do not support; return it and the warnings.
 
     Args:
-        likelihood: of the estimate as it is: noise is even in lags that were not divided by the camera's transfer.
-        facts: of the estimate: number of frames, and what the mean model found.
+        likelihood: returns the likelihood of the estimate before division by the camera's transfer.
+        record: origin of the estimate; None for a published one.
     """
-    doubts = [] if test is None or test.third_moment is None else _doubts(test, facts["frames"])
+    doubts = [] if test is None or test.third_moment is None else _check_speckle(test, record.frames if record else 0)
     if found.posterior is not None:
-        doubts += _of_samples(found.posterior, likelihood)
-    warnings = doubts + _of_frames(facts.get("mean_model", {}), facts.get("frames", 0))
-    if "blur_found_pixels" in facts:
-        down, right = facts["blur_found_pixels"]
-        warnings.append(f"frames look blurred, as if by {down:.1f}, {right:.1f} pixels (down, right), unless the object has "
-                        "soft edges; that was undone; check focus and motion, or give --blur-pixels, 0 for none")
-    if "patches" in facts and overfull(measurement):
-        warnings.append("the object may be wider than the lags show; try --patch fit, or frames of smaller pixels")
-    return (replace(found, confidence=min(found.confidence, DOUBTFUL)) if doubts else found), warnings
+        doubts += _check_samples(found.posterior, likelihood())
+    warnings = doubts + ([] if record is None else _describe_frames(record, measurement))
+    return (replace(found, confidence=min(found.confidence, MAX_UNVERIFIED_CONFIDENCE)) if doubts else found), warnings
 
 
-def _doubts(test: SpeckleTest, frames: int) -> list[str]:
+def _check_speckle(test: SpeckleTest, frames: int) -> list[str]:
     moment, error = test.third_moment or 0.0, 2.0 * (test.error or 0.0)
-    shown = f"third moment {moment:.2g} +- {0.5 * error:.2g} times that of speckle"
-    if moment - error > GLINT:
-        return [f"the light is no speckle of one object ({shown}); look for a glint or a moving lamp"]
-    if moment + error < TEXTURE:
-        return [f"the light is no speckle ({shown}); look for texture of the wall, or saturated frames"]
-    if test.unexplained > UNEXPLAINED:
+    found = f"third moment {moment:.2g} +- {0.5 * error:.2g} times that of speckle"
+    if moment - error > MAX_MOMENT_RATIO:
+        return [
+            f"frames are inconsistent with speckle from one object ({found}); check for a specular highlight or a moving lamp"
+        ]
+    if moment + error < MIN_MOMENT_RATIO:
+        return [f"frames are inconsistent with speckle ({found}); check for texture of the relay wall and for saturated frames"]
+    if test.unexplained > MAX_UNEXPLAINED_FRACTION:
         return [f"the reconstruction leaves {100.0 * test.unexplained:.0f} % of the estimate's signal unexplained"]
-    if frames == 1 and moment - error < TEXTURE:
-        return [f"one frame does not tell an object from texture of the wall ({shown}); add one of another illumination"]
+    if frames == 1 and moment - error < MIN_MOMENT_RATIO:
+        return [f"one frame cannot distinguish object and texture of the relay wall ({found}); add a frame with the spot moved"]
     return []
 
 
-def _of_samples(drawn: Posterior, likelihood: NoiseLikelihood) -> list[str]:
-    least = min(likelihood.misfit(torch.from_numpy(sample)) for sample in drawn.samples)
-    nothing = likelihood.misfit(torch.zeros(OBJECT_SIDE, OBJECT_SIDE))
-    if least <= max(UNFITTED_NATS, UNFITTED_SHARE * nothing):
+def _check_samples(samples: Samples, likelihood: NoiseLikelihood) -> list[str]:
+    lowest = min(likelihood.misfit(torch.from_numpy(sample)) for sample in samples.samples)
+    without_object = likelihood.misfit(torch.zeros(OBJECT_SIDE, OBJECT_SIDE))
+    if lowest <= max(MAX_DEFICIT_NATS, MAX_DEFICIT_FRACTION * without_object):
         return []
-    return [f"no sample explains the estimate (the likeliest misses it by {least:.0f} nats, no object by {nothing:.0f}), so "
-            "probabilities and intervals are too narrow; try --quality best"]
-
-
-def _of_frames(found: dict[str, Any], frames: int) -> list[str]:
-    """What the estimator found and dealt with."""
-    shift = found.get("shift_pixels", (0.0, 0.0))
-    remarks = [
-        (found.get("frames_correlate", 0.0) > SAME_SPECKLE,
-         f"frames share {100.0 * found.get('frames_correlate', 0.0):.0f} % of their power; was the laser moved between them?"),
-        (found.get("saturated", 0.0) > SATURATED, f"{100.0 * found.get('saturated', 0.0):.2g} % of the pixels are saturated"),
-        (found.get("hot_pixels", 0) > 0, f"{found.get('hot_pixels')} hot pixels, or pixels of glints, were replaced"),
-        (found.get("faulty_lines", 0) > 0, f"{found.get('faulty_lines')} rows or columns were replaced by their neighbours"),
-        (found.get("spectral_lines", 0) > 0, f"{found.get('spectral_lines')} waves (fringes or lamp banding) were subtracted"),
-        (max(map(abs, shift)) > 0.2, f"the camera moved by {shift[0]:.1f}, {shift[1]:.1f} pixels between frames"),
-        (frames > 1 and found.get("fixed_pattern_lags", 0.0) > 0.1,
-         f"frames share a pattern, subtracted at {100.0 * found.get('fixed_pattern_lags', 0.0):.0f} % of the lags"),
+    return [
+        f"no sample explains the estimate (log-likelihood deficit {lowest:.0f} nats, {without_object:.0f} without an object); "
+        "probabilities and intervals are too narrow; try --quality best"
     ]
-    return [text for shown, text in remarks if shown]
+
+
+def _describe_frames(record: EstimateRecord, measurement: Measurement) -> list[str]:
+    """Describe the background and the sensor faults that the estimator found and corrected."""
+    found = record.background
+    shared, saturated = found.frames_correlate or 0.0, found.saturated or 0.0
+    pattern, shift = found.fixed_pattern_lags or 0.0, found.shift_pixels or (0.0, 0.0)
+    remarks = [
+        (
+            shared > MAX_FRAME_CORRELATION,
+            f"frames correlate by {100.0 * shared:.0f} %; move the laser spot between frames",
+        ),
+        (saturated > MAX_SATURATED_FRACTION, f"{100.0 * saturated:.2g} % of the pixels are saturated; shorten the exposure"),
+        (bool(found.hot_pixels), f"{found.hot_pixels} hot pixels or pixels of specular highlights were replaced"),
+        (bool(found.faulty_lines), f"{found.faulty_lines} defective rows or columns were replaced by their neighbours"),
+        (bool(found.spectral_lines), f"{found.spectral_lines} periodic waves (fringes or lamp flicker) were subtracted"),
+        (
+            max(map(abs, shift)) > MAX_SHIFT_PIXELS,
+            f"the camera shifted by {shift[0]:.1f} rows and {shift[1]:.1f} columns between frames; fix its mount",
+        ),
+        (
+            record.frames > 1 and pattern > MAX_PATTERN_FRACTION,
+            f"frames share a static pattern, which was subtracted at {100.0 * pattern:.0f} % of the lags",
+        ),
+    ]
+    warnings = [text for is_present, text in remarks if is_present]
+    if record.blur_found_pixels is not None:
+        rows, columns = record.blur_found_pixels
+        warnings.append(
+            f"frames look blurred by {rows:.1f} rows and {columns:.1f} columns, unless the object has soft edges; the blur was "
+            "deconvolved; check focus and motion, or set --blur-pixels (0 for no blur)"
+        )
+    if is_wider_than_lags(measurement):
+        warnings.append("the object may be wider than the lags; try --patch fit, or frames with smaller pixels")
+    return warnings

@@ -9,8 +9,8 @@ from scipy.ndimage import uniform_filter
 
 from invert.measure.estimate import Estimate
 from invert.measure.spectrum import Measurement
-from radiometry.autocorrelation import autocorrelate, window_smooth
-from radiometry.estimation.third_moment import LEAST_SHARE
+from radiometry.autocorrelation import autocorrelate, smooth_by_window
+from radiometry.estimation.third_moment import MIN_SIGNAL_FRACTION
 from radiometry.noise.level import RING
 
 
@@ -30,8 +30,15 @@ class SpeckleTest:
     unexplained: float
 
     def as_dict(self) -> dict[str, float | None]:
-        """Its numbers; None for what is not finite."""
-        return {name: value if value is not None and np.isfinite(value) else None for name, value in vars(self).items()}
+        """Return the numbers for JSON, None for values that are not finite; `third_moment` is the old name of the ratio."""
+        values = {"third_moment_ratio": self.third_moment, "third_moment": self.third_moment}
+        values |= {"error": self.error, "unexplained": self.unexplained}
+        return {name: value if value is not None and np.isfinite(value) else None for name, value in values.items()}
+
+    @classmethod
+    def from_dict(cls, values: dict[str, float | None] | None) -> SpeckleTest | None:
+        """Return the test that `as_dict` described."""
+        return None if values is None else cls(values["third_moment_ratio"], values["error"], values["unexplained"] or 0.0)
 
 
 def speckle_test(estimate: Estimate, measurement: Measurement, albedo: np.ndarray) -> SpeckleTest:
@@ -39,21 +46,21 @@ def speckle_test(estimate: Estimate, measurement: Measurement, albedo: np.ndarra
     floor, ring = measurement.noise.floor, measurement.noise.signal_ring
     transfer = np.ones_like(estimate.lags) if estimate.transfer is None else np.maximum(estimate.transfer, 0.05)
     signal = (measurement.estimate - floor) * transfer
-    expected = window_smooth(autocorrelate(albedo)) * transfer
+    expected = smooth_by_window(autocorrelate(albedo)) * transfer
     seen = uniform_filter(np.where(RING < 2, 0.0, signal), 3).clip(0.0)
     weight = np.divide(seen, seen + floor, out=np.zeros_like(seen), where=seen > 0.0)
-    weight[(ring < RING) | (RING < 2) | (weight < LEAST_SHARE)] = 0.0
+    weight[(ring < RING) | (RING < 2) | (weight < MIN_SIGNAL_FRACTION)] = 0.0
     weight = 0.5 * (weight + weight[::-1, ::-1])
     square = weight**2
     power = float((square * signal).sum() / max((square * expected).sum(), 1e-30))
-    unexplained = _unexplained(signal, expected, measurement, (ring >= RING) & (RING > 1))
+    unexplained = _unexplained_fraction(signal, expected, measurement, (ring >= RING) & (RING > 1))
     if estimate.filtered_frames is None or not weight.any() or power <= 0.0:
         return SpeckleTest(None, None, unexplained)
     likeness, error = estimate.filtered_frames.likeness(albedo, weight, np.sqrt(transfer), signal, floor, power)
     return SpeckleTest(likeness, error, unexplained)
 
 
-def _unexplained(signal: np.ndarray, expected: np.ndarray, measurement: Measurement, used: np.ndarray) -> float:
+def _unexplained_fraction(signal: np.ndarray, expected: np.ndarray, measurement: Measurement, used: np.ndarray) -> float:
     seen, model = signal[used].astype(np.float64), expected[used].astype(np.float64)
     total = float((seen**2).sum())
     if total == 0.0:

@@ -19,8 +19,9 @@ from invert.albedo.metrics import aligned_pearson
 from invert.batch.captures import Captures, Request, check_request, invert_capture
 from invert.measure.capture import CONTACT_SHEET, find_frames
 from invert.output.report import save_contact_sheet
+from invert.output.result_files import read_truth
 
-A_SHEET = 60
+SHEET_CAPACITY = 60
 """Reconstructions on one contact sheet."""
 
 
@@ -29,20 +30,25 @@ def invert_captures(request: Request, captures: Captures, output: Path, workers:
 
     Each result is the same whatever the number of workers. Raises InputError at the end where captures could not be inverted.
     """
-    truth = check_request(request)
+    check_request(request)
+    truth = read_truth(request.truth) if request.truth else None
     known = {name: _known(request, files, output / name) for name, files in captures.items()}
     rows = {name: {"name": name, **row} for name, row in known.items() if row is not None}
     missing = [name for name in captures if name not in rows]
     if missing:
-        rows |= _inverted(request, captures, missing, output, min(workers, len(missing)), scheduler)
+        rows |= _invert_missing(request, captures, missing, output, min(workers, len(missing)), scheduler)
     ordered = [rows[name] for name in captures]
     _write_table(output / "table.md", ordered)
     _save_contact_sheets(output, [row for row in ordered if "error" not in row], truth)
     save_json(output / "captures.json", {"captures": ordered})
     failed = [row for row in ordered if "error" in row]
     if failed:
-        raise InputError("captures", "captures that can be inverted", f"{len(failed)} of {len(ordered)} that cannot, the first "
-                         f"{failed[0]['name']} ({failed[0]['error']})", f"see {output / 'table.md'}")
+        raise InputError(
+            "captures",
+            "captures that can be inverted",
+            f"{len(failed)} of {len(ordered)} that cannot, the first {failed[0]['name']} ({failed[0]['error']})",
+            f"see {output / 'table.md'}",
+        )
 
 
 def _known(request: Request, files: Sequence[Path], folder: Path) -> dict[str, Any] | None:
@@ -57,8 +63,9 @@ def _known(request: Request, files: Sequence[Path], folder: Path) -> dict[str, A
     return None
 
 
-def _inverted(request: Request, captures: Captures, names: Sequence[str], output: Path, workers: int,
-              scheduler: str | None) -> dict[str, dict[str, Any]]:
+def _invert_missing(
+    request: Request, captures: Captures, names: Sequence[str], output: Path, workers: int, scheduler: str | None
+) -> dict[str, dict[str, Any]]:
     from distributed import KilledWorker, as_completed
 
     rows = {}
@@ -79,7 +86,7 @@ def _inverted(request: Request, captures: Captures, names: Sequence[str], output
 def _in_worker(request: Request, output: Path, name: str, files: Sequence[Path]) -> dict[str, Any]:
     torch.set_num_threads(1)  # captures run side by side, and sums depend on the number of threads
     try:
-        return _row(invert_capture(request, files, output / name))
+        return _row(invert_capture(request, files, output / name)[1])
     except (InputError, OSError, MemoryError, RuntimeError) as error:  # one capture's trouble is not that of the others
         return {"error": " ".join(str(error).split())[:300] or type(error).__name__}
 
@@ -87,8 +94,13 @@ def _in_worker(request: Request, output: Path, name: str, files: Sequence[Path])
 def _row(summary: dict[str, Any]) -> dict[str, Any]:
     """What the table tells of a result."""
     noise = summary["noise"]
-    row = {"object_found": summary["object_found"], "confidence": summary["confidence"],
-           "floor_over_peak": noise["floor_over_peak"], "dof": noise["dof"], "warnings": summary["warnings"]}
+    row = {
+        "object_found": summary["object_found"],
+        "confidence": summary["confidence"],
+        "floor_over_peak": noise["floor_over_peak"],
+        "dof": noise["dof"],
+        "warnings": summary["warnings"],
+    }
     return row | ({"pearson": summary["pearson"]} if "pearson" in summary else {})
 
 
@@ -101,8 +113,12 @@ def _write_table(path: Path, rows: list[dict[str, Any]]) -> None:
             cells = [row["name"], *[""] * (len(head) - 2), row["error"]]
         else:
             numbers = [row["confidence"], *([row["pearson"]] if compared else []), row["floor_over_peak"], row["dof"]]
-            cells = [row["name"], "yes" if row["object_found"] else "no",
-                     *("" if value is None else f"{value:.3g}" for value in numbers), "; ".join(row["warnings"])]
+            cells = [
+                row["name"],
+                "yes" if row["object_found"] else "no",
+                *("" if value is None else f"{value:.3g}" for value in numbers),
+                "; ".join(row["warnings"]),
+            ]
         lines.append(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |")
     with atomic(path) as partial_file:
         partial_file.write_text("\n".join(lines) + "\n")
@@ -112,11 +128,12 @@ def _save_contact_sheets(output: Path, rows: list[dict[str, Any]], truth: np.nda
     """Sheets of all reconstructions, registered to the truth where there is one; those of an earlier run go."""
     for old in output.glob(f"{CONTACT_SHEET}*.png"):
         old.unlink()
-    for number, begin in enumerate(range(0, len(rows), A_SHEET)):
-        part = rows[begin : begin + A_SHEET]
+    for number, begin in enumerate(range(0, len(rows), SHEET_CAPACITY)):
+        part = rows[begin : begin + SHEET_CAPACITY]
         albedos = [np.load(output / row["name"] / "albedo.npy", allow_pickle=False) for row in part]
         if truth is not None:
             albedos = [aligned_pearson(albedo, truth)[1] for albedo in albedos]
-        titles = [f"{row['name'][:24]}\n{format(row['confidence'], '.2f') if row['object_found'] else 'no object'}"
-                  for row in part]
+        titles = [
+            f"{row['name'][:24]}\n{format(row['confidence'], '.2f') if row['object_found'] else 'no object'}" for row in part
+        ]
         save_contact_sheet(output / f"{CONTACT_SHEET}{f'_{number + 1}' if number else ''}.png", albedos, titles)

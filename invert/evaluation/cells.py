@@ -41,8 +41,12 @@ def read_cell(folder: Path, asked: dict[str, Any]) -> Cell | None:
         known = json.loads(file.with_suffix(".json").read_text())
         arrays = {name: np.load(_array_file(file, name), allow_pickle=False) for name in ("albedos", "truths")}
         cell = Cell(known["asked"], known["rows"], **arrays)
-        whole = (known["format"] == FORMAT and cell.asked == asked and len(cell.rows) == len(asked["cases"])
-                 and known["sha256"] == {name: _sha256(array) for name, array in arrays.items()})
+        whole = (
+            known["format"] == FORMAT
+            and cell.asked == asked
+            and len(cell.rows) == len(asked["cases"])
+            and known["sha256"] == {name: _sha256(array) for name, array in arrays.items()}
+        )
     except (OSError, ValueError, KeyError, TypeError, EOFError):
         return None
     return cell if whole else None

@@ -17,7 +17,7 @@ from invert.albedo.registration import correlation_maps, on_grid
 CHARACTERS = string.ascii_uppercase + string.digits + "abdefghnqrty"
 """Capitals, digits and the small letters that are not a smaller copy of their capital."""
 
-_MARGIN = 32
+_PADDING_PIXELS = 32
 _TURNS_DEG = (-30, -20, -10, 0, 10, 20, 30)
 _SHEARS = (-0.4, -0.2, 0.0, 0.2, 0.4)
 _STRETCHES = (0.6, 1.0, 1.7, 2.5)
@@ -58,12 +58,12 @@ def identify(image: np.ndarray, *, mirrored: bool = False, characters: str = CHA
     spread = float(torch.sqrt(torch.trace(_covariance(torch.as_tensor(target)))))
     templates = torch.from_numpy(glyphs(characters))[:, None]
     covariance = _covariance(templates[:, 0].double())
-    reference = on_grid(target, OBJECT_SIDE + _MARGIN)
+    reference = on_grid(target, OBJECT_SIDE + _PADDING_PIXELS)
     best = torch.zeros(len(characters))
     flips = (1.0, -1.0) if mirrored else (1.0,)
     for flip, turn, shear, stretch, size in product(flips, _TURNS_DEG, _SHEARS, _STRETCHES, _SIZES):
         warped = _warp(templates, covariance, _pose(flip, turn, shear, stretch), size * spread)
-        maps = correlation_maps(torch.nn.functional.pad(warped, (0, _MARGIN, 0, _MARGIN)), reference)
+        maps = correlation_maps(torch.nn.functional.pad(warped, (0, _PADDING_PIXELS, 0, _PADDING_PIXELS)), reference)
         best = torch.maximum(best, maps.amax((1, 2, 3)))
     order = best.argsort(descending=True)
     return [(characters[int(i)], float(best[i])) for i in order]

@@ -14,7 +14,7 @@ from invert.evaluation.cells import Cell
 
 SCORES = ("pearson", "ssim", "iou", "edge_f1", "psnr_db", "success", "agreement", "nats", "recognised")
 
-COMPARED = ("pearson", "ssim", "iou")
+LEAD_SCORES = ("pearson", "ssim", "iou")
 """Scores whose lead of the first method over the others is reported."""
 
 
@@ -38,9 +38,15 @@ def _summary(result: Cell) -> dict[str, Any]:
         if all(name in row for row in rows):
             values = np.array([row[name] for row in rows], float)
             scores[name] = {"mean": float(values.mean()), "error": bootstrap_error(values) if len(rows) > 1 else None}
-    return {"set": asked["set"], "level": asked["level"], "method": asked["method"], "cases": len(rows),
-            "confidence_error": float(np.mean([abs(row["confidence"] - row["pearson"]) for row in rows])),
-            "seconds": float(np.median([row["seconds"] for row in rows])), **scores}
+    return {
+        "set": asked["set"],
+        "level": asked["level"],
+        "method": asked["method"],
+        "cases": len(rows),
+        "confidence_error": float(np.mean([abs(row["confidence"] - row["pearson"]) for row in rows])),
+        "seconds": float(np.median([row["seconds"] for row in rows])),
+        **scores,
+    }
 
 
 def _leads(results: list[Cell]) -> list[dict[str, Any]]:
@@ -53,14 +59,14 @@ def _leads(results: list[Cell]) -> list[dict[str, Any]]:
             continue
         ours = rows[test_set, level, first]
         entry: dict[str, Any] = {"set": test_set, "level": level, "method": method}
-        for name in COMPARED:
+        for name in LEAD_SCORES:
             values = np.array([own[name] - other[name] for own, other in zip(ours, others, strict=True)])
             entry[name] = {"mean": float(values.mean()), "error": bootstrap_error(values)}
         leads.append(entry)
     return leads
 
 
-def _with_error(score: dict[str, Any] | None) -> str:
+def _format_score(score: dict[str, Any] | None) -> str:
     if score is None:
         return ""
     error = "" if score["error"] is None else f" ± {score['error']:.1g}"
@@ -83,7 +89,7 @@ def _tables(summary: list[dict[str, Any]], leads: list[dict[str, Any]]) -> str:
                 continue
             parts.append(f"**{name}**\n\n| method | {' | '.join(levels)} |\n|---|{'---|' * len(levels)}")
             for method, row in by_method.items():
-                cells = [_with_error(row[level].get(name)) for level in levels]
+                cells = [_format_score(row[level].get(name)) for level in levels]
                 parts.append(f"| {method} | {' | '.join(cells)} |")
             lead: dict[str, list[str]] = defaultdict(list)
             for entry in leads:
@@ -91,10 +97,13 @@ def _tables(summary: list[dict[str, Any]], leads: list[dict[str, Any]]) -> str:
                     lead[entry["method"]].append(f"{entry[name]['mean']:+.3f} ± {entry[name]['error']:.1g}")
             parts += [f"| lead over {method} | {' | '.join(cells)} |" for method, cells in lead.items()]
             parts.append("")
-        seconds = ", ".join(f"{method} {np.median([entry['seconds'] for entry in row.values()]):.2g}"
-                            for method, row in by_method.items())
-        errors = ", ".join(f"{method} {np.mean([entry['confidence_error'] for entry in row.values()]):.2f}"
-                           for method, row in by_method.items())
+        seconds = ", ".join(
+            f"{method} {np.median([entry['seconds'] for entry in row.values()]):.2g}" for method, row in by_method.items()
+        )
+        errors = ", ".join(
+            f"{method} {np.mean([entry['confidence_error'] for entry in row.values()]):.2f}"
+            for method, row in by_method.items()
+        )
         parts.append(f"Seconds an image: {seconds}. Mean difference of confidence and correlation: {errors}.\n")
     return "\n".join(parts)
 

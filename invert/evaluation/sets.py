@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,12 @@ import numpy as np
 import torch
 
 from correlograph.errors import InputError
-from correlograph.files.images import read_autocorrelation
 from correlograph.lags import OBJECT_SIDE
+from invert.choices import BEST, CLASSICAL, MeanModel
+from invert.measure.estimate import Estimate, estimate_from_frames, published_estimate
 from invert.measure.spectrum import Measurement, read_measurement
-from invert.methods import retrieve
+from invert.pipeline import reconstruct
 from invert.training.data import at_noise
-from radiometry.estimation.whole_frames import Mean
 
 NOISE_LEVELS = ((80.0, 64.0), (80.0, 16.0), (80.0, 256.0), (80.0, 1e4), (5.0, 64.0), (5.0, 1e4), (200.0, 64.0), (200.0, 256.0))
 """Floor (of 255 at the largest lag but zero) and K; near the paper's training point (b 70, K 67) first."""
@@ -27,16 +27,16 @@ JUDGES_S = 0.5
 """Shortest exposure that judges reconstructions from others."""
 
 LETTERS = ("F", "7", "L", "R", "5", "t")
-UNSEEN = "EGHJKMNPSYZ2345679"
+UNSEEN_CHARACTERS = "EGHJKMNPSYZ2345679"
 """Characters of the out-of-family set: none is drawn for training, mirrored or turned."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One measurement of an object, and the truth (64, 64), or what stands in for it; other captures of the same object."""
+    """One estimate of an object, the truth (64, 64) or its substitute, and other captures of the same object."""
 
     name: str
-    measurement: Measurement
+    estimate: Estimate
     truth: np.ndarray
     others: tuple[Measurement, ...] = ()
 
@@ -52,7 +52,7 @@ class Level:
 
 def edges(images: Path, count: int, seed: int) -> Iterator[Level]:
     """Canny edges of photographs, one crop each, with noise drawn from the noise model."""
-    yield from _modelled("edges", _edge_targets(images, count, seed), seed)
+    yield from _noise_model_levels("edges", _edge_targets(images, count, seed), seed)
 
 
 def _edge_targets(images: Path, count: int, seed: int) -> np.ndarray:
@@ -77,8 +77,8 @@ def shapes(count: int, seed: int) -> Iterator[Level]:
     from data_gen.shapes import glyph
 
     rng = np.random.default_rng(seed)
-    truths = np.stack([glyph(UNSEEN[number % len(UNSEEN)], rng) for number in range(count)])
-    yield from _modelled("shapes", truths.astype(np.float32) / np.float32(255.0), seed)
+    truths = np.stack([glyph(UNSEEN_CHARACTERS[number % len(UNSEEN_CHARACTERS)], rng) for number in range(count)])
+    yield from _noise_model_levels("shapes", truths.astype(np.float32) / np.float32(255.0), seed)
 
 
 def grey(images: Path, count: int, seed: int) -> Iterator[Level]:
@@ -86,7 +86,7 @@ def grey(images: Path, count: int, seed: int) -> Iterator[Level]:
     from skimage.transform import resize
 
     from data_gen.edges import find_photographs, read_luminance
-    from data_gen.shapes import filled
+    from data_gen.shapes import filled_shape
 
     rng = np.random.default_rng(seed)
     photographs = find_photographs(images)
@@ -95,83 +95,84 @@ def grey(images: Path, count: int, seed: int) -> Iterator[Level]:
         photograph = read_luminance(photographs.folder / name)
         side = int(min(photograph.shape) * rng.uniform(0.4, 1.0))
         top, left = (rng.integers(size - side + 1) for size in photograph.shape)
-        seen = resize(photograph[top : top + side, left : left + side].astype(np.float32), (OBJECT_SIDE, OBJECT_SIDE),
-                      anti_aliasing=True)
-        truth = seen * (filled(rng) > 0)
+        seen = resize(
+            photograph[top : top + side, left : left + side].astype(np.float32), (OBJECT_SIDE, OBJECT_SIDE), anti_aliasing=True
+        )
+        truth = seen * (filled_shape(rng) > 0)
         truths.append(truth / max(float(truth.max()), 1.0))
-    yield from _modelled("grey", np.stack(truths).astype(np.float32), seed)
+    yield from _noise_model_levels("grey", np.stack(truths).astype(np.float32), seed)
 
 
-def _modelled(name: str, truths: np.ndarray, seed: int) -> Iterator[Level]:
+def _noise_model_levels(name: str, truths: np.ndarray, seed: int) -> Iterator[Level]:
     for floor, dof in NOISE_LEVELS:
         rng = torch.Generator().manual_seed(seed)
         batch = at_noise(torch.from_numpy(truths), floor / 255.0, dof, rng)
-        yield Level(name, f"b {floor:.0f}, K {dof:g}",
-                    [Case(str(number), read_measurement(estimate.numpy()), truth)
-                     for number, (estimate, truth) in enumerate(zip(batch.seen.estimate, truths, strict=True))])
+        cases = [
+            Case(str(number), Estimate(str(number), estimate.numpy()), truth)
+            for number, (estimate, truth) in enumerate(zip(batch.seen.estimate, truths, strict=True))
+        ]
+        yield Level(name, f"b {floor:.0f}, K {dof:g}", cases)
 
 
-def rendered(count: int, seed: int, frames: int, means: Sequence[Mean]) -> Iterator[Level]:
-    """Rendered frames of `scenes/corner_letter` with each of its letters, over exposures; `count` captures each.
+def render_letter_set(count: int, seed: int, frames: int, mean_models: Sequence[MeanModel]) -> Iterator[Level]:
+    """Render frames of `scenes/corner_letter` with each of its letters over exposures, `count` captures of each letter.
 
-    Estimates with each of the means are made from the same frames.
+    The estimates of all background models come from the same frames.
     """
-    from radiometry.prediction import patches_of
-    from scenes import scene_path
-    from sim.scene_file import load_scene
-    from sim.scene_reader import read_geometry
+    import sim
 
-    geometries = {letter: read_geometry(load_scene(scene_path("corner_letter"), {"albedo": f"{letter}.png"})[0])
-                  for letter in LETTERS}
+    scenes = {letter: sim.load("corner_letter", albedo=f"{letter}.png").geometry for letter in LETTERS}
     seeds = range(seed, seed + count)
-    objects = [(letter, geometry, geometry.hidden_object.cell_means(patches_of(geometry)[1], OBJECT_SIDE), seeds)
-               for letter, geometry in geometries.items()]
+    objects = [(letter, geometry, _cell_means(geometry), seeds) for letter, geometry in scenes.items()]
     for exposure_s in EXPOSURES_S:
-        yield from _over_means("rendered", exposure_s, frames, means, objects)
+        yield from _rendered_levels("rendered", exposure_s, frames, mean_models, objects)
 
 
-def rendered_edges(images: Path, count: int, seed: int, frames: int, means: Sequence[Mean]) -> Iterator[Level]:
-    """Rendered frames of Canny edges of photographs, one lag wide, in the place of the reference scene's letter."""
+def _cell_means(geometry: Any) -> np.ndarray:
     from radiometry.prediction import patches_of
-    from scenes import scene_path
-    from sim.scene_file import load_scene
-    from sim.scene_reader import read_geometry
+
+    return geometry.hidden_object.cell_means(patches_of(geometry)[1], OBJECT_SIDE)
+
+
+def rendered_edges(images: Path, count: int, seed: int, frames: int, mean_models: Sequence[MeanModel]) -> Iterator[Level]:
+    """Render frames of Canny edges of photographs, one lag wide, in place of the letter of the reference scene."""
+    import sim
+    from radiometry.prediction import patches_of
 
     truths = _edge_targets(images, count, seed)
-    geometry = read_geometry(load_scene(scene_path("corner_letter"))[0])
+    geometry = sim.load("corner_letter").geometry
     pitches_m = patches_of(geometry)[1]
-    objects = [(str(number), geometry.showing(truth, pitches_m), truth, range(seed + number, seed + number + 1))
-               for number, truth in enumerate(truths)]
+    objects = [
+        (str(number), geometry.with_object(truth, pitches_m), truth, range(seed + number, seed + number + 1))
+        for number, truth in enumerate(truths)
+    ]
     for exposure_s in EDGE_EXPOSURES_S:
-        yield from _over_means("rendered edges", exposure_s, frames, means, objects)
+        yield from _rendered_levels("rendered edges", exposure_s, frames, mean_models, objects)
 
 
-def _over_means(name: str, exposure_s: float, frames: int, means: Sequence[Mean],
-                objects: Sequence[tuple[str, Any, np.ndarray, range]]) -> Iterator[Level]:
-    """One level a mean, of objects (name, geometry, truth, seeds of the captures)."""
-    from radiometry.estimation.whole_frames import estimator_of
-    from radiometry.prediction import predict
-    from sim.frame import Simulation
+def _rendered_levels(
+    name: str,
+    exposure_s: float,
+    frames: int,
+    mean_models: Sequence[MeanModel],
+    objects: Sequence[tuple[str, Any, np.ndarray, range]],
+) -> Iterator[Level]:
+    """Yield one level per background model, of objects (name, geometry, truth, seeds of the captures)."""
+    from sim.scene import render_geometry
 
-    cases: dict[Mean, list[Case]] = {mean: [] for mean in means}
+    cases: dict[MeanModel, list[Case]] = {mean_model: [] for mean_model in mean_models}
     for case, geometry, truth, seeds in objects:
-        simulation = Simulation(geometry.exposed(exposure_s))
-        prediction = predict(simulation.geometry)
         for seed in seeds:
-            estimators = {mean: estimator_of(prediction.grid, mean) for mean in means}
-            for number in range(frames):
-                frame = simulation.frame(seed, number)
-                for estimator in estimators.values():
-                    estimator.add(frame)
-            for mean, estimator in estimators.items():
-                measurement = read_measurement(estimator.estimate(), transfer=prediction.transfer)
-                cases[mean].append(Case(case, measurement, truth))
-    for mean in means:
-        label = name if mean == "auto" else f"{name}, mean {mean}"
-        yield Level(label if frames == 2 else f"{label}, frames {frames}", f"1/{1.0 / exposure_s:.0f} s", cases[mean])
+            capture = render_geometry(geometry.with_exposure(exposure_s), frames, seed)
+            for mean_model in mean_models:
+                estimate = estimate_from_frames(capture, None, "cpu", mean_model)
+                cases[mean_model].append(Case(case, replace(estimate, frame=None), truth))
+    for mean_model in mean_models:
+        label = name if mean_model == "auto" else f"{name}, mean {mean_model}"
+        yield Level(label if frames == 2 else f"{label}, frames {frames}", f"1/{1.0 / exposure_s:.0f} s", cases[mean_model])
 
 
-def measured(folder: Path) -> Iterator[Level]:
+def load_measured_set(folder: Path) -> Iterator[Level]:
     """Published captures: the exposure series of a 7, and letters over the patches of two frames.
 
     No truth is known; in its place stands what many-start classical retrieval makes of the longest exposure, or of
@@ -183,26 +184,30 @@ def measured(folder: Path) -> Iterator[Level]:
     if not series or not letters:
         raise InputError("--measured", "a folder of published autocorrelations", f"none in {folder}", "check the path")
     longest = _reference(series[0])
-    judges = {file: _published(file) for file in series if _microseconds(file) >= JUDGES_S * 1e6}
+    judges = {file: _read_measurement(file) for file in series if _microseconds(file) >= JUDGES_S * 1e6}
     for file in series:
         others = tuple(judge for name, judge in judges.items() if name != file)
-        yield Level("measured 7", f"{_microseconds(file) / 1e3:.4g} ms", [Case("7", _published(file), longest, others)])
+        yield Level("measured 7", f"{_microseconds(file) / 1e3:.4g} ms", [Case("7", published_estimate(file), longest, others)])
     references = {letter: _reference(file) for letter, file in letters.items()}
-    yield Level("measured letters", "50 frames",
-                [Case(letter, _published(file), references[letter]) for letter, file in letters.items()])
+    yield Level(
+        "measured letters",
+        "50 frames",
+        [Case(letter, published_estimate(file), references[letter]) for letter, file in letters.items()],
+    )
     for patches in (25, 10, 5, 3, 2, 1):
         found = {letter: next(folder.glob(f"{letter}_n2_*npatch{patches}.png"), None) for letter in letters}
-        cases = [Case(letter, _published(file), references[letter]) for letter, file in found.items() if file]
+        cases = [Case(letter, published_estimate(file), references[letter]) for letter, file in found.items() if file]
         if cases:
             yield Level("measured letters", f"2 frames, K {patches}", cases)
 
 
-def _published(file: Path) -> Measurement:
-    return read_measurement(*read_autocorrelation(file))
+def _read_measurement(file: Path) -> Measurement:
+    estimate = published_estimate(file)
+    return read_measurement(estimate.lags, estimate.quantisation)
 
 
 def _reference(file: Path) -> np.ndarray:
-    return retrieve(_published(file), "classical", "best", 0, "cpu").albedo
+    return reconstruct(published_estimate(file), method=CLASSICAL, quality=BEST).albedo
 
 
 def _microseconds(file: Path) -> float:

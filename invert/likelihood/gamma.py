@@ -11,21 +11,21 @@ from scipy.special import digamma
 
 from correlograph.lags import LAGS
 from invert.measure.spectrum import Measurement
-from radiometry.noise.level import INDEPENDENT, RING
-from radiometry.noise.model import window_smoothed
+from radiometry.noise.level import HALF_PLANE, RING
+from radiometry.noise.model import autocorrelate_windowed
 
-PEDESTAL_LAGS = 32.0
+PEDESTAL_SIGMA_LAGS = 32.0
 """Standard deviation of the pedestal that an estimate may have, half the 64-lag window of the object. The lab's estimates have
 such an excess, 1 to 4 % of the largest lag, of unknown origin; taken for part of the object it favours smeared albedos."""
 
-LEAST_FLOOR = 1e-3
+MIN_FLOOR = 1e-3
 """Over the largest lag used; model errors of this size are to be expected of any albedo."""
 
-_USED = torch.from_numpy((RING > 1) & INDEPENDENT)
+_LAG_MASK = torch.from_numpy((RING > 1) & HALF_PLANE)
 """Lags next to zero lag say little of a shape."""
 
-_PROFILE = torch.exp(-0.5 * (torch.arange(-LAGS, LAGS + 1).double() / PEDESTAL_LAGS).square())
-PEDESTAL = torch.outer(_PROFILE, _PROFILE)
+_PROFILE = torch.exp(-0.5 * (torch.arange(-LAGS, LAGS + 1).double() / PEDESTAL_SIGMA_LAGS).square())
+PEDESTAL_PROFILE = torch.outer(_PROFILE, _PROFILE)
 """At every lag (127, 127), 1 at zero lag."""
 
 
@@ -33,7 +33,7 @@ class NoiseLikelihood:
     """Log-likelihood of one measurement as a function of its object; differentiable.
 
     The noise model's: Gamma of shape K with mean S = a H (r*r) + c p + b, with b and K as they were read (b at least
-    `LEAST_FLOOR`, K 1 where there is no noise, which leaves the order) and p a wide pedestal; a and c, zero or more, are the
+    `MIN_FLOOR`, K 1 where there is no noise, which leaves the order) and p a wide pedestal; a and c, zero or more, are the
     likeliest for each (weighted least squares, weights 1 / S^2, repeated). Where lags correlate, K counts less by the inflation
     of their sums.
 
@@ -42,13 +42,18 @@ class NoiseLikelihood:
         transfer: H per lag (127, 127) of a measurement that was not divided by it.
     """
 
-    def __init__(self, measurement: Measurement, device: torch.device | str = "cpu", kind: torch.dtype = torch.float64,
-                 transfer: np.ndarray | None = None) -> None:
-        self._used, self._pedestal = _USED.to(device), PEDESTAL[_USED].to(device, kind)
+    def __init__(
+        self,
+        measurement: Measurement,
+        device: torch.device | str = "cpu",
+        kind: torch.dtype = torch.float64,
+        transfer: np.ndarray | None = None,
+    ) -> None:
+        self._used, self._pedestal = _LAG_MASK.to(device), PEDESTAL_PROFILE[_LAG_MASK].to(device, kind)
         estimate = torch.from_numpy(measurement.estimate).to(device, kind)[self._used]
         tiny = torch.finfo(kind).tiny
         height = estimate.abs().amax().clamp_min(tiny)
-        self._estimate, self._floor = estimate / height, max(measurement.noise.floor / float(height), LEAST_FLOOR)
+        self._estimate, self._floor = estimate / height, max(measurement.noise.floor / float(height), MIN_FLOOR)
         self.inflation = measurement.noise.inflation
         self._dof = (measurement.noise.dof or 1.0) / self.inflation
         self._transfer = 1.0 if transfer is None else torch.from_numpy(transfer).to(device, kind)[self._used]
@@ -78,9 +83,9 @@ class NoiseLikelihood:
             weight: of each lag, (lags,) or (n, lags), in the fit of the brightnesses; a lag of weight zero has no say in it.
         """
         weight = torch.ones_like(self._estimate) if weight is None else weight
-        signal = window_smoothed(albedo.to(self._estimate.dtype))[:, self._used] * self._transfer
+        signal = autocorrelate_windowed(albedo.to(self._estimate.dtype))[:, self._used] * self._transfer
         signal = signal / signal.detach().amax(1, keepdim=True).clamp_min(torch.finfo(signal.dtype).tiny)
-        bright, faint = likeliest_brightnesses(signal, self._pedestal, self._estimate, self._floor, weight, 8)
+        bright, faint = fit_brightnesses(signal, self._pedestal, self._estimate, self._floor, weight, 8)
         expected = self._floor + bright[:, None] * signal + faint[:, None] * self._pedestal
         return -self._dof * (expected.log() + self._estimate / expected)
 
@@ -91,7 +96,7 @@ def log_likelihoods(albedo: torch.Tensor, measurement: Measurement) -> torch.Ten
     return NoiseLikelihood(measurement, albedo.device)(albedo)
 
 
-def nats_over(reference: np.ndarray, albedo: np.ndarray, captures: Sequence[Measurement]) -> list[float]:
+def log_likelihood_leads(reference: np.ndarray, albedo: np.ndarray, captures: Sequence[Measurement]) -> list[float]:
     """How much likelier each noisy capture of an object is, in nats, if it looks like `albedo` than like `reference`.
 
     For captures that neither was made from, neither has fitted the noise.
@@ -102,8 +107,14 @@ def nats_over(reference: np.ndarray, albedo: np.ndarray, captures: Sequence[Meas
 
 
 @torch.no_grad()  # at the likeliest brightnesses the likelihood does not change to first order
-def likeliest_brightnesses(signal: torch.Tensor, pedestal: torch.Tensor, estimate: torch.Tensor, floor: torch.Tensor | float,
-                           weight: torch.Tensor, rounds: int) -> tuple[torch.Tensor, torch.Tensor]:
+def fit_brightnesses(
+    signal: torch.Tensor,
+    pedestal: torch.Tensor,
+    estimate: torch.Tensor,
+    floor: torch.Tensor | float,
+    weight: torch.Tensor,
+    rounds: int,
+) -> tuple[torch.Tensor, torch.Tensor]:
     """Of object and pedestal, a, c (n,): weighted least squares, weights over the squared expectation, repeated.
 
     Args:
@@ -111,13 +122,14 @@ def likeliest_brightnesses(signal: torch.Tensor, pedestal: torch.Tensor, estimat
     """
     expected = torch.zeros_like(signal) + floor
     for _ in range(rounds):
-        bright, faint = _brightnesses(signal, pedestal, estimate - floor, weight * expected.square().reciprocal())
+        bright, faint = _least_squares_brightnesses(signal, pedestal, estimate - floor, weight * expected.square().reciprocal())
         expected = floor + bright[:, None] * signal + faint[:, None] * pedestal
     return bright, faint
 
 
-def _brightnesses(signal: torch.Tensor, pedestal: torch.Tensor, excess: torch.Tensor,
-                  weight: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def _least_squares_brightnesses(
+    signal: torch.Tensor, pedestal: torch.Tensor, excess: torch.Tensor, weight: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
     """Weighted least squares: a, c (n,), zero or more, that bring a * signal (n, lags) + c * pedestal nearest to an excess."""
     limits = torch.finfo(signal.dtype)
     ss, pp = (weight * signal.square()).sum(1).clamp_min(limits.tiny), (weight * pedestal.square()).sum(1)

@@ -15,21 +15,21 @@ import torch
 from invert.likelihood.gamma import NoiseLikelihood
 from invert.measure.spectrum import Measurement
 
-STEPS = 120
+MAX_STEPS = 120
 PATIENCE = 12
 """Steps without improvement after which the ascent stops."""
 
-SURE = 2.0
+MIN_GAIN_SIGMA = 2.0
 """Standard errors by which the held-out log-likelihood must have risen."""
 
-STEP = 0.01
+LEARNING_RATE = 0.01
 """Of the root of the albedo, whose largest value is 1; Adam's."""
 
-LEAST = 1e-4
+MIN_ALBEDO = 1e-4
 """Albedo that a dark pixel starts from: at zero, the root has no slope."""
 
 
-def refined(albedo: torch.Tensor, measurement: Measurement) -> torch.Tensor:
+def refine_by_likelihood(albedo: torch.Tensor, measurement: Measurement) -> torch.Tensor:
     """A reconstruction (64, 64), largest value 1, after the ascent; itself where the held-out gain may be chance."""
     likelihood = NoiseLikelihood(measurement, albedo.device, torch.float32)
     half = (torch.rand(likelihood.lags, generator=torch.Generator().manual_seed(0)) < 0.5).float().to(albedo.device)
@@ -45,7 +45,7 @@ def _validated_steps(albedo: torch.Tensor, likelihood: NoiseLikelihood, halves: 
     """Number of steps of largest held-out log-likelihood, of copies that see one half (2, lags) each; 0 if it may be chance."""
     held_out = []
     best, most = 0, 0.0
-    for step, copies in enumerate(islice(_ascent(albedo.expand(2, -1, -1), likelihood, halves), STEPS)):
+    for step, copies in enumerate(islice(_ascent(albedo.expand(2, -1, -1), likelihood, halves), MAX_STEPS)):
         held_out.append(((1.0 - halves) * likelihood.by_lag(copies, halves)).sum(0))
         gain = float((held_out[-1] - held_out[0]).sum())
         if gain > most:
@@ -53,13 +53,13 @@ def _validated_steps(albedo: torch.Tensor, likelihood: NoiseLikelihood, halves: 
         if step - best > PATIENCE:
             break
     error = float((held_out[best] - held_out[0]).std()) * (likelihood.lags * likelihood.inflation) ** 0.5
-    return best if most > SURE * error else 0
+    return best if most > MIN_GAIN_SIGMA * error else 0
 
 
 def _ascent(albedo: torch.Tensor, likelihood: NoiseLikelihood, weight: torch.Tensor) -> Iterator[torch.Tensor]:
     """Albedos (n, 64, 64) before each step, without end."""
-    root = (albedo.clamp_min(0.0) + LEAST).sqrt().requires_grad_()
-    adam = torch.optim.Adam([root], lr=STEP)
+    root = (albedo.clamp_min(0.0) + MIN_ALBEDO).sqrt().requires_grad_()
+    adam = torch.optim.Adam([root], lr=LEARNING_RATE)
     while True:
         with torch.enable_grad():
             image = root.square()

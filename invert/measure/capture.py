@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from correlograph.errors import InputError, positive
-from correlograph.files.capture import CameraFacts, Capture
-from correlograph.files.capture_folder import check_whole
+from correlograph.errors import InputError, check_positive
+from correlograph.files.capture import CameraMetadata, Capture
+from correlograph.files.capture_folder import check_complete
 from correlograph.files.frames import FrameHeader
-from correlograph.files.images import FRAME_KINDS, LARGEST_PIXEL, read_picture
+from correlograph.files.images import FRAME_KINDS, MAX_PIXEL, read_image
 from correlograph.lags import LAG_SIDE
 
-SMALLEST_PIXEL = 1e-9
+MIN_PIXEL = 1e-9
 """Squares and their sums keep their digits in single precision above this."""
 
 OWN_RESULTS = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "samples.npy", "truth.npy"}
@@ -31,14 +31,15 @@ def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
     files: list[Path] = []
     for item in map(Path, inputs):
         if item.is_dir():
-            check_whole(item)
+            check_complete(item)
             found = frames_inside(item)
             if not found:
-                raise InputError("frames", f"a folder with frames ({', '.join(FRAME_KINDS)})", f"none in {item}",
-                                 "check the folder")
+                raise InputError(
+                    "frames", f"a folder with frames ({', '.join(FRAME_KINDS)})", f"none in {item}", "check the folder"
+                )
             files.extend(found)
         elif item.is_file():
-            check_whole(item.parent)
+            check_complete(item.parent)
             files.append(item)
         else:
             raise InputError("frames", "a file or folder", f"no {item}", "check the path")
@@ -47,13 +48,19 @@ def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
 
 def frames_inside(folder: Path) -> list[Path]:
     """Frame files of a folder in order, all of one kind."""
-    inside = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")
-                    and path.name not in OWN_RESULTS and not path.name.startswith(CONTACT_SHEET))
+    inside = sorted(
+        path
+        for path in folder.iterdir()
+        if path.is_file()
+        and not path.name.startswith(".")
+        and path.name not in OWN_RESULTS
+        and not path.name.startswith(CONTACT_SHEET)
+    )
     kinds = ([path for path in inside if path.suffix.lower() == kind] for kind in FRAME_KINDS)
     return next((paths for paths in kinds if paths), [])
 
 
-def read_capture(inputs: Sequence[str | Path], known: CameraFacts) -> Capture:
+def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture:
     """Read all frames as one capture; options (`known`) win over file headers.
 
     Raises InputError for damaged, colour, constant, non-finite or differently sized frames, for
@@ -64,25 +71,34 @@ def read_capture(inputs: Sequence[str | Path], known: CameraFacts) -> Capture:
     seen: set[bytes] = set()
     first: FrameHeader | None = None
     for file in files:
-        pixels, header = read_picture(file)
+        pixels, header = read_image(file)
         check_frame(pixels, file)
         if frames and pixels.shape != frames[0].shape:
-            raise InputError("frames", f"frames of one size ({frames[0].shape[1]} x {frames[0].shape[0]}, as {files[0].name})",
-                             f"{pixels.shape[1]} x {pixels.shape[0]} in {file.name}", "give frames of one camera setting")
+            raise InputError(
+                "frames",
+                f"frames of one size ({frames[0].shape[1]} x {frames[0].shape[0]}, as {files[0].name})",
+                f"{pixels.shape[1]} x {pixels.shape[0]} in {file.name}",
+                "give frames of one camera setting",
+            )
         digest = hashlib.sha256(np.ascontiguousarray(pixels)).digest()
         if digest in seen and pixels.any():
-            raise InputError("frames", "independent frames", f"{file.name} repeats an earlier frame pixel for pixel",
-                             "leave the copy out")
+            raise InputError(
+                "frames", "independent frames", f"{file.name} repeats an earlier frame pixel for pixel", "leave the copy out"
+            )
         seen.add(digest)
         if frames and _capture_of(header) != _capture_of(first):
-            raise InputError("frames", "frames of one capture (same scene, exposure, wavelength, pitch and distance)",
-                             f"another header in {file.name}", "invert the captures one by one")
+            raise InputError(
+                "frames",
+                "frames of one capture (same scene, exposure, wavelength, pitch and distance)",
+                f"another header in {file.name}",
+                "invert the captures one by one",
+            )
         first = header if not frames else first
         frames.append(pixels)
-    given = {name: positive(name, value) for name, value in vars(known).items() if value is not None}
+    given = {name: check_positive(name, value) for name, value in vars(known).items() if value is not None}
     if "pixel_pitch_m" in given:  # the header's angles went with its own pitch
         given = {"row_pitch_m": None, "column_pitch_m": None, **given}
-    facts = replace(CameraFacts.of(first), **given)
+    facts = replace(CameraMetadata.of(first), **given)
     lacking = [name for name in ("wavelength_m", "pixel_pitch_m", "distance_m") if getattr(facts, name) is None]
     if given and lacking:
         options = ", ".join("--" + name.replace("_", "-") for name in lacking)
@@ -100,17 +116,29 @@ def check_frame(pixels: np.ndarray, file: Path) -> None:
     if not np.isfinite(pixels).all():
         raise InputError("frame", "finite pixels", f"NaN or infinity in {file.name}", "leave the frame out")
     largest = float(np.abs(pixels).max(initial=0.0))
-    if largest > LARGEST_PIXEL or 0.0 < largest < SMALLEST_PIXEL:
-        raise InputError("frame", f"pixels whose largest lies between {SMALLEST_PIXEL:g} and {LARGEST_PIXEL:g}",
-                         f"{largest:.3g} in {file.name}", "scale the frames")
+    if largest > MAX_PIXEL or 0.0 < largest < MIN_PIXEL:
+        raise InputError(
+            "frame",
+            f"pixels whose largest lies between {MIN_PIXEL:g} and {MAX_PIXEL:g}",
+            f"{largest:.3g} in {file.name}",
+            "scale the frames",
+        )
     if pixels.shape in ((LAG_SIDE, LAG_SIDE), (LAG_SIDE, 2 * LAG_SIDE)):
         raise InputError("frame", "speckle", f"{file.name}, as large as a published autocorrelation", "add --autocorrelation")
     if pixels.size and pixels.flat[0] != 0.0 and np.ptp(pixels) == 0.0:
-        raise InputError("frame", "speckle", f"the same value {pixels.flat[0]:g} everywhere in {file.name}",
-                         "check the exposure or leave the frame out")
+        raise InputError(
+            "frame",
+            "speckle",
+            f"the same value {pixels.flat[0]:g} everywhere in {file.name}",
+            "check the exposure or leave the frame out",
+        )
     if min(pixels.shape) < LAG_SIDE:
-        raise InputError("frame", f"at least {LAG_SIDE} x {LAG_SIDE} pixels",
-                         f"{pixels.shape[1]} x {pixels.shape[0]} in {file.name}", "give larger frames")
+        raise InputError(
+            "frame",
+            f"at least {LAG_SIDE} x {LAG_SIDE} pixels",
+            f"{pixels.shape[1]} x {pixels.shape[0]} in {file.name}",
+            "give larger frames",
+        )
 
 
 def _capture_of(header: FrameHeader | None) -> FrameHeader | None:

@@ -13,33 +13,33 @@ import numpy as np
 from correlograph.lags import LAG_SIDE, LAGS
 from invert.measure.spectrum import Measurement
 from radiometry.autocorrelation import PatchGrid, patch_grid
-from radiometry.noise.level import INDEPENDENT, RING
+from radiometry.noise.level import HALF_PLANE, RING
 
-LEAST_FILLED, MOST_FILLED = 24.0, 44.0
+MIN_EXTENT_LAGS, MAX_EXTENT_LAGS = 24.0, 44.0
 """Lags, of 64, up to which a small object is magnified and a large one reduced."""
 
-OVERFULL = 50
+MAX_RELIABLE_EXTENT_LAGS = 50
 """Extent from which on an object may be wider than the lags show."""
 
-LARGEST_CHANGE, LEAST_CHANGE = 2.0, 1.2
+MAX_SIZE_RATIO, MIN_SIZE_RATIO = 2.0, 1.2
 
-HELD = 0.98
+ENCLOSED_SIGNAL_FRACTION = 0.98
 """Share of the signal inside an object's extent; the rest is leakage of patches, and noise."""
 
 
-def overfull(measurement: Measurement) -> bool:
+def is_wider_than_lags(measurement: Measurement) -> bool:
     """Whether the object may be wider than the lags show."""
-    return measurement.detectable and extent(measurement) >= OVERFULL
+    return measurement.detectable and signal_extent_lags(measurement) >= MAX_RELIABLE_EXTENT_LAGS
 
 
-def extent(measurement: Measurement) -> int:
+def signal_extent_lags(measurement: Measurement) -> int:
     """How far r*r reaches, in lags: about the width of the object."""
-    excess = np.where(INDEPENDENT, measurement.estimate.astype(np.float64) - measurement.noise.floor, 0.0)
+    excess = np.where(HALF_PLANE, measurement.estimate.astype(np.float64) - measurement.noise.floor, 0.0)
     inside = np.bincount(RING.ravel(), excess.ravel(), LAGS + 1).cumsum()
-    return int(np.argmax(inside >= HELD * inside[-1]))
+    return int(np.argmax(inside >= ENCLOSED_SIGNAL_FRACTION * inside[-1]))
 
 
-def fitting_grid(grid: PatchGrid, measured: Callable[[PatchGrid], Measurement]) -> PatchGrid:
+def choose_patch_grid(grid: PatchGrid, measured: Callable[[PatchGrid], Measurement]) -> PatchGrid:
     """The grid that suits the object; `grid` itself where it does, or none is found.
 
     Patches change by a factor of two at most, and stay between 127 pixels (all lags fit) and half of the frame.
@@ -50,18 +50,20 @@ def fitting_grid(grid: PatchGrid, measured: Callable[[PatchGrid], Measurement]) 
     first = measured(grid)
     if not first.detectable:
         return grid
-    if not overfull(first):
-        return _changed(grid, LEAST_FILLED / max(extent(first), 1.0))
-    half = _resized(grid, 1.0 / LARGEST_CHANGE)
-    return _changed(half, MOST_FILLED / max(extent(measured(half)), 1.0))
+    if not is_wider_than_lags(first):
+        return _enlarge_patches(grid, MIN_EXTENT_LAGS / max(signal_extent_lags(first), 1.0))
+    half = _scale_patches(grid, 1.0 / MAX_SIZE_RATIO)
+    return _enlarge_patches(half, MAX_EXTENT_LAGS / max(signal_extent_lags(measured(half)), 1.0))
 
 
-def _changed(grid: PatchGrid, ratio: float) -> PatchGrid:
+def _enlarge_patches(grid: PatchGrid, ratio: float) -> PatchGrid:
     """With larger patches, where that is a change worth making."""
-    return _resized(grid, min(ratio, LARGEST_CHANGE)) if ratio >= LEAST_CHANGE else grid
+    return _scale_patches(grid, min(ratio, MAX_SIZE_RATIO)) if ratio >= MIN_SIZE_RATIO else grid
 
 
-def _resized(grid: PatchGrid, ratio: float) -> PatchGrid:
-    sizes = [min(max(round(size * ratio), LAG_SIDE), max(side // 2, size))
-             for size, side in zip(grid.patch_shape, grid.frame_shape, strict=True)]
+def _scale_patches(grid: PatchGrid, ratio: float) -> PatchGrid:
+    sizes = [
+        min(max(round(size * ratio), LAG_SIDE), max(side // 2, size))
+        for size, side in zip(grid.patch_shape, grid.frame_shape, strict=True)
+    ]
     return patch_grid(grid.frame_shape, (sizes[0], sizes[1]))

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from correlograph.lags import LAG_SIDE, LAGS, OBJECT_SIDE
-from radiometry.noise.level import INDEPENDENT, RING, NoiseLevel, centre_filled, extrapolated_peak, read_noise_level
+from radiometry.noise.level import HALF_PLANE, RING, NoiseLevel, extrapolated_peak, fill_zero_lag, read_noise_level
 
 GRID = 128
 """Retrieval grid: the 127 x 127 lags of a 64 x 64 object fit without wrapping."""
@@ -82,7 +82,7 @@ def read_measurement(estimate: np.ndarray, quantisation: float = 0.0, transfer: 
         usable = np.where(noise.signal_ring >= RING, np.maximum(transfer, 0.05), 1.0)
         interpolated_estimate = noise.floor + (interpolated_estimate - np.float32(noise.floor)) / usable.astype(np.float32)
     peak, peak_error = extrapolated_peak(interpolated_estimate, noise)
-    return Measurement(centre_filled(interpolated_estimate, noise.floor + peak), noise, peak, peak_error, found, interpolated)
+    return Measurement(fill_zero_lag(interpolated_estimate, noise.floor + peak), noise, peak, peak_error, found, interpolated)
 
 
 def interpolate_lines(estimate: np.ndarray, noise: NoiseLevel) -> tuple[np.ndarray, tuple[str, ...]]:
@@ -114,11 +114,11 @@ def detection(estimate: np.ndarray, noise: NoiseLevel) -> float:
     floor or, where less, `SLOPE_WEIGHT` times that over a floor a + b r^2 of the lags outside the ring, extrapolated into it.
     """
     if noise.floor <= 0.0:
-        return float("inf") if estimate[INDEPENDENT].max() > 0.0 else 0.0
+        return float("inf") if estimate[HALF_PLANE].max() > 0.0 else 0.0
     spread = max(noise.deviation * noise.inflation**0.5, 1e-6 * noise.floor)
     flat, sloping = [], []
     for ring in (2, 4, 8, 16, 32):
-        inside, outside = INDEPENDENT & (ring >= RING), INDEPENDENT & (ring < RING)
+        inside, outside = HALF_PLANE & (ring >= RING), HALF_PLANE & (ring < RING)
         count = float(inside.sum())
         flat.append(float((estimate[inside] - noise.floor).sum()) / (spread * count**0.5))
         basis = np.stack([np.ones(int(outside.sum())), RING[outside].astype(np.float64) ** 2], 1)
@@ -148,7 +148,7 @@ def fourier_modulus(measurement: Measurement) -> torch.Tensor:
     has next to nothing there and noise would be read as structure.
     """
     guard = _guard(measurement)
-    excess = centre_filled(measurement.estimate - np.float32(measurement.noise.floor), 0.0)
+    excess = fill_zero_lag(measurement.estimate - np.float32(measurement.noise.floor), 0.0)
     if measurement.noise.dof:  # without noise even what leaks beyond the signal is worth keeping
         excess[measurement.noise.signal_ring + 1 < RING] = 0.0
     spectrum = _power(excess)

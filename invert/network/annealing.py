@@ -1,8 +1,8 @@
-"""Samples of the posterior: from noise alone, which the sampler removes in steps, each followed by steps towards the data; then
-in rounds that hide what was found in noise again.
+"""Posterior sampling: annealed diffusion with data-consistency steps.
 
-With the sampler exact and no further steps, a round of it would leave the posterior unchanged (Gibbs sampling of an object
-and a noisy picture of it). What is found first is wrong in places; a round keeps what noise does not hide and mends the rest.
+Each sample starts as pure noise. The sampler network denoises it in steps, and data-consistency steps follow each of them. Then
+rounds add noise again and denoise again. With an exact network and no further steps, a round leaves the posterior unchanged (it
+is Gibbs sampling of an object and its noisy image), so rounds correct local errors and keep what the added noise does not hide.
 """
 
 from __future__ import annotations
@@ -12,21 +12,24 @@ from dataclasses import dataclass, replace
 import torch
 
 from correlograph.lags import OBJECT_SIDE
-from invert.albedo.registration import centred, normalised, padded
-from invert.network.features import Observation, mean_about_zero_lag, without_zero_lag
-from invert.network.fisher_scoring import LARGEST, Likelihood, towards_data
+from invert.albedo.registration import crop_centred, normalise_peak, zero_pad
+from invert.choices import Quality
+from invert.network.features import Observation, fill_zero_lag_by_neighbours, mean_near_zero_lag
+from invert.network.fisher_scoring import MAX_ALBEDO, Likelihood, run_data_consistency_steps
 from invert.network.sampler import Sampler, posterior_variance
+from invert.solvers.base import Progress, no_progress
 
 
 @dataclass(frozen=True)
 class Annealing:
-    """How samples are drawn.
+    """Schedule of the sampling.
 
     Attributes:
-        samples: how many.
-        rounds: how often they are hidden in noise again.
-        steps: of noise levels in each, from `first` to `last`, evenly in their cube roots.
-        ascent: steps towards the data at each.
+        samples: number of samples.
+        rounds: number of re-noising rounds.
+        steps: noise levels per round.
+        first, last: highest and lowest noise level of a round; the cube roots of the levels are equidistant.
+        ascent: data-consistency steps at each level.
     """
 
     samples: int
@@ -36,90 +39,109 @@ class Annealing:
     last: float = 0.05
     ascent: int = 8
 
+    @classmethod
+    def of(cls, quality: Quality) -> Annealing:
+        """Return the schedule of a quality."""
+        return cls(quality.samples, quality.rounds)
+
     def levels(self) -> torch.Tensor:
-        """Noise of each step."""
-        return level_at(torch.linspace(0.0, 1.0, self.steps), self.first, self.last)
+        """Return the noise level of each step, (steps,)."""
+        return noise_level_at(torch.linspace(0.0, 1.0, self.steps), self.first, self.last)
 
 
-def level_at(share: torch.Tensor, first: float | torch.Tensor, last: float) -> torch.Tensor:
-    """Noise when a share of a round's steps is done, evenly in its cube root."""
-    return (first ** (1 / 3) * (1.0 - share) + last ** (1 / 3) * share) ** 3
+def noise_level_at(fraction: torch.Tensor, first: float | torch.Tensor, last: float) -> torch.Tensor:
+    """Return the noise level after a fraction of a round's steps; its cube root falls linearly."""
+    return (first ** (1 / 3) * (1.0 - fraction) + last ** (1 / 3) * fraction) ** 3
 
 
-ANNEALING = {"balanced": Annealing(12, rounds=8), "best": Annealing(32, rounds=12)}
+INITIAL_SCHEDULE = {"first": 4.0, "steps": 8}
+"""Initial noise level, which hides any object, and number of steps before the first round."""
 
-BEGINNING = {"first": 4.0, "steps": 8}
-"""Noise that hides any object, and steps of what precedes the rounds."""
+REPLACEMENT_MARGIN_NATS, MAX_REPLACED_FRACTION = 60.0, 1 / 3
+"""Minimum deficit in log-likelihood of a sample that is replaced, and maximum fraction of the samples that are. The limit of one
+third keeps the samples diverse: without it, bright captures leave copies of one sample."""
 
-MARGIN, REPLACED = 60.0, 1 / 3
-"""Nats by which a sample may be less likely than a likelier one before that takes its place; share of the samples of which this
-is asked, the least likely. Were it asked of all, bright light would leave copies of one, right or wrong."""
+CANDIDATE_SIGMA = 0.2
+"""Noise level at which candidates take data-consistency steps before they compete with samples."""
 
-PROPOSED = 0.2
-"""Noise at which candidates follow the data before they are compared with samples."""
+MAX_FINAL_STEPS = 50
+"""Maximum number of final data-consistency steps. They stop at a reduced deviance of 1 (Morozov's discrepancy principle)."""
 
-FINAL_ASCENT = 50
-"""Largest number of steps towards the data at the end, until the estimate is explained (Morozov's discrepancy principle)."""
+FRESH_NOISE_FRACTION = 0.5
+"""Fraction of the noise that is sampled independently at each step."""
 
-FRESH = 0.5
-"""Share of the noise that is drawn anew at each step."""
+PRIOR_VARIANCE_FACTOR = 10.0
+"""Variance of the denoiser output in units of the Gaussian one. Evidence: docs/research.md."""
 
-DATA_WEIGHT = 10.0
-"""By how much the variance of what the sampler says exceeds that of a Gaussian; the best of 1, 3, 10 and 30 on edges."""
-
-BY_CHANCE = 0.1
-"""Nats that steps towards the data gain from noise alone, for each pixel that the data rather than the prior determine; times
-the floor's share of the light. Edges one pixel wide at little floor lose what the data tell of them with more, letters over a
-high floor follow the noise with less."""
+NOISE_GAIN_NATS_PER_PIXEL = 0.1
+"""Log-likelihood that data-consistency steps gain from noise alone, per pixel that the data determine, times the fraction of the
+floor in the light. Evidence: docs/research.md."""
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """What annealing draws.
+class AnnealingResult:
+    """Posterior samples.
 
     Attributes:
-        samples: albedos (n, 64, 64), largest value 1 each.
-        expected: what the sampler expected on the way to them, the mean over each round, (rounds n, 64, 64). Their mean is the
-            posterior's, too, and has less noise than that of as many samples (Rao-Blackwell).
+        samples: albedos (n, 64, 64), maximum 1 each.
+        denoised_means: denoiser outputs averaged over each round, (rounds n, 64, 64). Their mean equals that of the posterior
+            and has less noise than the mean of as many samples (Rao-Blackwell).
     """
 
     samples: torch.Tensor
-    expected: torch.Tensor
+    denoised_means: torch.Tensor
 
 
-def posterior_samples(sampler: Sampler, seen: Observation, inflation: float, candidates: torch.Tensor, options: Annealing,
-                      rng: torch.Generator) -> Drawn:
-    """Samples of the posterior of one observation.
+def sample_posterior(
+    sampler: Sampler,
+    observation: Observation,
+    inflation: float,
+    candidates: torch.Tensor,
+    options: Annealing,
+    rng: torch.Generator,
+    progress: Progress = no_progress,
+) -> AnnealingResult:
+    """Sample the posterior of one observation.
 
     Args:
-        inflation: by which K counts less in sums over its lags.
-        candidates: albedos (m, 64, 64) that take the places of worse samples before the first round.
+        inflation: variance inflation of sums over lags; K is divided by it.
+        candidates: albedos (m, 64, 64) that replace unlikely samples before the first round.
+        progress: called after each denoising step.
     """
-    seen = _repeated(seen, options.samples)
-    data, expected = replace(seen, dof=seen.dof / inflation), []
-    candidates = after_data(_repeated(data, len(candidates)), candidates, seen.dof.new_full((len(candidates),), PROPOSED),
-                            options.ascent)
-    nothing = torch.zeros(options.samples, OBJECT_SIDE, OBJECT_SIDE, device=seen.estimate.device)
-    drawn, _ = annealed(sampler, seen, data, nothing, replace(options, **BEGINNING), rng)
+    observation = _repeat(observation, options.samples)
+    data, denoised_means = replace(observation, dof=observation.dof / inflation), []
+    sigma = observation.dof.new_full((len(candidates),), CANDIDATE_SIGMA)
+    candidates = apply_shrunken_data_step(_repeat(data, len(candidates)), candidates, sigma, options.ascent)
+    zeros = torch.zeros(options.samples, OBJECT_SIDE, OBJECT_SIDE, device=observation.estimate.device)
+    first = replace(options, **INITIAL_SCHEDULE)
+    samples, _ = run_annealing(sampler, observation, data, zeros, first, rng, progress)
     for number in range(options.rounds):
         others = candidates[:0] if number else candidates
-        drawn = torch.stack([centred(one) for one in padded(resampled(data, drawn, others))])
-        drawn, on_the_way = annealed(sampler, seen, data, drawn, options, rng)
-        expected.append(on_the_way)
-    variance = DATA_WEIGHT * posterior_variance(torch.full_like(seen.dof, options.last))
-    samples = towards_data(data, normalised(drawn), variance, FINAL_ASCENT, 1.0 / inflation)
-    return Drawn(normalised(samples), torch.cat(expected))
+        samples = torch.stack([crop_centred(one) for one in zero_pad(replace_unlikely_samples(data, samples, others))])
+        samples, denoised = run_annealing(sampler, observation, data, samples, options, rng, progress)
+        denoised_means.append(denoised)
+    variance = PRIOR_VARIANCE_FACTOR * posterior_variance(torch.full_like(observation.dof, options.last))
+    samples = run_data_consistency_steps(data, normalise_peak(samples), variance, MAX_FINAL_STEPS, 1.0 / inflation)
+    return AnnealingResult(normalise_peak(samples), torch.cat(denoised_means))
 
 
 @torch.no_grad()
-def annealed(sampler: Sampler, seen: Observation, data: Observation, starts: torch.Tensor, options: Annealing,
-             rng: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
-    """Albedos (n, 64, 64) from starts (n, 64, 64) in the same places, and the mean of what the sampler expected.
+def run_annealing(
+    sampler: Sampler,
+    observation: Observation,
+    data: Observation,
+    starts: torch.Tensor,
+    options: Annealing,
+    rng: torch.Generator,
+    progress: Progress = no_progress,
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Add noise to albedos (n, 64, 64) and denoise them; return the albedos and the mean of the denoiser outputs.
 
     Args:
-        seen: as the sampler is shown it.
-        data: the same, K as it counts in sums over lags.
+        observation: conditioning input of the sampler network.
+        data: the same observation with the effective K of sums over lags.
     """
+
     def noise() -> torch.Tensor:
         return torch.randn(starts.shape, generator=rng, device=rng.device).to(starts)
 
@@ -128,60 +150,62 @@ def annealed(sampler: Sampler, seen: Observation, data: Observation, starts: tor
     total = torch.zeros_like(starts)
     for level, following in zip(levels, [*levels[1:], None], strict=True):
         sigma = level.expand(len(starts))
-        expected = sampler(seen, noisy, sigma, albedo).clamp(0.0, LARGEST)
-        total += expected
-        albedo = after_data(data, expected, sigma, options.ascent)
+        denoised = sampler(observation, noisy, sigma, albedo).clamp(0.0, MAX_ALBEDO)
+        total += denoised
+        albedo = apply_shrunken_data_step(data, denoised, sigma, options.ascent)
         if following is not None:
-            noisy = less_noisy(albedo, noisy, level, following, noise())
+            noisy = renoise(albedo, noisy, level, following, noise())
+        progress()
     return albedo, total / options.steps
 
 
-def after_data(data: Observation, expected: torch.Tensor, sigma: torch.Tensor, steps: int) -> torch.Tensor:
-    """What the sampler expects (n, 64, 64), moved towards the data by as much as the data have more to say than noise would.
+def apply_shrunken_data_step(data: Observation, denoised: torch.Tensor, sigma: torch.Tensor, steps: int) -> torch.Tensor:
+    """Move denoiser outputs (n, 64, 64) towards the data, less the gain that noise alone would give.
 
-    Steps that gain no more than they would by following noise are taken back, and others in part: the shrinkage of C. Stein
+    Positive-part Stein shrinkage: steps that gain no more than noise would are undone, others in part
     (B. Efron, C. Morris, J. Am. Stat. Assoc. 68, 117, 1973, doi:10.1080/01621459.1973.10481350).
     """
-    variance = DATA_WEIGHT * posterior_variance(sigma)
-    moved = towards_data(data, expected, variance, steps)
+    variance = PRIOR_VARIANCE_FACTOR * posterior_variance(sigma)
+    moved = run_data_consistency_steps(data, denoised, variance, steps)
     likelihood = Likelihood(data)
-    before, change = likelihood.at(expected), moved - expected
+    before, change = likelihood.at(denoised), moved - denoised
     gain = likelihood.at(moved).log_likelihood() - before.log_likelihood()
     information = before.information()
-    free = (information / (information + variance.reciprocal()[:, None, None]) * (change != 0.0)).sum((-2, -1))
-    by_chance = BY_CHANCE * floor_share(data) * free
-    share = (1.0 - by_chance / gain.clamp_min(1e-6)).clamp_min(0.0)
-    return expected + share[:, None, None] * change
+    determined = (information / (information + variance.reciprocal()[:, None, None]) * (change != 0.0)).sum((-2, -1))
+    noise_gain = NOISE_GAIN_NATS_PER_PIXEL * floor_fraction(data) * determined
+    kept = (1.0 - noise_gain / gain.clamp_min(1e-6)).clamp_min(0.0)
+    return denoised + kept[:, None, None] * change
 
 
-def floor_share(data: Observation) -> torch.Tensor:
-    """Share of the floor in the lags beside zero lag, (n,): 0 to 1."""
-    near = mean_about_zero_lag(without_zero_lag(data.estimate))
+def floor_fraction(data: Observation) -> torch.Tensor:
+    """Return the fraction of the noise floor in the lags next to zero lag, (n,), 0 to 1."""
+    near = mean_near_zero_lag(fill_zero_lag_by_neighbours(data.estimate))
     return (data.floor / near.clamp_min(1e-30)).clamp(0.0, 1.0)
 
 
-def less_noisy(albedo: torch.Tensor, noisy: torch.Tensor, level: torch.Tensor, following: torch.Tensor,
-               noise: torch.Tensor) -> torch.Tensor:
-    """Albedos behind noise of the following level, part of it that of the level before, part of it drawn anew."""
-    kept = (1.0 - FRESH**2) ** 0.5 * following / level
-    return albedo + kept * (noisy - albedo) + FRESH * following * noise
+def renoise(
+    albedo: torch.Tensor, noisy: torch.Tensor, level: torch.Tensor, following: torch.Tensor, noise: torch.Tensor
+) -> torch.Tensor:
+    """Add noise of the following level to albedos: part of the noise of the present level, part of it new."""
+    kept = (1.0 - FRESH_NOISE_FRACTION**2) ** 0.5 * following / level
+    return albedo + kept * (noisy - albedo) + FRESH_NOISE_FRACTION * following * noise
 
 
-def resampled(data: Observation, drawn: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
-    """Albedos (n, 64, 64), of which the worst have made way for the likeliest of these and of others (m, 64, 64).
+def replace_unlikely_samples(data: Observation, samples: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
+    """Replace the least likely samples (n, 64, 64) by the most likely of all samples and others (m, 64, 64).
 
-    Rounds would mend them, too, but later: an object of which much is right is mended faster than one of which little is.
+    Later rounds would correct them as well. However, an object that is mostly right converges faster than one that is not.
     """
-    pool = torch.cat((drawn, others))
-    likelihood = Likelihood(_repeated(data, len(pool))).at(pool).log_likelihood()
+    pool = torch.cat((samples, others))
+    likelihood = Likelihood(_repeat(data, len(pool))).at(pool).log_likelihood()
     best = likelihood.argsort(descending=True, stable=True)
-    worst = likelihood[: len(drawn)].argsort(stable=True)[: int(REPLACED * len(drawn))]
+    worst = likelihood[: len(samples)].argsort(stable=True)[: int(MAX_REPLACED_FRACTION * len(samples))]
     best = best[: len(worst)]
-    which = torch.arange(len(drawn), device=drawn.device)
-    which[worst] = torch.where(likelihood[worst] < likelihood[best] - MARGIN, best, worst)
-    return pool[which]
+    source = torch.arange(len(samples), device=samples.device)
+    source[worst] = torch.where(likelihood[worst] < likelihood[best] - REPLACEMENT_MARGIN_NATS, best, worst)
+    return pool[source]
 
 
-def _repeated(seen: Observation, count: int) -> Observation:
-    """One observation, or the first of several alike, for each of many albedos."""
-    return Observation(*(one[:1].expand(count, *one.shape[1:]) for one in vars(seen).values()))
+def _repeat(observation: Observation, count: int) -> Observation:
+    """Repeat the first entry of an observation for each of many albedos."""
+    return Observation(*(one[:1].expand(count, *one.shape[1:]) for one in vars(observation).values()))

@@ -19,7 +19,7 @@ from invert.network.confidence import is_calibration
 from invert.network.model import CorrelographyNet
 from invert.network.paper_unet import PaperModulusUnet, PaperUnet
 
-SHIPPED = Path(__file__).parents[1] / "weights" / "unet.safetensors"
+DEFAULT_WEIGHTS = Path(__file__).parents[1] / "weights" / "unet.safetensors"
 
 NETWORKS: dict[str, type[nn.Module]] = {"unet": CorrelographyNet, "paper": PaperUnet, "paper-modulus": PaperModulusUnet}
 
@@ -47,8 +47,12 @@ def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
             if "sha256" in metadata and metadata["sha256"] != _sha256(tensors):  # files of older versions have none
                 raise ValueError("damaged")
     except (SafetensorError, KeyError, ValueError, OSError) as error:
-        raise InputError("--weights", "weights that python -m invert.train wrote", f"{path} ({type(error).__name__})",
-                         "train again or use the shipped ones") from None
+        raise InputError(
+            "--weights",
+            "weights that python -m invert.train wrote",
+            f"{path} ({type(error).__name__})",
+            "train again or use the shipped ones",
+        ) from None
     return tensors, card
 
 
@@ -66,16 +70,24 @@ def load_network(path: Path, device: str = "cpu") -> tuple[nn.Module, dict[str, 
     tensors, card = read_weights(path)
     kind, width = card.get("network"), card.get("width")
     if not isinstance(kind, str) or kind not in NETWORKS or type(width) is not int or not 8 <= width <= 512 or width % 8:
-        raise InputError("--weights", f"a network of kind {', '.join(NETWORKS)} and a width divisible by 8",
-                         f"{kind!r:.40} of width {width!r:.20} in {path}", "use other weights")
+        raise InputError(
+            "--weights",
+            f"a network of kind {', '.join(NETWORKS)} and a width divisible by 8",
+            f"{kind!r:.40} of width {width!r:.20} in {path}",
+            "use other weights",
+        )
     with torch.device("meta"):
         network = NETWORKS[kind](width)
     wanted = {name: value.shape for name, value in network.state_dict().items()}
     found = {name: value.shape for name, value in tensors.items()}
     if wanted != found:
         names = sorted(name for name in {**wanted, **found} if wanted.get(name) != found.get(name))
-        raise InputError("--weights", f"the tensors of {kind} of width {width}",
-                         f"{len(names)} others, {names[0]} first, in {path}", "use weights of this version")
+        raise InputError(
+            "--weights",
+            f"the tensors of {kind} of width {width}",
+            f"{len(names)} others, {names[0]} first, in {path}",
+            "use weights of this version",
+        )
     kinds = {name: value.is_floating_point() for name, value in network.state_dict().items()}
     if any(tensors[name].is_floating_point() != floating for name, floating in kinds.items()):
         raise InputError("--weights", "floating-point weights", f"integers in {path}", "train again or use the shipped ones")

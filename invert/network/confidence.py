@@ -14,7 +14,7 @@ class ConfidenceFeatures(NamedTuple):
 
     Attributes:
         expected: logit of the correlation with the truth that the network expects.
-        agreement: of the augmentations or samples that were averaged; see `with_one_more`.
+        agreement: of the augmentations or samples that were averaged; see `logit_correlation_with_new_sample`.
         retrieval_agreement: of the classical starts, from the estimate as it is.
         denoised_agreement: of the classical starts, from the denoised estimate.
     """
@@ -25,7 +25,7 @@ class ConfidenceFeatures(NamedTuple):
     denoised_agreement: float
 
 
-def with_one_more(agreement: float, count: int) -> float:
+def logit_correlation_with_new_sample(agreement: float, count: int) -> float:
     """Logit of the correlation of the mean of `count` pictures, any two of which correlate by `agreement`, with one more.
 
     Were the truth one more of them, this would be the mean's correlation with it: that of samples of the posterior.
@@ -34,7 +34,7 @@ def with_one_more(agreement: float, count: int) -> float:
     return float(logit(min(alike / (alike + (1.0 - alike) / count) ** 0.5, 0.99)))
 
 
-UNCALIBRATED = (0.0, 1.0, 0.0, 0.0, 0.0)
+DEFAULT_COEFFICIENTS = (0.0, 1.0, 0.0, 0.0, 0.0)
 """Coefficients of a network without calibration: what it expects of itself."""
 
 
@@ -49,9 +49,11 @@ def is_calibration(found: Any) -> bool:
         return False
     coefficients = [one for name, one in found.items() if name != "sizes"]
     sizes = found.get("sizes", {})
-    return (isinstance(sizes, dict)
-            and all(_finite(one) and len(one) == len(UNCALIBRATED) for one in coefficients)
-            and all(_finite(one) and len(one) > 1 and one == sorted(one) for one in sizes.values()))
+    return (
+        isinstance(sizes, dict)
+        and all(_finite(one) and len(one) == len(DEFAULT_COEFFICIENTS) for one in coefficients)
+        and all(_finite(one) and len(one) > 1 and one == sorted(one) for one in sizes.values())
+    )
 
 
 def _finite(found: Any) -> bool:

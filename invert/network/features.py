@@ -40,7 +40,7 @@ class Observation:
     classical: torch.Tensor
 
     @classmethod
-    def bare(cls, estimate: torch.Tensor, floor: torch.Tensor, dof: torch.Tensor) -> Observation:
+    def from_estimate(cls, estimate: torch.Tensor, floor: torch.Tensor, dof: torch.Tensor) -> Observation:
         """Estimates alone, the rest left at zero."""
         pictures = estimate.new_zeros(len(estimate), PICTURES, OBJECT_SIDE, OBJECT_SIDE)
         return cls(estimate, floor, dof, torch.zeros_like(estimate), pictures)
@@ -53,13 +53,13 @@ class Observation:
         return Observation(*(getattr(self, field.name)[which].to(device) for field in fields(self)))
 
 
-def _whitened(seen: Observation) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+def _normalise_features(seen: Observation) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
     """Dimensionless, zero lag replaced by its neighbours' mean: the signal over its height near zero lag (n, 127, 127); the
     signal over its own noise, logarithmic where large; floor over height and K, logarithmic (n, 2); the height (n,)."""
     floor, freedom = seen.floor, seen.dof.clamp(*DOF_RANGE)
-    filled = without_zero_lag(seen.estimate)
+    filled = fill_zero_lag_by_neighbours(seen.estimate)
     signal = filled - floor[:, None, None]
-    near = mean_about_zero_lag(signal)
+    near = mean_near_zero_lag(signal)
     # Where there is no signal its height is a few times its error.
     height = torch.maximum(near, 3.0 * floor * (freedom * 4.0).rsqrt()).clamp_min(1e-30)
     scale = height[:, None, None]
@@ -80,29 +80,30 @@ def lag_features(seen: Observation) -> tuple[torch.Tensor, torch.Tensor, torch.T
         what lies across the cut, where h changes sign, is near as well;
         the signal over its height (n, 127, 127); that height (n,).
     """
-    relative, significance, numbers, height = _whitened(seen)
+    relative, significance, numbers, height = _normalise_features(seen)
     maps = half_plane(torch.stack((_root(relative), significance), 1))
-    both = functional.pixel_unshuffle(torch.cat((maps, _upside_down(maps)), 1), 2)
+    both = functional.pixel_unshuffle(torch.cat((maps, _negate_row_lags(maps)), 1), 2)
     planes = numbers[:, :, None, None].expand(-1, -1, *both.shape[-2:])
-    row, column = (torch.linspace(low, 1.0, size, device=both.device) for low, size in zip((-1.0, 0.0), both.shape[-2:],
-                                                                                           strict=True))
+    row, column = (
+        torch.linspace(low, 1.0, size, device=both.device) for low, size in zip((-1.0, 0.0), both.shape[-2:], strict=True)
+    )
     places = torch.stack(torch.meshgrid(row, column, indexing="ij")).expand(len(both), -1, -1, -1)
     return torch.cat((both, planes, places), 1), relative, height
 
 
 def sketch_features(seen: Observation) -> torch.Tensor:
     """What the sketch sees, (n, SKETCH_CHANNELS, 32, 32)."""
-    relative, significance, numbers, _ = _whitened(seen)
-    return _in_cells(torch.stack((_root(relative), significance), 1), numbers)
+    relative, significance, numbers, _ = _normalise_features(seen)
+    return _stack_cells(torch.stack((_root(relative), significance), 1), numbers)
 
 
 def picture_features(seen: Observation) -> torch.Tensor:
     """What the fusion sees beside pictures, (n, FUSION_CHANNELS, 32, 32): the same and the denoised signal."""
-    relative, significance, numbers, height = _whitened(seen)
-    return _in_cells(torch.stack((_root(relative), significance, _root(seen.denoised / height[:, None, None])), 1), numbers)
+    relative, significance, numbers, height = _normalise_features(seen)
+    return _stack_cells(torch.stack((_root(relative), significance, _root(seen.denoised / height[:, None, None])), 1), numbers)
 
 
-def _in_cells(maps: torch.Tensor, numbers: torch.Tensor) -> torch.Tensor:
+def _stack_cells(maps: torch.Tensor, numbers: torch.Tensor) -> torch.Tensor:
     """Maps (n, m, 127, 127) and numbers (n, k) as channels of 32 x 32 cells."""
     maps = functional.pad(maps, (1, 0, 1, 0))
     planes = numbers[:, :, None, None].expand(-1, -1, 32, 32)
@@ -116,25 +117,25 @@ def half_plane(lags: torch.Tensor) -> torch.Tensor:
 
 def whole_plane(half: torch.Tensor) -> torch.Tensor:
     """The centro-symmetric lags (..., 127, 127) of a half plane (..., 128, 64), of which column zero holds each lag twice."""
-    turned = _upside_down(half)
+    turned = _negate_row_lags(half)
     middle = 0.5 * (half + turned)[..., :1]
     return torch.cat((turned[..., 1:].flip(-1), middle, half[..., 1:]), -1)[..., 1:, :]
 
 
-def _upside_down(half: torch.Tensor) -> torch.Tensor:
+def _negate_row_lags(half: torch.Tensor) -> torch.Tensor:
     """A half plane with its row lags negated."""
     return functional.pad(half[..., 1:, :].flip(-2), (0, 0, 1, 0))
 
 
 def paper_picture(estimate: torch.Tensor) -> torch.Tensor:
     """The paper's input: the estimate over its largest lag but zero, (n, 1, 128, 128)."""
-    filled = without_zero_lag(estimate)
+    filled = fill_zero_lag_by_neighbours(estimate)
     return functional.pad(filled / filled.amax((-2, -1), keepdim=True).clamp_min(1e-30), (1, 0, 1, 0))[:, None]
 
 
 def modulus_picture(estimate: torch.Tensor, floor: torch.Tensor) -> torch.Tensor:
     """|F(r)| from the estimate less its floor, zero frequency in the middle, largest value 1; (n, 1, 128, 128)."""
-    excess = without_zero_lag(estimate) - floor[:, None, None]
+    excess = fill_zero_lag_by_neighbours(estimate) - floor[:, None, None]
     spectrum = torch.fft.fft2(zero_lag_first(excess)).real.clamp_min(0.0).sqrt()
     return torch.fft.fftshift(spectrum / spectrum.amax((-2, -1), keepdim=True).clamp_min(1e-30), (-2, -1))[:, None]
 
@@ -144,13 +145,13 @@ def zero_lag_first(lags: torch.Tensor) -> torch.Tensor:
     return torch.roll(functional.pad(lags, (0, 1, 0, 1)), (-LAGS, -LAGS), (-2, -1))
 
 
-def without_zero_lag(estimate: torch.Tensor) -> torch.Tensor:
+def fill_zero_lag_by_neighbours(estimate: torch.Tensor) -> torch.Tensor:
     """Zero lag replaced by the mean of its four neighbours."""
     filled = estimate.clone()
     filled[:, LAGS, LAGS] = 0.5 * (estimate[:, LAGS, LAGS + 1] + estimate[:, LAGS + 1, LAGS])
     return filled
 
 
-def mean_about_zero_lag(lags: torch.Tensor) -> torch.Tensor:
+def mean_near_zero_lag(lags: torch.Tensor) -> torch.Tensor:
     """Mean (n,) of the nine lags at and beside zero lag, of lags (n, 127, 127) that have been filled there."""
     return lags[:, LAGS - 1 : LAGS + 2, LAGS - 1 : LAGS + 2].mean((-2, -1))

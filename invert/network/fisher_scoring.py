@@ -5,10 +5,10 @@ from __future__ import annotations
 import torch
 
 from correlograph.lags import OBJECT_SIDE
-from invert.likelihood.gamma import LEAST_FLOOR, PEDESTAL, likeliest_brightnesses
-from invert.network.features import DOF_RANGE, Observation, without_zero_lag, zero_lag_first
+from invert.likelihood.gamma import MIN_FLOOR, PEDESTAL_PROFILE, fit_brightnesses
+from invert.network.features import DOF_RANGE, Observation, fill_zero_lag_by_neighbours, zero_lag_first
 from radiometry.autocorrelation import window_kernel
-from radiometry.noise.level import INDEPENDENT, RING
+from radiometry.noise.level import HALF_PLANE, RING
 
 _SIDE = 2 * OBJECT_SIDE
 
@@ -18,16 +18,16 @@ def _half(lags: torch.Tensor) -> torch.Tensor:
     return zero_lag_first(lags)[..., :OBJECT_SIDE, :]
 
 
-_USED = _half(torch.from_numpy((RING > 1) & INDEPENDENT).float()[None])
-_PEDESTAL = _half(PEDESTAL.float()[None])
+_LAG_MASK = _half(torch.from_numpy((RING > 1) & HALF_PLANE).float()[None])
+_PEDESTAL_LAGS = _half(PEDESTAL_PROFILE.float()[None])
 _RESPONSE = torch.fft.fft(zero_lag_first(torch.from_numpy(window_kernel())[None])[0, :, 0]).real
 _WINDOW = torch.outer(_RESPONSE, _RESPONSE[: OBJECT_SIDE + 1]).float()
 """By which patches multiply the spectrum of r*r, (128, 65)."""
 
-LARGEST = 1.2
+MAX_ALBEDO = 1.2
 """Albedo that a step may reach; the largest of an object is about 1."""
 
-LONGEST = 1.0
+MAX_STEP_LENGTH = 1.0
 """Largest step, in those that pixels by themselves would take."""
 
 
@@ -35,19 +35,19 @@ class Likelihood:
     """That of `invert.likelihood.gamma`, for n estimates at once."""
 
     def __init__(self, seen: Observation) -> None:
-        estimate = without_zero_lag(seen.estimate)
+        estimate = fill_zero_lag_by_neighbours(seen.estimate)
         height = estimate.abs().amax((-2, -1)).clamp_min(1e-30)
         self.estimate = _half(estimate / height[:, None, None])
-        self.floor = (seen.floor / height).clamp_min(LEAST_FLOOR)[:, None, None]
+        self.floor = (seen.floor / height).clamp_min(MIN_FLOOR)[:, None, None]
         self.dof = seen.dof.clamp(*DOF_RANGE)[:, None, None]
-        self.used, self.pedestal, self.window = (one.to(estimate) for one in (_USED, _PEDESTAL, _WINDOW))
+        self.used, self.pedestal, self.window = (one.to(estimate) for one in (_LAG_MASK, _PEDESTAL_LAGS, _WINDOW))
 
-    def at(self, albedo: torch.Tensor) -> Score:
+    def at(self, albedo: torch.Tensor) -> LikelihoodPoint:
         """At one albedo for each estimate, (n, 64, 64)."""
-        return Score(self, albedo)
+        return LikelihoodPoint(self, albedo)
 
 
-class Score:
+class LikelihoodPoint:
     """A likelihood at albedos (n, 64, 64), and how it changes with the pixels.
 
     The brightnesses of object and pedestal are the likeliest. There is no slope at an albedo of zeros.
@@ -63,8 +63,9 @@ class Score:
         signal = self._smoothed(self._spectrum.abs().square())
         scale = (signal * used).amax((-2, -1)).clamp_min(1e-6)[:, None, None]
         signal = signal / scale
-        bright, faint = likeliest_brightnesses(signal.flatten(1), pedestal.flatten(), estimate.flatten(1), floor.flatten(1),
-                                               used.flatten(), 3)
+        bright, faint = fit_brightnesses(
+            signal.flatten(1), pedestal.flatten(), estimate.flatten(1), floor.flatten(1), used.flatten(), 3
+        )
         expected = floor + bright[:, None, None] * signal + faint[:, None, None] * pedestal
         self._gain = bright[:, None, None] / scale
         self._weight = used * likelihood.dof * self._gain / expected.square()
@@ -103,8 +104,9 @@ class Score:
         return torch.fft.irfft2(both * spectrum, s=(_SIDE, _SIDE))[..., :OBJECT_SIDE, :OBJECT_SIDE]
 
 
-def towards_data(seen: Observation, albedo: torch.Tensor, variance: torch.Tensor, steps: int,
-                 explained: float = 0.0) -> torch.Tensor:
+def run_data_consistency_steps(
+    seen: Observation, albedo: torch.Tensor, variance: torch.Tensor, steps: int, explained: float = 0.0
+) -> torch.Tensor:
     """Albedos (n, 64, 64) moved up the likelihood of their estimates, under a Gaussian prior around where they begin.
 
     Each step follows the slope over the information, as far as the curvature along it says; dark pixels that would get darker
@@ -132,8 +134,8 @@ def towards_data(seen: Observation, albedo: torch.Tensor, variance: torch.Tensor
         direction = torch.where(_dot(direction, slope) > 0.0, direction, steepest)
         former, former_norm = slope, _dot(slope, steepest).clamp_min(1e-30)
         bend = _dot(direction, at.curvature(direction) + precision * direction).clamp_min(1e-30)
-        length = (_dot(slope, direction) / bend).clamp_max(LONGEST)
-        albedo = (albedo + length * direction).clamp(0.0, LARGEST)
+        length = (_dot(slope, direction) / bend).clamp_max(MAX_STEP_LENGTH)
+        albedo = (albedo + length * direction).clamp(0.0, MAX_ALBEDO)
     return albedo
 
 

@@ -1,4 +1,4 @@
-"""From a measurement to a reconstruction: denoise, retrieve, fuse, draw samples, average."""
+"""Reconstruction by the network: denoise the estimate, retrieve the phase, fuse, sample the posterior, average."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ import numpy as np
 import torch
 from torch import nn
 
-from invert.albedo.registration import Consensus, centred, consensus, normalised, padded, registered
+from invert.albedo.registration import Consensus, consensus, crop_centred, normalise_peak, register_images, zero_pad
+from invert.choices import Quality
 from invert.measure.spectrum import Measurement, denoised_modulus, fourier_modulus
-from invert.network.annealing import ANNEALING, posterior_samples
-from invert.network.confidence import ConfidenceFeatures, with_one_more
+from invert.network.annealing import INITIAL_SCHEDULE, Annealing, sample_posterior
+from invert.network.confidence import ConfidenceFeatures, logit_correlation_with_new_sample
 from invert.network.features import Observation
 from invert.network.model import CorrelographyNet
-from invert.network.retrieval_summary import overview
-from invert.solvers.base import Candidates, Progress
+from invert.network.retrieval_summary import summarise_retrievals
+from invert.solvers.base import Candidates, Progress, no_progress
 from invert.solvers.hio import HioOptions, hio
 
 Transform = Callable[[torch.Tensor], torch.Tensor]
@@ -29,37 +30,33 @@ AUGMENTATIONS: tuple[tuple[Transform, Transform], ...] = (
     (lambda x: torch.rot90(x, 1, (-2, -1)), lambda x: torch.rot90(x, -1, (-2, -1))),
 )
 """Test-time augmentation: mirrors and quarter turns, each with its inverse. A rotation by 180 degrees maps an autocorrelation
-onto itself and is left out."""
+onto itself and is not among them."""
 
-RETRIEVAL = HioOptions(iterations=300, error_reduction=50, shrink_from=100, shrink_every=30,
-                       shrink_threshold=(0.03, 0.06, 0.1, 0.18))
-"""The retrieval that the network fuses. A low threshold of shrink-wrap keeps faint structure, a high one keeps noise out of the
-support."""
+RETRIEVAL = HioOptions(
+    iterations=300, error_reduction=50, shrink_from=100, shrink_every=30, shrink_threshold=(0.03, 0.06, 0.1, 0.18)
+)
+"""Options of the phase retrieval before the fusion. A low threshold of shrink-wrap keeps faint structure; a high one keeps noise
+out of the support."""
 
-STARTS = {"fast": 6, "balanced": 16, "best": 32}
-"""Of the retrieval from the estimate, and as many from its denoised signal. In bright light samples take the places of the
-likeliest: with 16, edges one pixel wide gain .04 in correlation at K 256, .02 at K 10000, over none."""
+SAMPLER_STEP = 20
+"""Steps of progress for one denoising step of the sampler, in iterations of the phase retrieval, which takes about as long."""
 
-AUGMENTED = {"fast": 1, "balanced": len(AUGMENTATIONS), "best": len(AUGMENTATIONS)}
-"""Augmentations of an estimate."""
-
-EXPECTED = 0.7
-"""Share in the answer of what the sampler expected on the way to its samples: their own mean follows the data closer, and has
-more noise. Two rendered frames of six letters gain .02 in correlation at 1/256 s and .01 at 1/512 s over samples alone; edges
-one pixel wide neither gain nor lose."""
+DENOISED_MEAN_WEIGHT = 0.7
+"""Weight of the mean denoiser output in the reconstruction; the rest is the mean of the samples. Evidence: docs/research.md."""
 
 UNBOUNDED_DOF = 1e6
 """K of an estimate without measurable noise."""
 
 
 @dataclass(frozen=True)
-class NetworkAnswer:
-    """A network's reconstruction.
+class NetworkOutput:
+    """Reconstruction by a network.
 
     Attributes:
         image: (128, 128), periodic.
-        transfer: phase retrieval transfer function of the samples or augmentations, empty where there was one.
-        samples: of the posterior (n, 64, 64), equally likely; None where none were drawn.
+        features: inputs of the confidence.
+        transfer: phase retrieval transfer function of the samples or augmentations; empty for a single one.
+        samples: equally likely samples of the posterior, (n, 64, 64); None without a sampler.
     """
 
     image: torch.Tensor
@@ -68,94 +65,129 @@ class NetworkAnswer:
     samples: torch.Tensor | None = None
 
 
-def predict(network: nn.Module, seen: Observation) -> Any:
-    """Output of a network, or of one part of it, for observations; bfloat16 inside, float32 outside.
+def network_progress_steps(quality: Quality) -> int:
+    """Return how many steps of progress `reconstruct_by_network` reports."""
+    schedule = Annealing.of(quality)
+    denoising = INITIAL_SCHEDULE["steps"] + schedule.rounds * schedule.steps if quality.samples else 0
+    return RETRIEVAL.iterations + SAMPLER_STEP * int(denoising)
 
-    Networks that reconstruct give albedos (n, 64, 64), and logits of the correlation with the truth that they expect of each.
+
+def predict(network: nn.Module, observation: Observation) -> Any:
+    """Run a network, or one part of it, on observations; bfloat16 inside, float32 outside.
+
+    Networks that reconstruct return albedos (n, 64, 64) and logits of their predicted correlations with the truth.
     """
-    with torch.autocast(seen.estimate.device.type, dtype=torch.bfloat16):
-        return network(seen)
+    with torch.autocast(observation.estimate.device.type, dtype=torch.bfloat16):
+        return network(observation)
 
 
-def observation(measurements: Sequence[Measurement]) -> Observation:
-    """Network input from measurements."""
-    return Observation.bare(torch.from_numpy(np.stack([one.estimate for one in measurements])),
-                            torch.tensor([one.noise.floor for one in measurements], dtype=torch.float32),
-                            torch.tensor([one.noise.dof or UNBOUNDED_DOF for one in measurements], dtype=torch.float32))
+def make_observation(measurements: Sequence[Measurement]) -> Observation:
+    """Convert measurements to the input of a network."""
+    return Observation.from_estimate(
+        torch.from_numpy(np.stack([one.estimate for one in measurements])),
+        torch.tensor([one.noise.floor for one in measurements], dtype=torch.float32),
+        torch.tensor([one.noise.dof or UNBOUNDED_DOF for one in measurements], dtype=torch.float32),
+    )
 
 
 @torch.no_grad()
-def denoise(network: CorrelographyNet, seen: Observation, augmented: int) -> torch.Tensor:
-    """Signals (n, 127, 127) of observations without floor and noise: the mean over `augmented` augmentations."""
+def denoise(network: CorrelographyNet, observation: Observation, augmentations: int) -> torch.Tensor:
+    """Return the signals (n, 127, 127) of observations, floor and noise removed, averaged over augmentations."""
     denoised = []
-    for transform, inverse in AUGMENTATIONS[:augmented]:
-        transformed = Observation.bare(transform(seen.estimate), seen.floor, seen.dof)
+    for transform, inverse in AUGMENTATIONS[:augmentations]:
+        transformed = Observation.from_estimate(transform(observation.estimate), observation.floor, observation.dof)
         denoised.append(inverse(predict(network.denoiser, transformed)))
     return torch.stack(denoised).mean(0)
 
 
-def retrieved(measurement: Measurement, denoised: torch.Tensor, starts: int, seed: int, device: str,
-              progress: Progress = lambda: None) -> Candidates:
-    """Classical retrieval from an estimate and from its denoised signal (127, 127), which has less noise but less fine
-    structure, too: images (2, starts, 128, 128)."""
+def run_phase_retrieval(
+    measurement: Measurement,
+    denoised: torch.Tensor,
+    starts: int,
+    seed: int,
+    device: str,
+    progress: Progress = no_progress,
+) -> Candidates:
+    """Retrieve the phase from an estimate and from its denoised signal (127, 127); images (2, starts, 128, 128).
+
+    The denoised signal has less noise, but also less fine structure.
+    """
     moduli = torch.stack((fourier_modulus(measurement), denoised_modulus(denoised.cpu().numpy(), measurement)))
     rng = torch.Generator(device=device).manual_seed(seed)
     return hio(moduli.to(device), measurement.box, rng, replace(RETRIEVAL, starts=starts), progress)
 
 
 @torch.no_grad()
-def fuse(network: nn.Module, seen: Observation, shown: torch.Tensor, augmented: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """What the network makes of one observation beside each of n sets of classical reconstructions (n, PICTURES, 64, 64).
+def fuse(
+    network: nn.Module, observation: Observation, classical: torch.Tensor, augmentations: int
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Fuse one observation with each of n sets of classical reconstructions (n, PICTURES, 64, 64).
 
-    The augmentations take turns, each undone in its albedo. Returns albedos (n, 64, 64) and logits (n,) of the correlations
-    that the network expects.
+    The augmentations rotate through the sets and are undone in the albedos. Returns albedos (n, 64, 64) and logits (n,) of
+    their predicted correlations with the truth.
     """
-    pairs = [AUGMENTATIONS[index % augmented] for index in range(len(shown))]
-    estimate, denoised = (torch.cat([transform(one) for transform, _ in pairs]) for one in (seen.estimate, seen.denoised))
-    classical = torch.stack([transform(images) for (transform, _), images in zip(pairs, shown, strict=True)])
-    transformed = Observation(estimate, seen.floor.expand(len(shown)), seen.dof.expand(len(shown)), denoised, classical)
-    albedo, expected = predict(network, transformed)
-    return torch.stack([inverse(one) for (_, inverse), one in zip(pairs, albedo, strict=True)]), expected
+    pairs = [AUGMENTATIONS[index % augmentations] for index in range(len(classical))]
+    estimate, denoised = (
+        torch.cat([transform(one) for transform, _ in pairs]) for one in (observation.estimate, observation.denoised)
+    )
+    images = torch.stack([transform(one) for (transform, _), one in zip(pairs, classical, strict=True)])
+    floor, dof = observation.floor.expand(len(classical)), observation.dof.expand(len(classical))
+    albedo, predicted = predict(network, Observation(estimate, floor, dof, denoised, images))
+    return torch.stack([inverse(one) for (_, inverse), one in zip(pairs, albedo, strict=True)]), predicted
 
 
-def reconstruct_by_network(network: nn.Module, measurement: Measurement, quality: str, seed: int, device: str,
-                           progress: Progress = lambda: None) -> NetworkAnswer:
-    """The posterior's mean. Where no samples are drawn (`fast`, the paper's networks) what the network makes of the estimate,
-    the mean over its augmentations."""
-    augmented = AUGMENTED[quality]
-    seen = observation([measurement]).part(slice(None), device)
-    shown, agreement, found, samples = seen.classical, [0.0, 0.0], None, None
+def reconstruct_by_network(
+    network: nn.Module,
+    measurement: Measurement,
+    quality: Quality,
+    seed: int,
+    device: str,
+    progress: Progress = no_progress,
+) -> NetworkOutput:
+    """Return the posterior mean; without a sampler (`fast`, the U-nets of Metzler et al. 2020) the mean over augmentations."""
+    observation = make_observation([measurement]).part(slice(None), device)
+    classical, agreement, found, samples = observation.classical, [0.0, 0.0], None, None
     if isinstance(network, CorrelographyNet):
-        seen = replace(seen, denoised=denoise(network, seen, augmented))
-        found = retrieved(measurement, seen.denoised[0], STARTS[quality], seed, device, progress)
-        together, agreement = overview(found)
-        shown = together[None]
-    albedos, expected = fuse(network, seen, shown.expand(augmented, -1, -1, -1), augmented)
-    if found is not None and quality in ANNEALING:
-        candidates = torch.cat((albedos, _in_windows(found)))
-        drawn = posterior_samples(network.sampler, seen, measurement.noise.inflation, candidates, ANNEALING[quality],
-                                  torch.Generator().manual_seed(seed))
-        samples, together = drawn.samples, _mean(drawn.samples, 0.0)
-        image = _with_expected(together.image, drawn.expected)
+        observation = replace(observation, denoised=denoise(network, observation, quality.augmentations))
+        found = run_phase_retrieval(measurement, observation.denoised[0], quality.network_starts, seed, device, progress)
+        summary, agreement = summarise_retrievals(found)
+        classical = summary[None]
+    classical = classical.expand(quality.augmentations, -1, -1, -1)
+    albedos, predicted = fuse(network, observation, classical, quality.augmentations)
+    if found is not None and quality.samples:
+        candidates = torch.cat((albedos, _crop_starts(found)))
+        sampled = sample_posterior(
+            network.sampler,
+            observation,
+            measurement.noise.inflation,
+            candidates,
+            Annealing.of(quality),
+            torch.Generator().manual_seed(seed),
+            lambda steps=1: progress(SAMPLER_STEP * steps),
+        )
+        samples, together = sampled.samples, _registered_mean(sampled.samples, 0.0)
+        image = _blend_denoised_means(together.image, sampled.denoised_means)
     else:
-        together = _mean(albedos, 0.7)
+        together = _registered_mean(albedos, 0.7)
         image = together.image
-    averaged = albedos if samples is None else samples
-    features = ConfidenceFeatures(float(expected.mean()), with_one_more(together.agreement, len(averaged)), *agreement)
-    return NetworkAnswer(image, features, together.transfer if len(averaged) > 1 else (), samples)
+    count = len(albedos) if samples is None else len(samples)
+    expected_agreement = logit_correlation_with_new_sample(together.agreement, count)
+    features = ConfidenceFeatures(float(predicted.mean()), expected_agreement, *agreement)
+    return NetworkOutput(image, features, together.transfer if count > 1 else (), samples)
 
 
-def _in_windows(found: Candidates) -> torch.Tensor:
-    """Every start of a retrieval as an albedo (n, 64, 64), largest value 1."""
-    return normalised(torch.stack([centred(one) for one in found.images.flatten(0, 1)]))
+def _crop_starts(found: Candidates) -> torch.Tensor:
+    """Crop every start of a phase retrieval to an albedo (n, 64, 64), maximum 1."""
+    return normalise_peak(torch.stack([crop_centred(one) for one in found.images.flatten(0, 1)]))
 
 
-def _with_expected(samples: torch.Tensor, expected: torch.Tensor) -> torch.Tensor:
-    """Mean of samples (128, 128), and `EXPECTED` of the mean of albedos (n, 64, 64) laid over it; largest values 1."""
-    placed, _ = registered(padded(normalised(expected)), samples)
-    return (1.0 - EXPECTED) * normalised(samples) + EXPECTED * normalised(placed.mean(0))
+def _blend_denoised_means(mean_sample: torch.Tensor, denoised_means: torch.Tensor) -> torch.Tensor:
+    """Blend the mean sample (128, 128) with the mean of denoiser outputs (n, 64, 64) registered to it; maxima 1."""
+    registered, _ = register_images(zero_pad(normalise_peak(denoised_means)), mean_sample)
+    mean_denoised = normalise_peak(registered.mean(0))
+    return (1.0 - DENOISED_MEAN_WEIGHT) * normalise_peak(mean_sample) + DENOISED_MEAN_WEIGHT * mean_denoised
 
 
-def _mean(albedos: torch.Tensor, alike: float) -> Consensus:
-    """Registered mean of albedos (n, 64, 64) that are alike, see `consensus`."""
-    return consensus(padded(normalised(albedos)), torch.arange(len(albedos)), len(albedos), alike)
+def _registered_mean(albedos: torch.Tensor, min_relative_correlation: float) -> Consensus:
+    """Register albedos (n, 64, 64) and average those that agree; see `consensus`."""
+    return consensus(zero_pad(normalise_peak(albedos)), torch.arange(len(albedos)), len(albedos), min_relative_correlation)

@@ -7,7 +7,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from invert.albedo.registration import laid_over
+from invert.albedo.registration import register_groups
 from invert.network.blocks import GROUPS, Decoder, Unet
 from invert.network.features import (
     FUSION_CHANNELS,
@@ -101,4 +101,4 @@ class CorrelographyNet(nn.Module):
         """Sketch the object, lay the classical pictures over the sketch, and fuse them."""
         sketch = self.sketch(seen)
         sketch = sketch / sketch.amax((-2, -1), keepdim=True).clamp_min(1e-6)
-        return self.fusion(seen, torch.cat((sketch[:, None], laid_over(seen.classical, sketch)), 1))
+        return self.fusion(seen, torch.cat((sketch[:, None], register_groups(seen.classical, sketch)), 1))

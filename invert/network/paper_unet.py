@@ -17,11 +17,14 @@ class PaperUnet(nn.Module):
         w = [width, 2 * width, 4 * width, 8 * width]
 
         def convolution(inputs: int, outputs: int) -> nn.Module:
-            return nn.Sequential(nn.Conv2d(inputs, outputs, 3, padding=1, bias=False), nn.BatchNorm2d(outputs),
-                                 nn.ReLU(inplace=True))
+            return nn.Sequential(
+                nn.Conv2d(inputs, outputs, 3, padding=1, bias=False), nn.BatchNorm2d(outputs), nn.ReLU(inplace=True)
+            )
 
-        self.down = nn.ModuleList(nn.Sequential(convolution(inputs, outputs), convolution(outputs, outputs))
-                                  for inputs, outputs in zip([1, *w[:3]], w, strict=True))
+        self.down = nn.ModuleList(
+            nn.Sequential(convolution(inputs, outputs), convolution(outputs, outputs))
+            for inputs, outputs in zip([1, *w[:3]], w, strict=True)
+        )
         self.up = nn.ModuleList(convolution(coarse + fine, fine) for coarse, fine in zip(w[:0:-1], w[-2::-1], strict=True))
         self.draw = nn.Conv2d(width, 1, 3, padding=1)
 

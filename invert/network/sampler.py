@@ -14,18 +14,18 @@ from invert.network.blocks import Decoder, Unet
 from invert.network.features import SKETCH_CHANNELS, Observation, sketch_features
 from invert.network.fisher_scoring import Likelihood
 
-SPREAD = 0.25
+ALBEDO_STD = 0.25
 """Standard deviation of albedos, about."""
 
 _MAPS = 4
 
-_WEAK = 4.0
+_MIN_INFORMATION = 4.0
 """Fisher information of a pixel below which the step shown to the network is shortened: an error of half the largest albedo."""
 
 
 def posterior_variance(sigma: torch.Tensor) -> torch.Tensor:
     """Of an albedo behind white noise of standard deviation sigma, were both Gaussian."""
-    return (sigma * SPREAD).square() / (sigma.square() + SPREAD**2)
+    return (sigma * ALBEDO_STD).square() / (sigma.square() + ALBEDO_STD**2)
 
 
 class Sampler(nn.Module):
@@ -45,13 +45,13 @@ class Sampler(nn.Module):
         with torch.no_grad():
             at = Likelihood(seen).at(guess)
             gradient, information = at.gradient(), at.information()
-        significance, step = gradient / information.sqrt(), (gradient / (information + _WEAK)).clamp(-2.0, 2.0)
+        significance, step = gradient / information.sqrt(), (gradient / (information + _MIN_INFORMATION)).clamp(-2.0, 2.0)
         spread = sigma[:, None, None]
-        shrink = (spread.square() + SPREAD**2).rsqrt()
+        shrink = (spread.square() + ALBEDO_STD**2).rsqrt()
         maps = torch.stack((shrink * noisy, guess, torch.asinh(significance) / 3.0, step), 1)
         cells = functional.pixel_unshuffle(maps, 2)
         level = (sigma.log() / 4.0)[:, None, None, None].expand(-1, 1, *cells.shape[-2:])
         shown = torch.cat((cells, sketch_features(seen), level), 1)
         with torch.autocast(shown.device.type, dtype=torch.bfloat16):
             drawn = self.drawing(self.unet(shown.to(memory_format=torch.channels_last))[0])[:, 0]
-        return SPREAD**2 * shrink.square() * noisy + spread * SPREAD * shrink * drawn
+        return ALBEDO_STD**2 * shrink.square() * noisy + spread * ALBEDO_STD * shrink * drawn

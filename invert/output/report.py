@@ -1,24 +1,51 @@
-"""One picture a result: frame, autocorrelation, reconstruction, truth where it is known, and the numbers."""
+"""The report: frame, autocorrelation estimate, reconstruction, truth, and posterior in one figure."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from correlograph.files.figures import add_scale_bar, figure_as_html, save_figure
 from correlograph.files.output import atomic
-from invert.albedo.posterior import Posterior
-from radiometry.noise.level import centre_dimmed
+from correlograph.lags import LAGS
+from invert.albedo.metrics import aligned_pearson
+from invert.albedo.posterior import Samples
+from radiometry.noise.level import dim_zero_lag
 
-Panel = tuple[str, np.ndarray, dict[str, float]]
-"""Title, picture and limits of its scale."""
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
-ALTERNATIVES_SHOWN = 2
+    from invert.output.result import Result
+
+__all__ = ["draw_report", "figure_as_html", "report_lines", "save_contact_sheet", "save_image"]
+
+CLUSTERS_SHOWN = 2
+FRAME_CORNER = 257
+"""Side of the part of the frame that the report shows, in pixels."""
+LINE_WIDTH = 110
+"""Characters per line of text below the panels."""
 
 
-def save_picture(path: Path, image: np.ndarray, scale: int = 8) -> None:
-    """8-bit greyscale PNG, white is the largest value, each pixel enlarged."""
+@dataclass(frozen=True)
+class _Panel:
+    """One image of the report: title, limits of its grey scale, pixel pitch in metres, and unit of its axes."""
+
+    title: str
+    image: np.ndarray
+    low: float
+    high: float
+    pitch_m: float | None = None
+    unit: str = "lags"
+    extent: tuple[float, float, float, float] | None = None
+
+
+def save_image(path: Path, image: np.ndarray, scale: int = 8) -> None:
+    """Write an 8-bit grey-scale PNG file, maximum white, with enlarged pixels."""
     from PIL import Image
 
     top = float(image.max())
@@ -27,68 +54,111 @@ def save_picture(path: Path, image: np.ndarray, scale: int = 8) -> None:
         Image.fromarray(np.kron(grey, np.ones((scale, scale), np.uint8))).save(partial, format="PNG")
 
 
-def save_report(path: Path, *, frame: np.ndarray | None, estimate: np.ndarray, albedo: np.ndarray,
-                truth: np.ndarray | None, posterior: Posterior | None, numbers: list[str]) -> None:
-    """Draw the panels side by side, what the posterior's samples say in a second row, and lines of numbers below.
+def draw_report(result: Result, truth: np.ndarray | None = None) -> Figure:
+    """Plot the panels of a result, the posterior in a second row, and its numbers and warnings below.
 
     Args:
-        frame: one speckle frame (H, W), None when the input was an autocorrelation.
-        estimate: (127, 127); shown without its floor's lower tail, zero lag left out of the scale.
-        albedo: (64, 64), already registered to `truth` if there is one.
+        truth: known albedo (64, 64); the reconstruction and the samples are registered to it.
     """
     from matplotlib.figure import Figure
 
-    rows = [_result_panels(frame, estimate, albedo, truth)]
-    if posterior is not None:
-        rows.append(_posterior_panels(posterior))
+    albedo, samples, pearson = result.albedo, result.samples, None
+    if truth is not None:
+        pearson, albedo = aligned_pearson(albedo, truth)
+        samples = samples and samples.register_to(albedo)
+    pitch_m = None if result.estimate.pitches_m is None else result.estimate.pitches_m[1]
+    rows = [_result_panels(result, albedo, truth, pitch_m)]
+    if samples is not None:
+        rows.append(_posterior_panels(samples, pitch_m))
+    lines = [line for text in report_lines(result, pearson) for line in textwrap.wrap(text, LINE_WIDTH)]
     columns = max(map(len, rows))
-    figure = Figure(figsize=(3.4 * columns, 3.5 * len(rows) + 0.9), layout="constrained")
+    figure = Figure(figsize=(3.7 * columns, 3.5 * len(rows) + 0.3 + 0.17 * len(lines)), layout="constrained")
     grid = figure.subplots(len(rows), columns, squeeze=False)
     for axes in grid.ravel():
         axes.set_axis_off()
     for row, panels in zip(grid, rows, strict=True):
-        for axes, (title, image, limits) in zip(row, panels, strict=False):
-            axes.imshow(image, cmap="gray", interpolation="nearest", **limits)
-            axes.set_title(title, fontsize=10)
-    figure.supxlabel("\n".join(numbers), fontsize=9, parse_math=False)  # names of files may hold any sign
-    with atomic(path) as partial:
-        figure.savefig(partial, format="png", dpi=110)
+        for axes, panel in zip(row, panels, strict=False):
+            _draw_panel(figure, axes, panel)
+    figure.supxlabel("\n".join(lines), fontsize=9, parse_math=False, ha="left", x=0.02)  # file names may contain any sign
+    return figure
 
 
-def _result_panels(frame: np.ndarray | None, estimate: np.ndarray, albedo: np.ndarray, truth: np.ndarray | None) -> list[Panel]:
-    panels: list[Panel] = []
-    if frame is not None:
-        corner = frame[:257, :257]
+def _draw_panel(figure: Figure, axes, panel: _Panel) -> None:  # type: ignore[no-untyped-def]
+    axes.set_axis_on()
+    image = axes.imshow(panel.image, cmap="gray", interpolation="nearest", vmin=panel.low, vmax=panel.high, extent=panel.extent)
+    axes.set_title("\n".join(textwrap.wrap(panel.title, 34)), fontsize=10)
+    axes.tick_params(labelsize=7)
+    axes.set_xlabel(panel.unit, fontsize=8)
+    figure.colorbar(image, ax=axes, shrink=0.75, pad=0.02).ax.tick_params(labelsize=7)
+    if panel.pitch_m is not None:
+        add_scale_bar(axes, panel.pitch_m, panel.image.shape[1], panel.image.shape[0])
+
+
+def _result_panels(result: Result, albedo: np.ndarray, truth: np.ndarray | None, pitch_m: float | None) -> list[_Panel]:
+    estimate, panels = result.estimate, []
+    if estimate.frame is not None:
+        corner = estimate.frame[:FRAME_CORNER, :FRAME_CORNER]
         low, high = float(corner.min()), float(corner.max())
-        limits = {"vmin": low, "vmax": high if high > low else low + 1.0}
-        panels.append(("speckle (a corner of the first frame)", corner, limits))
-    shown = centre_dimmed(estimate)
-    panels.append(("autocorrelation estimate", shown, {"vmin": float(np.quantile(shown, 0.01)), "vmax": float(shown.max())}))
-    panels.append(("reconstruction", albedo, _from_zero(albedo)))
+        panels.append(_Panel("corner of the first frame", corner, low, max(high, low + 1e-12), unit="pixels"))
+    lags = dim_zero_lag(estimate.lags)
+    edge = LAGS + 0.5
+    panels.append(
+        _Panel(
+            "autocorrelation estimate",
+            lags,
+            float(np.quantile(lags, 0.01)),
+            float(lags.max()),
+            extent=(-edge, edge, edge, -edge),
+        )
+    )
+    panels.append(_albedo_panel("reconstructed albedo", albedo, pitch_m))
     if truth is not None:
-        panels.append(("truth", truth, _from_zero(truth)))
+        panels.append(_albedo_panel("true albedo", truth, pitch_m))
     return panels
 
 
-def _posterior_panels(posterior: Posterior) -> list[Panel]:
-    """Standard deviation, probability of light, and, where there are several answers, the likeliest of them."""
-    count = len(posterior.samples)
-    panels: list[Panel] = [(f"mean of {count} samples", posterior.mean, _from_zero(posterior.mean)),
-                           ("standard deviation, 0 to 0.5", posterior.deviation, {"vmin": 0.0, "vmax": 0.5}),
-                           ("probability that a pixel is bright", posterior.bright, {"vmin": 0.0, "vmax": 1.0})]
-    answers = posterior.alternatives
-    if len(answers) > 1:
-        panels += [(f"answer {number + 1}: {100.0 * answer.probability:.0f} %", answer.albedo, _from_zero(answer.albedo))
-                   for number, answer in enumerate(answers[:ALTERNATIVES_SHOWN])]
+def _posterior_panels(samples: Samples, pitch_m: float | None) -> list[_Panel]:
+    """Plot mean, standard deviation, probability of bright pixels, and the most probable clusters if there are several."""
+    panels = [
+        _albedo_panel(f"mean of {len(samples)} samples", samples.mean, pitch_m),
+        _Panel("standard deviation", samples.deviation, 0.0, 0.5, pitch_m),
+        _Panel("probability of a bright pixel", samples.bright, 0.0, 1.0, pitch_m),
+    ]
+    clusters = samples.clusters
+    if len(clusters) > 1:
+        panels += [
+            _albedo_panel(f"cluster {number + 1}: {100.0 * cluster.probability:.0f} %", cluster.albedo, pitch_m)
+            for number, cluster in enumerate(clusters[:CLUSTERS_SHOWN])
+        ]
     return panels
 
 
-def _from_zero(image: np.ndarray) -> dict[str, float]:
-    return {"vmin": 0.0, "vmax": float(image.max()) or 1.0}
+def _albedo_panel(title: str, albedo: np.ndarray, pitch_m: float | None) -> _Panel:
+    return _Panel(title, albedo, 0.0, float(albedo.max()) or 1.0, pitch_m)
+
+
+def report_lines(result: Result, pearson: float | None) -> list[str]:
+    """Return the lines of text of a report: input, finding, numbers, every warning."""
+    measurement, settings = result.measurement, result.settings
+    found = "object found" if result.object_found else "NO OBJECT FOUND"
+    if result.object_found:
+        found = f"{found}, confidence {result.confidence:.2f}"
+    floor = measurement.floor_over_peak
+    dof = measurement.noise.dof if measurement.noise.dof_read else None
+    parts = [
+        f"floor/peak {floor:.3g}" if floor is not None else "floor/peak unknown",
+        f"K {dof:.3g}" if dof is not None else "K unknown",
+    ]
+    if result.estimate.pitches_m is not None:
+        parts.append(f"{result.estimate.pitches_m[0] * 1e6:.0f} um per lag")
+    if pearson is not None:
+        parts.append(f"correlation with the truth {pearson:.2f}")
+    parts.append(f"{settings.method}:{settings.quality}, {result.seconds_total:.1f} s")
+    return [result.estimate.name, found, ", ".join(parts), *(f"warning: {warning}" for warning in result.warnings)]
 
 
 def save_contact_sheet(path: Path, albedos: Sequence[np.ndarray], titles: Sequence[str]) -> None:
-    """Draw reconstructions (64, 64) side by side, ten a row, each below its title."""
+    """Plot reconstructions (64, 64) on a contact sheet, ten per row, each below its title."""
     from matplotlib.figure import Figure
 
     columns = min(10, len(albedos))
@@ -100,5 +170,4 @@ def save_contact_sheet(path: Path, albedos: Sequence[np.ndarray], titles: Sequen
     for axes, albedo, title in zip(grid, albedos, titles, strict=False):
         axes.imshow(albedo, cmap="gray", interpolation="nearest", vmin=0.0, vmax=float(albedo.max()) or 1.0)
         axes.set_title(title, fontsize=7, parse_math=False)
-    with atomic(path) as partial:
-        figure.savefig(partial, format="png", dpi=110)
+    save_figure(path, figure)

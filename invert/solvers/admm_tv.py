@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import torch
 
-from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, random_starts, to_modulus
+from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, no_progress, random_starts, to_modulus
 
 
 @dataclass(frozen=True)
@@ -37,14 +37,19 @@ def divergence(field: torch.Tensor) -> torch.Tensor:
     return row - torch.roll(row, 1, -2) + column - torch.roll(column, 1, -1)
 
 
-def shrunk(field: torch.Tensor, threshold: torch.Tensor) -> torch.Tensor:
+def shrink_gradients(field: torch.Tensor, threshold: torch.Tensor) -> torch.Tensor:
     """Shorten every gradient vector by `threshold`, (..., 2, n, n): the proximal map of isotropic total variation."""
     length = field.square().sum(-3, keepdim=True).sqrt()
     return field * (1.0 - threshold / length.clamp_min(1e-30)).clamp_min(0.0)
 
 
-def admm_tv(modulus: torch.Tensor, box: int, rng: torch.Generator, options: AdmmTvOptions | None = None,
-            progress: Progress = lambda: None) -> Candidates:
+def admm_tv(
+    modulus: torch.Tensor,
+    box: int,
+    rng: torch.Generator,
+    options: AdmmTvOptions | None = None,
+    progress: Progress = no_progress,
+) -> Candidates:
     """Retrieve non-negative images; arguments as in `hio`."""
     options = options or AdmmTvOptions()
     target, support = modulus.unsqueeze(-3), box_support(modulus, box)
@@ -58,7 +63,7 @@ def admm_tv(modulus: torch.Tensor, box: int, rng: torch.Generator, options: Admm
     for _ in range(options.iterations - options.error_reduction):
         seen = to_modulus(image + dual_modulus, target)
         kept = (image + dual_support).clamp_min(0.0) * support
-        edges = shrunk(gradients(image) + dual_gradient, threshold)
+        edges = shrink_gradients(gradients(image) + dual_gradient, threshold)
         right = (seen - dual_modulus) + (kept - dual_support) - options.coupling * divergence(edges - dual_gradient)
         image = torch.fft.irfft2(torch.fft.rfft2(right) / (2.0 + options.coupling * laplacian), s=(side, side))
         dual_modulus += image - seen

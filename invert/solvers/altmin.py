@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import torch
 
-from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, random_starts, to_modulus
+from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, no_progress, random_starts, to_modulus
 
 
 @dataclass(frozen=True)
@@ -20,8 +20,13 @@ class AltMinOptions:
     starts: int = 16
 
 
-def altmin(modulus: torch.Tensor, box: int, rng: torch.Generator, options: AltMinOptions | None = None,
-           progress: Progress = lambda: None) -> Candidates:
+def altmin(
+    modulus: torch.Tensor,
+    box: int,
+    rng: torch.Generator,
+    options: AltMinOptions | None = None,
+    progress: Progress = no_progress,
+) -> Candidates:
     """Retrieve real images of either sign; arguments as in `hio`."""
     options = options or AltMinOptions()
     target, support = modulus.unsqueeze(-3), box_support(modulus, box)

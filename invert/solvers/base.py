@@ -7,7 +7,12 @@ from dataclasses import dataclass
 
 import torch
 
-Progress = Callable[[], object]
+Progress = Callable[..., object]
+"""Called with the number of steps done since the last call; 1 if it is left out."""
+
+
+def no_progress(steps: int = 1) -> None:
+    """Ignore progress."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +43,7 @@ def modulus_residual(image: torch.Tensor, modulus: torch.Tensor) -> torch.Tensor
     return error / modulus.square().sum((-2, -1)).clamp_min(1e-30)
 
 
-def blurred(image: torch.Tensor, deviation: float) -> torch.Tensor:
+def gaussian_blur(image: torch.Tensor, deviation: float) -> torch.Tensor:
     """Periodic Gaussian blur, standard deviation in pixels."""
     side = image.shape[-1]
     row = torch.fft.fftfreq(side, device=image.device)[:, None]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import torch
 
-from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, random_starts, to_modulus
+from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, no_progress, random_starts, to_modulus
 
 
 @dataclass(frozen=True)
@@ -18,8 +18,13 @@ class ErrorReductionOptions:
     starts: int = 16
 
 
-def error_reduction(modulus: torch.Tensor, box: int, rng: torch.Generator,
-                    options: ErrorReductionOptions | None = None, progress: Progress = lambda: None) -> Candidates:
+def error_reduction(
+    modulus: torch.Tensor,
+    box: int,
+    rng: torch.Generator,
+    options: ErrorReductionOptions | None = None,
+    progress: Progress = no_progress,
+) -> Candidates:
     """Retrieve non-negative images; arguments as in `hio`. The residual never rises."""
     options = options or ErrorReductionOptions()
     target, support = modulus.unsqueeze(-3), box_support(modulus, box)

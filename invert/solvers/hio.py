@@ -10,7 +10,16 @@ from dataclasses import dataclass
 
 import torch
 
-from invert.solvers.base import Candidates, Progress, blurred, box_support, modulus_residual, random_starts, to_modulus
+from invert.solvers.base import (
+    Candidates,
+    Progress,
+    box_support,
+    gaussian_blur,
+    modulus_residual,
+    no_progress,
+    random_starts,
+    to_modulus,
+)
 
 
 @dataclass(frozen=True)
@@ -36,8 +45,9 @@ class HioOptions:
     shrink_blur: tuple[float, float] = (4.0, 2.0)
 
 
-def hio(modulus: torch.Tensor, box: int, rng: torch.Generator, options: HioOptions | None = None,
-        progress: Progress = lambda: None) -> Candidates:
+def hio(
+    modulus: torch.Tensor, box: int, rng: torch.Generator, options: HioOptions | None = None, progress: Progress = no_progress
+) -> Candidates:
     """Retrieve real, non-negative images from Fourier moduli.
 
     Args:
@@ -63,7 +73,7 @@ def hio(modulus: torch.Tensor, box: int, rng: torch.Generator, options: HioOptio
             # projected where allowed, image - beta projected elsewhere
             image = image.sub_(projected, alpha=options.beta).lerp_(projected, allowed)
             if options.shrink_every and iteration >= options.shrink_from and iteration % options.shrink_every == 0:
-                smooth = blurred(projected * allowed, blur)
+                smooth = gaussian_blur(projected * allowed, blur)
                 support = (smooth > threshold * smooth.amax((-2, -1), keepdim=True)).float()
                 blur = max(last_blur, 0.95 * blur)
         progress()

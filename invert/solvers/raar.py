@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import torch
 
-from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, random_starts, to_modulus
+from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, no_progress, random_starts, to_modulus
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,9 @@ class RaarOptions:
     error_reduction: int = 100
 
 
-def raar(modulus: torch.Tensor, box: int, rng: torch.Generator, options: RaarOptions | None = None,
-         progress: Progress = lambda: None) -> Candidates:
+def raar(
+    modulus: torch.Tensor, box: int, rng: torch.Generator, options: RaarOptions | None = None, progress: Progress = no_progress
+) -> Candidates:
     """Retrieve non-negative images; arguments as in `hio`."""
     options = options or RaarOptions()
     target, support = modulus.unsqueeze(-3), box_support(modulus, box)

@@ -1,4 +1,4 @@
-"""The classical solvers by name, and the qualities that trade their speed for accuracy."""
+"""Solvers and options of the classical methods."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import Any
 import torch
 
 from correlograph.lags import OBJECT_SIDE
+from invert.choices import CLASSICAL, Method, Quality
 from invert.measure.spectrum import Measurement, fourier_modulus
 from invert.solvers.admm_tv import AdmmTvOptions, admm_tv
 from invert.solvers.altmin import AltMinOptions, altmin
-from invert.solvers.base import Candidates, Progress
+from invert.solvers.base import Candidates, Progress, no_progress
 from invert.solvers.error_reduction import ErrorReductionOptions, error_reduction
 from invert.solvers.hio import HioOptions, hio
 from invert.solvers.mtwf import MTWF_OPTIONS, mtwf
@@ -19,7 +20,7 @@ from invert.solvers.raar import RaarOptions, raar
 from invert.solvers.taf import TafOptions, taf
 from invert.solvers.twf import TwfOptions, twf
 
-METHODS: dict[str, tuple[Any, Any]] = {
+_SOLVERS: dict[str, tuple[Any, Any]] = {
     "classical": (hio, HioOptions()),
     "hio": (hio, HioOptions(shrink_every=0)),
     "raar": (raar, RaarOptions()),
@@ -30,24 +31,33 @@ METHODS: dict[str, tuple[Any, Any]] = {
     "mtwf": (mtwf, MTWF_OPTIONS),
     "admm-tv": (admm_tv, AdmmTvOptions()),
 }
-"""Solver and options. All but `classical` run as published: 64 x 64 support, the start of least residual. `classical` is HIO
-with shrink-wrap in the box that the measured signal allows, and the registered mean of the best starts."""
-
-QUALITIES = {"fast": (4, 0.3), "balanced": (16, 1.0), "best": (64, 1.0)}
-"""Starts, and share of a method's iterations."""
+"""Solver and published options of each classical method. All except `classical` run as published: in a support of 64 x 64, with
+the start of the lowest residual as the result. `classical` is HIO with shrink-wrap in a square support derived from the signal
+extent; its result is the registered mean of the starts with the lowest residuals."""
 
 
-def method_options(method: str, quality: str) -> Any:
-    """A solver's options at a quality."""
-    options = METHODS[method][1]
-    starts, share = QUALITIES[quality]
-    return replace(options, starts=starts, iterations=round(share * options.iterations))
+def solver_of(method: Method) -> Any:
+    """Return the function of a classical method."""
+    return _SOLVERS[method.name][0]
 
 
-def solve(measurement: Measurement, method: str, quality: str, seed: int, device: str,
-          progress: Progress = lambda: None) -> Candidates:
-    """Reconstructions (starts, 128, 128) of a measurement."""
-    box = measurement.box if method == "classical" else OBJECT_SIDE
+def solver_options(method: Method, quality: Quality) -> Any:
+    """Return the options of a classical method at a quality."""
+    options = _SOLVERS[method.name][1]
+    iterations = round(quality.solver_iterations * options.iterations)
+    return replace(options, starts=quality.solver_starts, iterations=iterations)
+
+
+def solve(
+    measurement: Measurement,
+    method: Method,
+    quality: Quality,
+    seed: int,
+    device: str,
+    progress: Progress = no_progress,
+) -> Candidates:
+    """Retrieve the phase of a measurement from random starts; images (starts, 128, 128)."""
+    support_side = measurement.box if method == CLASSICAL else OBJECT_SIDE
     rng = torch.Generator(device=device).manual_seed(seed)
     modulus = fourier_modulus(measurement).to(device)
-    return METHODS[method][0](modulus, box, rng, method_options(method, quality), progress)
+    return solver_of(method)(modulus, support_side, rng, solver_options(method, quality), progress)

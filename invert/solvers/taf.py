@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import torch
 
-from invert.solvers.base import Candidates, Progress, box_support, modulus_residual
+from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, no_progress
 from invert.solvers.twf import full_intensity, start_at_scale
 
 
@@ -31,8 +31,9 @@ def amplitude_gradient(spectrum: torch.Tensor, amplitude: torch.Tensor, kept: to
     return torch.fft.ifft2(spectrum * (scale * kept)).real
 
 
-def taf(modulus: torch.Tensor, box: int, rng: torch.Generator, options: TafOptions | None = None,
-        progress: Progress = lambda: None) -> Candidates:
+def taf(
+    modulus: torch.Tensor, box: int, rng: torch.Generator, options: TafOptions | None = None, progress: Progress = no_progress
+) -> Candidates:
     """Retrieve real images of either sign; arguments as in `hio`."""
     options = options or TafOptions()
     support, amplitude = box_support(modulus, box), full_intensity(modulus).sqrt()

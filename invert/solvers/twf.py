@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import torch
 
-from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, random_starts
+from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, no_progress, random_starts
 
 
 @dataclass(frozen=True)
@@ -56,8 +56,14 @@ def within(magnitude: torch.Tensor, norm: torch.Tensor, lower: float, upper: flo
     return (magnitude >= lower * norm) & (magnitude <= upper * norm)
 
 
-def truncated_flow(modulus: torch.Tensor, box: int, rng: torch.Generator, options: TwfOptions,
-                   typical: Callable[[torch.Tensor], torch.Tensor], progress: Progress) -> Candidates:
+def truncated_flow(
+    modulus: torch.Tensor,
+    box: int,
+    rng: torch.Generator,
+    options: TwfOptions,
+    typical: Callable[[torch.Tensor], torch.Tensor],
+    progress: Progress,
+) -> Candidates:
     """Descend the Poisson likelihood over measurements that keep both truncation rules.
 
     Args:
@@ -77,8 +83,10 @@ def truncated_flow(modulus: torch.Tensor, box: int, rng: torch.Generator, option
     return Candidates(image, modulus_residual(image, modulus.unsqueeze(-3)))
 
 
-def twf(modulus: torch.Tensor, box: int, rng: torch.Generator, options: TwfOptions | None = None,
-        progress: Progress = lambda: None) -> Candidates:
+def twf(
+    modulus: torch.Tensor, box: int, rng: torch.Generator, options: TwfOptions | None = None, progress: Progress = no_progress
+) -> Candidates:
     """Retrieve real images of either sign; arguments as in `hio`. The typical error is the mean."""
-    return truncated_flow(modulus, box, rng, options or TwfOptions(), lambda error: error.mean((-2, -1), keepdim=True),
-                          progress)
+    return truncated_flow(
+        modulus, box, rng, options or TwfOptions(), lambda error: error.mean((-2, -1), keepdim=True), progress
+    )

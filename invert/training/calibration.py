@@ -18,9 +18,10 @@ from scipy.special import expit
 
 from correlograph.command import ArgumentParser
 from correlograph.ranges import SEED, Range
-from invert.albedo.posterior import SIZES, Spread, measured, posterior
+from invert.albedo.posterior import SIZES, SizeStatistics, measure_size
+from invert.choices import BALANCED, FAST, Quality
 from invert.network.confidence import confidence
-from invert.training.data import Batch, varied
+from invert.training.data import Batch, make_varied_batch
 
 RIDGE = 1e-2
 
@@ -52,49 +53,47 @@ def main(argv: Sequence[str] | None = None) -> None:
     from invert.network.checkpoints import read_weights, save_weights
 
     _, held_out = load_targets(options.targets)
-    batch = varied(held_out, options.count, torch.Generator().manual_seed(options.seed))
+    batch = make_varied_batch(held_out, options.count, torch.Generator().manual_seed(options.seed))
     tensors, card = read_weights(options.weights)
     card["calibration"] = {}
-    for quality in ("fast", "balanced"):
+    for quality in (FAST, BALANCED):
         observed = _observe(batch, options.weights, quality)
         coefficients = fit_logistic(observed.features, observed.achieved)
         error = np.abs(confidence(coefficients, observed.features) - observed.achieved).mean()
-        card["calibration"][quality] = coefficients
-        print(f"{quality}: mean difference of confidence and achieved correlation {error:.3f} "
-              f"on {len(observed.achieved)} estimates")
+        card["calibration"][quality.name] = coefficients
+        print(
+            f"{quality}: mean difference of confidence and achieved correlation {error:.3f} "
+            f"on {len(observed.achieved)} estimates"
+        )
         if all(observed.errors.values()):
-            card["calibration"]["sizes"] = {size: np.quantile(errors, np.linspace(0.0, 1.0, QUANTILES)).tolist()
-                                            for size, errors in observed.errors.items()}
+            card["calibration"]["sizes"] = {
+                size: np.quantile(errors, np.linspace(0.0, 1.0, QUANTILES)).tolist() for size, errors in observed.errors.items()
+            }
     card["calibration"]["best"] = card["calibration"]["balanced"]  # more starts, samples and rounds change little
     save_weights(options.weights, tensors, card)
 
 
-def _observe(batch: Batch, weights: Path, quality: str) -> Observed:
-    """Reconstructions of all estimates of a batch that show an object, beside their truths."""
+def _observe(batch: Batch, weights: Path, quality: Quality) -> Observed:
+    """Reconstruct all estimates of a batch that show an object, as `python -m invert` does, and compare with the truths."""
     from tqdm import tqdm
 
-    from invert.measure.spectrum import read_measurement
-    from invert.methods import finished
-    from invert.network.checkpoints import load_network
-    from invert.network.inference import reconstruct_by_network
+    from invert.measure.estimate import Estimate
+    from invert.pipeline import reconstruct
     from invert.training.losses import registered_pearson
 
-    network, _ = load_network(weights)
     features, achieved = [], []
     errors: dict[str, list[float]] = {size: [] for size in SIZES}
-    for estimate, truth in zip(tqdm(batch.seen.estimate, desc=quality, disable=None), batch.truth, strict=True):
-        measurement = read_measurement(estimate.numpy())
-        if not measurement.detectable:
+    for lags, truth in zip(tqdm(batch.seen.estimate, desc=quality.name, disable=None), batch.truth, strict=True):
+        found = reconstruct(Estimate("target", lags.numpy()), quality=quality, weights=weights).reconstruction
+        if found.features is None:
             continue
-        answer = reconstruct_by_network(network, measurement, quality, 0, "cpu")
-        albedo = finished(answer.image, measurement, quality)
-        found = float(registered_pearson(albedo[None], truth[None])[0]) if truth.any() else 0.0
-        features.append(answer.features)
-        achieved.append(max(found, 0.0))
-        if answer.samples is not None and albedo.any() and truth.any():
-            samples = posterior(answer.samples, albedo).samples
+        albedo = torch.from_numpy(found.albedo if found.rejected is None else found.rejected)
+        pearson = float(registered_pearson(albedo[None], truth[None])[0]) if truth.any() else 0.0
+        features.append(found.features)
+        achieved.append(max(pearson, 0.0))
+        if found.posterior is not None and truth.any():
             for size, own in errors.items():
-                own.append(Spread.of(samples, size).error(measured(truth.numpy(), size)))
+                own.append(SizeStatistics.of(found.posterior.samples, size).error(measure_size(truth.numpy(), size)))
     return Observed(np.array(features), np.array(achieved), errors)
 
 

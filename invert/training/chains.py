@@ -11,13 +11,17 @@ import math
 import torch
 
 from correlograph.lags import LAGS, OBJECT_SIDE
-from invert.albedo.registration import laid_over
-from invert.network.annealing import ANNEALING, after_data, less_noisy, level_at
+from invert.albedo.registration import register_groups
+from invert.choices import BALANCED
+from invert.network.annealing import Annealing, apply_shrunken_data_step, noise_level_at, renoise
 from invert.network.features import Observation
-from invert.network.fisher_scoring import LARGEST
-from invert.network.sampler import SPREAD
+from invert.network.fisher_scoring import MAX_ALBEDO
+from invert.network.sampler import ALBEDO_STD
 from invert.training.data import Batch
-from invert.training.denoising import MOST, Task, in_sums
+from invert.training.denoising import MAX_SIGMA, Task, scale_dof_for_sums
+
+SCHEDULE = Annealing.of(BALANCED)
+"""Schedule of the annealing that the chains follow."""
 
 CHAINS = 128
 """Kept at a time; each step of training moves some of them on by one step of annealing."""
@@ -45,8 +49,18 @@ class Chains:
 
     def __init__(self) -> None:
         lags, pictures = (CHAINS, 2 * LAGS + 1, 2 * LAGS + 1), (CHAINS, OBJECT_SIDE, OBJECT_SIDE)
-        shapes = {"estimate": lags, "floor": (CHAINS,), "dof": (CHAINS,), "truth": pictures, "noisy": pictures,
-                  "albedo": pictures, "first": (CHAINS,), "steps": (CHAINS,), "done": (CHAINS,), "left": (CHAINS,)}
+        shapes = {
+            "estimate": lags,
+            "floor": (CHAINS,),
+            "dof": (CHAINS,),
+            "truth": pictures,
+            "noisy": pictures,
+            "albedo": pictures,
+            "first": (CHAINS,),
+            "steps": (CHAINS,),
+            "done": (CHAINS,),
+            "left": (CHAINS,),
+        }
         self.state = {name: torch.zeros(shape) for name, shape in shapes.items()}
 
     def draw(self, batch: Batch, rng: torch.Generator) -> torch.Tensor:
@@ -55,10 +69,18 @@ class Chains:
         which = torch.randperm(CHAINS, generator=rng)[: len(truth)]
         ended = self.state["left"][which] == 0
         rounds = torch.randint(1, ROUNDS + 1, (len(truth),), generator=rng)
-        begun = {"estimate": seen.estimate, "floor": seen.floor, "dof": seen.dof, "truth": truth,
-                 "noisy": MOST * torch.randn(truth.shape, generator=rng), "albedo": torch.zeros_like(truth),
-                 "first": torch.full((len(truth),), MOST), "steps": torch.full((len(truth),), float(FIRST_STEPS)),
-                 "done": torch.zeros(len(truth)), "left": rounds.float()}
+        begun = {
+            "estimate": seen.estimate,
+            "floor": seen.floor,
+            "dof": seen.dof,
+            "truth": truth,
+            "noisy": MAX_SIGMA * torch.randn(truth.shape, generator=rng),
+            "albedo": torch.zeros_like(truth),
+            "first": torch.full((len(truth),), MAX_SIGMA),
+            "steps": torch.full((len(truth),), float(FIRST_STEPS)),
+            "done": torch.zeros(len(truth)),
+            "left": rounds.float(),
+        }
         for name, value in begun.items():
             self.state[name][which[ended]] = value[ended]
         return which
@@ -66,38 +88,38 @@ class Chains:
     def task(self, which: torch.Tensor, device: torch.device) -> Task:
         """Their next step of annealing."""
         one = {name: value[which].to(device) for name, value in self.state.items()}
-        seen = Observation.bare(one["estimate"], one["floor"], one["dof"])
+        seen = Observation.from_estimate(one["estimate"], one["floor"], one["dof"])
         return Task(seen, one["truth"], one["noisy"], _level(one, one["done"]), one["albedo"])
 
     def follow(self, which: torch.Tensor, task: Task, answer: torch.Tensor, rng: torch.Generator) -> None:
         """Move chains on by what the sampler expects, as annealing does."""
         one = {name: value[which] for name, value in self.state.items()}
-        data = in_sums(task.seen)
-        expected = answer.clamp(0.0, LARGEST)
-        albedo = after_data(data, expected, task.sigma, ANNEALING["balanced"].ascent).cpu()
+        data = scale_dof_for_sums(task.seen)
+        expected = answer.clamp(0.0, MAX_ALBEDO)
+        albedo = apply_shrunken_data_step(data, expected, task.sigma, SCHEDULE.ascent).cpu()
         noise = torch.randn(albedo.shape, generator=rng)
         done = one["done"] + 1.0
         low, high = map(math.log, FIRST)
         first = (low + (high - low) * torch.rand(len(which), generator=rng)).exp()
         ends = done >= one["steps"]
         level, following = _level(one, one["done"]), _level(one, done)
-        noisy = less_noisy(albedo, one["noisy"], level[:, None, None], following[:, None, None], noise)
+        noisy = renoise(albedo, one["noisy"], level[:, None, None], following[:, None, None], noise)
         self.state["noisy"][which] = torch.where(ends[:, None, None], albedo + first[:, None, None] * noise, noisy)
         self.state["albedo"][which] = albedo
         self.state["done"][which] = torch.where(ends, 0.0, done)
         self.state["left"][which] = one["left"] - ends.float()
         self.state["first"][which] = torch.where(ends, first, one["first"])
-        self.state["steps"][which] = torch.where(ends, float(ANNEALING["balanced"].steps), one["steps"])
+        self.state["steps"][which] = torch.where(ends, float(SCHEDULE.steps), one["steps"])
 
 
 def _level(one: dict[str, torch.Tensor], done: torch.Tensor) -> torch.Tensor:
     """Noise of a round's step, (n,)."""
     share = (done / (one["steps"] - 1.0)).clamp(0.0, 1.0)
-    return level_at(share, one["first"], ANNEALING["balanced"].last)
+    return noise_level_at(share, one["first"], SCHEDULE.last)
 
 
 def chain_loss(answer: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
     """Squared error over the variance of albedos, (n,), against the truth shifted and turned to fit: a chain has gone its own
     way."""
-    fitting = laid_over(truth[:, None], answer.detach())[:, 0]
-    return WEIGHT * (answer - fitting).square().mean((-2, -1)) / SPREAD**2
+    fitting = register_groups(truth[:, None], answer.detach())[:, 0]
+    return WEIGHT * (answer - fitting).square().mean((-2, -1)) / ALBEDO_STD**2

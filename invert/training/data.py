@@ -9,11 +9,11 @@ import torch
 from torch.nn import functional
 
 from correlograph.lags import LAGS
-from invert.albedo.registration import normalised
+from invert.albedo.registration import normalise_peak
 from invert.network.features import Observation
-from invert.training.denoising import Draws, moved
+from invert.training.denoising import Draws, shift_randomly
 from radiometry.noise.level import OUTERMOST, RING
-from radiometry.noise.model import draw_estimate, window_smoothed
+from radiometry.noise.model import autocorrelate_windowed, draw_estimate
 
 EMPTY_SHARE = 0.04
 """Share of samples that hold only noise, from which the network learns low confidence."""
@@ -53,11 +53,12 @@ def at_noise(truth: torch.Tensor, floor: torch.Tensor | float, dof: torch.Tensor
     dof = torch.as_tensor(dof).expand(n).float()
     signal = _signal(truth)
     estimate = draw_estimate(signal + floor[:, None, None], dof, rng)
-    return Batch(Observation.bare(estimate, floor, dof), truth, signal)
+    return Batch(Observation.from_estimate(estimate, floor, dof), truth, signal)
 
 
-def varied(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batch:
+def make_varied_batch(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batch:
     """Random targets (uint8 pool (N, 64, 64)), flipped and transposed, at noise of every level and of several kinds."""
+
     def chance(share: float) -> torch.Tensor:
         return (torch.rand(count, generator=rng) < share)[:, None, None]
 
@@ -69,7 +70,7 @@ def varied(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batch:
     truth = torch.where(chance(0.5), truth.flip(-1), truth)
     truth = torch.where(chance(0.5), truth.flip(-2), truth)
     truth = torch.where(chance(0.25), functional.max_pool2d(truth, 3, 1, 1), truth)  # thicker lines
-    truth = torch.where(chance(GREY_SHARE), _shaded(truth, rng), truth)
+    truth = torch.where(chance(GREY_SHARE), _apply_shading(truth, rng), truth)
     truth = torch.where(chance(EMPTY_SHARE), torch.zeros(()), truth)
     floor = torch.exp(uniform(np.log(0.005), np.log(4.0)))
     dof = torch.exp(uniform(np.log(8.0), np.log(1e4)))
@@ -91,10 +92,10 @@ def varied(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batch:
         view[:, LAGS] = torch.where(chance(interpolated)[:, 0], beside, line)
     read_error = torch.randn(2, count, generator=rng)
     read_floor, read_dof = floor * (1.0 + read_error[0] * (dof * _OUTER).rsqrt()), dof * (1.0 + 0.04 * read_error[1])
-    return Batch(Observation.bare(estimate, read_floor, read_dof), truth, signal)
+    return Batch(Observation.from_estimate(estimate, read_floor, read_dof), truth, signal)
 
 
-def _shaded(truth: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
+def _apply_shading(truth: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
     """Albedos (n, 64, 64) times a random field, about .1 to 1; largest value 1 each.
 
     Its amplitude falls with spatial frequency, by a power between 1, as that of photographs does (D. J. Field, J. Opt. Soc.
@@ -105,20 +106,22 @@ def _shaded(truth: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
     power = 1.0 + 2.0 * torch.rand(len(truth), 1, 1, generator=rng)
     white = torch.fft.rfft2(torch.randn(truth.shape, generator=rng))
     field = torch.fft.irfft2(white * frequency.clamp_min(1.0) ** -power, s=truth.shape[-2:])
-    return normalised(truth * (0.1 + torch.sigmoid(2.0 * field / field.std((-2, -1), keepdim=True))))
+    return normalise_peak(truth * (0.1 + torch.sigmoid(2.0 * field / field.std((-2, -1), keepdim=True))))
 
 
 def hidden_in_noise(batch: Batch, rng: torch.Generator) -> Batch:
     """The sampler's task: objects anywhere near the middle, with draws of the noise that hides them."""
-    return replace(batch, truth=moved(batch.truth, rng), draws=Draws.of(len(batch.truth), batch.truth.shape[-1], rng))
+    return replace(batch, truth=shift_randomly(batch.truth, rng), draws=Draws.of(len(batch.truth), batch.truth.shape[-1], rng))
 
 
 def warm(stored: dict[str, torch.Tensor], count: int, rng: torch.Generator) -> Batch:
     """Random stored estimates, denoised, with their classical reconstructions (see `invert.training.warm_starts`), flipped and
     transposed."""
     chosen = torch.randint(len(stored["albedo"]), (count,), generator=rng)
-    pictures = [stored[name][chosen].float() * scale
-                for name, scale in (("estimate", 1.0), ("denoised", 1.0), ("albedo", 1.0 / 255.0), ("classical", 1.0 / 255.0))]
+    pictures = [
+        stored[name][chosen].float() * scale
+        for name, scale in (("estimate", 1.0), ("denoised", 1.0), ("albedo", 1.0 / 255.0), ("classical", 1.0 / 255.0))
+    ]
     for turn in (lambda x: x.mT, lambda x: x.flip(-1), lambda x: x.flip(-2)):
         turned = torch.rand(count, generator=rng) < 0.5
         pictures = [torch.where(turned.view(-1, *[1] * (picture.ndim - 1)), turn(picture), picture) for picture in pictures]
@@ -135,6 +138,6 @@ def paper_noise(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batc
 
 def _signal(truth: torch.Tensor) -> torch.Tensor:
     """H (r*r) behind the patch window, largest lag but zero 1; zero where the truth is."""
-    signal = window_smoothed(truth)
+    signal = autocorrelate_windowed(truth)
     beside = torch.maximum(signal[:, LAGS, LAGS + 1], signal[:, LAGS + 1, LAGS])
     return signal / beside.clamp_min(1e-12)[:, None, None]

@@ -8,25 +8,25 @@ from dataclasses import dataclass, replace
 import torch
 
 from invert.network.features import Observation
-from invert.network.fisher_scoring import LARGEST, towards_data
-from invert.network.sampler import SPREAD, Sampler, posterior_variance
+from invert.network.fisher_scoring import MAX_ALBEDO, run_data_consistency_steps
+from invert.network.sampler import ALBEDO_STD, Sampler, posterior_variance
 
-TYPICAL, LEAST, MOST = 0.3, 0.02, 4.0
-"""Noise levels: log-normal around `TYPICAL`, with a standard deviation of one, within limits."""
+MEDIAN_SIGMA, MIN_SIGMA, MAX_SIGMA = 0.3, 0.02, 4.0
+"""Noise levels: log-normal around `MEDIAN_SIGMA`, with a standard deviation of one, within limits."""
 
 PASSES = 2
 """Largest number of earlier steps that a guess has behind it."""
 
-FARTHER = 1.5
+MAX_LOG_SIGMA_RATIO = 1.5
 """Logarithm of the largest ratio of their noise to the level trained."""
 
 ASCENT, ASCENT_SHARE = 3, 0.7
 """Steps towards the data after such a step, and how often they are taken."""
 
-DATA_WEIGHT = 3.0
+PRIOR_VARIANCE_FACTOR = 3.0
 """Factor on the prior's variance in these steps; in use it is that of `invert.network.annealing`."""
 
-STRAY = 6
+MAX_SHIFT_LAGS = 6
 """Largest shift of an object out of the middle of its window, in lags."""
 
 
@@ -45,11 +45,11 @@ class Draws:
 
     @classmethod
     def of(cls, count: int, side: int, rng: torch.Generator) -> Draws:
-        sigma = (math.log(TYPICAL) + torch.randn(count, generator=rng)).exp().clamp(LEAST, MOST)
+        sigma = (math.log(MEDIAN_SIGMA) + torch.randn(count, generator=rng)).exp().clamp(MIN_SIGMA, MAX_SIGMA)
         passes = int(torch.randint(PASSES + 1, (), generator=rng))
         ascends = torch.rand(passes, generator=rng) < ASCENT_SHARE
         left = torch.arange(PASSES, 0, -1)[:, None] / PASSES
-        ratio = (FARTHER * left * torch.rand(PASSES, count, generator=rng)).exp()
+        ratio = (MAX_LOG_SIGMA_RATIO * left * torch.rand(PASSES, count, generator=rng)).exp()
         return cls(sigma, torch.randn(1 + PASSES, count, side, side, generator=rng), ratio, tuple(ascends.tolist()))
 
     def part(self, which: slice, device: str | torch.device) -> Draws:
@@ -58,34 +58,34 @@ class Draws:
         return Draws(self.sigma[which].to(device), noise, ratio, self.ascends)
 
 
-def moved(albedo: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
-    """Albedos (n, 64, 64), each shifted by up to `STRAY` lags as far as its window allows."""
+def shift_randomly(albedo: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
+    """Albedos (n, 64, 64), each shifted by up to `MAX_SHIFT_LAGS` lags as far as its window allows."""
     shifted = []
     for one in albedo:
         for axis in (0, 1):
             lit = one.amax(1 - axis).nonzero()
             if len(lit):
-                least, most = max(-int(lit[0]), -STRAY), min(len(one) - 1 - int(lit[-1]), STRAY)
+                least, most = max(-int(lit[0]), -MAX_SHIFT_LAGS), min(len(one) - 1 - int(lit[-1]), MAX_SHIFT_LAGS)
                 one = one.roll(int(torch.randint(least, most + 1, (), generator=rng)), axis)
         shifted.append(one)
     return torch.stack(shifted)
 
 
-def in_sums(seen: Observation) -> Observation:
+def scale_dof_for_sums(seen: Observation) -> Observation:
     """Observations whose K is what it counts in sums over lags: between that of independent lags and of correlated ones."""
     return replace(seen, dof=seen.dof / 2.0)
 
 
 @torch.no_grad()
-def guessed(sampler: Sampler, seen: Observation, truth: torch.Tensor, draws: Draws) -> torch.Tensor:
+def run_self_conditioning(sampler: Sampler, seen: Observation, truth: torch.Tensor, draws: Draws) -> torch.Tensor:
     """What the sampler itself makes of noisier pictures, step by step; zeros without earlier steps."""
     guess = torch.zeros_like(truth)
-    data = in_sums(seen)
+    data = scale_dof_for_sums(seen)
     for ratio, noise, ascends in zip(draws.ratio, draws.noise[1:], draws.ascends, strict=False):
-        sigma = (draws.sigma * ratio).clamp_max(MOST)
-        guess = sampler(seen, truth + sigma[:, None, None] * noise, sigma, guess).clamp(0.0, LARGEST)
+        sigma = (draws.sigma * ratio).clamp_max(MAX_SIGMA)
+        guess = sampler(seen, truth + sigma[:, None, None] * noise, sigma, guess).clamp(0.0, MAX_ALBEDO)
         if ascends:
-            guess = towards_data(data, guess, DATA_WEIGHT * posterior_variance(sigma), ASCENT)
+            guess = run_data_consistency_steps(data, guess, PRIOR_VARIANCE_FACTOR * posterior_variance(sigma), ASCENT)
     return guess
 
 
@@ -102,19 +102,19 @@ class Task:
     def answer(self, sampler: Sampler) -> torch.Tensor:
         return sampler(self.seen, self.noisy, self.sigma, self.guess)
 
-    def joined(self, other: Task) -> Task:
+    def join(self, other: Task) -> Task:
         """Those of this task, then those of another."""
         seen = Observation(*(torch.cat(both) for both in zip(vars(self.seen).values(), vars(other.seen).values(), strict=True)))
         names = ("truth", "noisy", "sigma", "guess")
         return Task(seen, *(torch.cat((getattr(self, name), getattr(other, name))) for name in names))
 
 
-def hidden(sampler: Sampler, seen: Observation, truth: torch.Tensor, draws: Draws) -> Task:
+def make_denoising_task(sampler: Sampler, seen: Observation, truth: torch.Tensor, draws: Draws) -> Task:
     """Truths hidden in noise."""
     noisy = truth + draws.sigma[:, None, None] * draws.noise[0]
-    return Task(seen, truth, noisy, draws.sigma, guessed(sampler, seen, truth, draws))
+    return Task(seen, truth, noisy, draws.sigma, run_self_conditioning(sampler, seen, truth, draws))
 
 
 def denoising_loss(answer: torch.Tensor, truth: torch.Tensor, sigma: torch.Tensor) -> torch.Tensor:
     """Squared error over what is to be learnt at a noise level, (n,): 1 for a sampler that knows only the mean."""
-    return (answer - truth).square().mean((-2, -1)) * (sigma.square() + SPREAD**2) / (sigma * SPREAD).square()
+    return (answer - truth).square().mean((-2, -1)) * (sigma.square() + ALBEDO_STD**2) / (sigma * ALBEDO_STD).square()

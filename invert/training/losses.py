@@ -101,5 +101,11 @@ def _lags_modulus(lags: torch.Tensor) -> torch.Tensor:
     return (spectrum.clamp_min(0.0) + 1e-2).sqrt()
 
 
-LOSSES = {"registered": registered_loss, "autocorrelation-l1": autocorrelation_l1, "autocorrelation-l2": autocorrelation_l2,
-          "modulus-l1": modulus_l1, "modulus-l2": modulus_l2, "pearson": autocorrelation_pearson}
+LOSSES = {
+    "registered": registered_loss,
+    "autocorrelation-l1": autocorrelation_l1,
+    "autocorrelation-l2": autocorrelation_l2,
+    "modulus-l1": modulus_l1,
+    "modulus-l2": modulus_l2,
+    "pearson": autocorrelation_pearson,
+}

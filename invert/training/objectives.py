@@ -12,12 +12,12 @@ from invert.network.model import Denoiser, Fusion
 from invert.network.sampler import Sampler
 from invert.training.chains import CHAINS, Chains, chain_loss
 from invert.training.data import Batch
-from invert.training.denoising import Task, denoising_loss, hidden
+from invert.training.denoising import Task, denoising_loss, make_denoising_task
 from invert.training.losses import LOSSES, noise_left, registered_pearson
 
-JUDGE_WEIGHT = 0.5
+CONFIDENCE_LOSS_WEIGHT = 0.5
 
-MEASURED_AT = 0.7
+VALIDATION_SIGMA = 0.7
 """Noise level at which the sampler's progress is measured."""
 
 
@@ -33,7 +33,7 @@ class DenoisedLags:
         measured = batch.seen.estimate - batch.seen.floor[:, None, None]
         return noise_left(predict(module, batch.seen), batch.signal, measured).mean()
 
-    def achieved(self, module: nn.Module, batch: Batch) -> float:
+    def measure_progress(self, module: nn.Module, batch: Batch) -> float:
         return float(self.loss(module, batch).exp())
 
 
@@ -47,18 +47,19 @@ class Picture:
         self.state: dict[str, torch.Tensor] = {}
 
     def loss(self, module: nn.Module, batch: Batch, _: torch.Generator) -> torch.Tensor:
-        albedo, judgement = predict(module, batch.seen) if self._judged else (predict(module, batch.seen), None)
+        output = predict(module, batch.seen)  # the sketch returns albedos alone
+        albedo, judgement = output if isinstance(output, tuple) else (output, None)
         shown = batch.truth.amax((-2, -1)) > 0.0
         # Samples of noise alone have no loss; a stand-in keeps their gradient finite.
         truth = torch.where(shown[:, None, None], batch.truth, 1.0 + albedo.detach())
         loss = (self._loss(albedo, truth) * shown).sum() / shown.sum().clamp_min(1)
-        if judgement is None:
+        if not self._judged or judgement is None:
             return loss
         with torch.no_grad():
             achieved = registered_pearson(albedo, batch.truth).clamp(0.0, 1.0) * shown
-        return loss + JUDGE_WEIGHT * nn.functional.binary_cross_entropy_with_logits(judgement, achieved)
+        return loss + CONFIDENCE_LOSS_WEIGHT * nn.functional.binary_cross_entropy_with_logits(judgement, achieved)
 
-    def achieved(self, module: nn.Module, batch: Batch) -> float:
+    def measure_progress(self, module: nn.Module, batch: Batch) -> float:
         answer = predict(module, batch.seen)
         albedo = answer[0] if self._judged else answer
         shown = batch.truth.amax((-2, -1)) > 0.0
@@ -68,7 +69,7 @@ class Picture:
 class DenoisedPicture:
     """The sampler's: the expected albedo behind noise of every level, and on the way through annealing."""
 
-    measure = f"share of the albedo's energy missed behind noise of {MEASURED_AT}"
+    measure = f"share of the albedo's energy missed behind noise of {VALIDATION_SIGMA}"
 
     def __init__(self) -> None:
         self._chains = Chains()
@@ -78,19 +79,20 @@ class DenoisedPicture:
         device, count = batch.truth.device, min((len(batch.truth) + 1) // 2, CHAINS)
         which = self._chains.draw(batch.part(slice(count), "cpu"), rng)
         chained, fresh = self._chains.task(which, device), self._task(module, batch.part(slice(count, None), device))
-        answer = chained.joined(fresh).answer(module)
+        answer = chained.join(fresh).answer(module)
         self._chains.follow(which, chained, answer[:count].detach(), rng)
-        return torch.cat((chain_loss(answer[:count], chained.truth),
-                          denoising_loss(answer[count:], fresh.truth, fresh.sigma))).mean()
+        return torch.cat(
+            (chain_loss(answer[:count], chained.truth), denoising_loss(answer[count:], fresh.truth, fresh.sigma))
+        ).mean()
 
-    def achieved(self, module: nn.Module, batch: Batch) -> float:
-        level = torch.full_like(batch.seen.floor, MEASURED_AT)
+    def measure_progress(self, module: nn.Module, batch: Batch) -> float:
+        level = torch.full_like(batch.seen.floor, VALIDATION_SIGMA)
         answer = self._task(module, replace(batch, draws=replace(batch.draws, sigma=level))).answer(module)
         return float((answer - batch.truth).square().sum() / batch.truth.square().sum())
 
     def _task(self, module: nn.Module, batch: Batch) -> Task:
         assert batch.draws is not None
-        return hidden(module, batch.seen, batch.truth, batch.draws)
+        return make_denoising_task(module, batch.seen, batch.truth, batch.draws)
 
 
 def objective(part: nn.Module, loss: str) -> DenoisedLags | Picture | DenoisedPicture:

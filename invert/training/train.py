@@ -33,8 +33,9 @@ def parser() -> ArgumentParser:
     p.add_argument("-o", "--output", required=True, type=Path, help="weights, .safetensors; a checkpoint is kept beside them")
     p.add_argument("--network", choices=tuple(NETWORKS), default="unet")
     p.add_argument("--width", type=Range(8, 512, 8), help="channels of the widest picture: 40, and 64 for the paper's network")
-    p.add_argument("--part", choices=("denoiser", "sketch", "fusion", "sampler"), default="denoiser",
-                   help="of the default network")
+    p.add_argument(
+        "--part", choices=("denoiser", "sketch", "fusion", "sampler"), default="denoiser", help="of the default network"
+    )
     p.add_argument("--loss", choices=tuple(LOSSES), default="registered", help="of pictures; the denoiser has its own")
     p.add_argument("--noise", choices=("varied", "paper"), default="varied")
     p.add_argument("--warm", nargs="+", help="stores of python -m invert.warm_starts, for the fusion")
@@ -96,16 +97,23 @@ def _check(options: Any) -> None:
         options.width = 40 if options.network == "unet" else 64
     wanted = options.batch * options.width * BYTES_PER_CHANNEL
     if wanted > memory_bytes():
-        raise InputError("--batch, --width", f"activations that fit into {memory_bytes() / 1e9:.1f} GB",
-                         f"about {wanted / 1e9:.3g} GB", "lower one of them")
+        raise InputError(
+            "--batch, --width",
+            f"activations that fit into {memory_bytes() / 1e9:.1f} GB",
+            f"about {wanted / 1e9:.3g} GB",
+            "lower one of them",
+        )
     least = 2 * int(os.environ.get("WORLD_SIZE", "1")) if options.part == "sampler" else 1
     if options.batch < least:
         raise InputError("--batch", f"{least} or more for the sampler, two for each process", options.batch, "raise it")
     fuses = options.network == "unet" and options.part == "fusion"
     if bool(options.warm) != fuses or (fuses and (options.noise == "paper" or options.start_from is None)):
-        raise InputError("--part fusion", "--warm STORES, --start-from WEIGHTS and --noise varied beside it",
-                         f"--part {options.part}, {options.warm}, {options.start_from}, {options.noise}",
-                         "train denoiser and sketch, each from the last, then the fusion")
+        raise InputError(
+            "--part fusion",
+            "--warm STORES, --start-from WEIGHTS and --noise varied beside it",
+            f"--part {options.part}, {options.warm}, {options.start_from}, {options.noise}",
+            "train denoiser and sketch, each from the last, then the fusion",
+        )
     if options.output.suffix != ".safetensors":
         raise InputError("-o", "a name that ends in .safetensors", options.output, "rename it")
     if not options.output.parent.is_dir():

@@ -16,7 +16,7 @@ from correlograph.errors import InputError
 from invert.network.checkpoints import NETWORKS, load_network, read_weights, save_weights
 from invert.network.model import CorrelographyNet, Fusion
 from invert.network.sampler import Sampler
-from invert.training.data import Batch, at_noise, hidden_in_noise, paper_noise, varied, warm
+from invert.training.data import Batch, at_noise, hidden_in_noise, make_varied_batch, paper_noise, warm
 from invert.training.objectives import objective
 from invert.training.report import save_curve
 from invert.training.warm_starts import load_warm_starts, split_warm_starts
@@ -87,7 +87,7 @@ class Training:
         count, rng = self.options.batch, _rng(self.options.seed, self.step)
         if self.options.noise == "paper":
             return paper_noise(targets, count, rng)
-        return self._posed(varied(targets, count, rng) if self.warm is None else warm(self.warm, count, rng), rng)
+        return self._posed(make_varied_batch(targets, count, rng) if self.warm is None else warm(self.warm, count, rng), rng)
 
     def _posed(self, batch: Batch, rng: torch.Generator) -> Batch:
         return hidden_in_noise(batch, rng) if isinstance(self.part, Sampler) else batch
@@ -104,9 +104,12 @@ class Training:
         """Measure the averaged network and add a point to the curve."""
         averaged = self._answering(self.average.module).eval()
         with torch.no_grad():
-            measured = [self.objective.achieved(averaged, batch.part(slice(None), self.options.device)) for batch in validation]
-        self.curve.append({"step": self.step, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds, "loss": loss,
-                           "validation": measured})
+            measured = [
+                self.objective.measure_progress(averaged, batch.part(slice(None), self.options.device)) for batch in validation
+            ]
+        self.curve.append(
+            {"step": self.step, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds, "loss": loss, "validation": measured}
+        )
 
     def last_line(self) -> str:
         point = self.curve[-1]
@@ -124,9 +127,17 @@ class Training:
         for index, state in self.optimiser.state_dict()["state"].items():
             tensors |= {f"optimiser.{index}.{name}": torch.as_tensor(value) for name, value in state.items()}
         tensors |= {f"objective.{name}": value for name, value in self.objective.state.items()}
-        save_weights(self._checkpoint_path, tensors,
-                     {"run": self._run(), "step": self.step, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds,
-                      "curve": self.curve})
+        save_weights(
+            self._checkpoint_path,
+            tensors,
+            {
+                "run": self._run(),
+                "step": self.step,
+                "seconds": self.seconds,
+                "cpu_seconds": self.cpu_seconds,
+                "curve": self.curve,
+            },
+        )
 
     def resume(self) -> None:
         """Go on from a checkpoint beside the weights, if there is one of the same run."""
@@ -134,8 +145,12 @@ class Training:
             return
         tensors, card = read_weights(self._checkpoint_path)
         if card.get("run") != self._run():
-            raise InputError("checkpoint", f"one of the run {self._run()}", f"{card.get('run')} in {self._checkpoint_path}",
-                             "delete it or write to another name")
+            raise InputError(
+                "checkpoint",
+                f"one of the run {self._run()}",
+                f"{card.get('run')} in {self._checkpoint_path}",
+                "delete it or write to another name",
+            )
         parts: dict[str, dict[str, torch.Tensor]] = {"network": {}, "average": {}, "optimiser": {}, "objective": {}}
         for name, value in tensors.items():
             kind, _, rest = name.partition(".")
@@ -157,8 +172,12 @@ class Training:
         """Begin with the weights of an earlier run of the same kind of network."""
         earlier, self.earlier = load_network(path)
         if self.earlier["network"] != self.options.network or self.earlier["width"] != self.options.width:
-            raise InputError("--start-from", f"a {self.options.network} of width {self.options.width}",
-                             f"a {self.earlier['network']} of width {self.earlier['width']}", "give others")
+            raise InputError(
+                "--start-from",
+                f"a {self.options.network} of width {self.options.width}",
+                f"a {self.earlier['network']} of width {self.earlier['width']}",
+                "give others",
+            )
         self.network.load_state_dict(earlier.state_dict())
         self.average.module.load_state_dict(earlier.state_dict())
 
@@ -170,15 +189,27 @@ class Training:
         """Write the averaged weights in half precision, with their card, and the curve."""
         averaged = self.average.module.state_dict()
         half = {name: value.half() if value.is_floating_point() else value for name, value in averaged.items()}
-        card = {"network": self.options.network, "width": self.options.width, "run": self._run(),
-                "seconds": round(self.seconds), "cpu_seconds": round(self.cpu_seconds), "dataset": dataset,
-                "levels": "warm starts" if self.options.warm else [list(level) for level in VALIDATION],
-                "measure": self.objective.measure, "validation": self.curve[-1]["validation"],
-                "torch": torch.__version__, "threads": torch.get_num_threads()}
+        card = {
+            "network": self.options.network,
+            "width": self.options.width,
+            "run": self._run(),
+            "seconds": round(self.seconds),
+            "cpu_seconds": round(self.cpu_seconds),
+            "dataset": dataset,
+            "levels": "warm starts" if self.options.warm else [list(level) for level in VALIDATION],
+            "measure": self.objective.measure,
+            "validation": self.curve[-1]["validation"],
+            "torch": torch.__version__,
+            "threads": torch.get_num_threads(),
+        }
         save_weights(self.options.output, half, card)
         labels = [f"b {255 * floor:.0f}/255, K {dof:g}" for floor, dof in VALIDATION]
-        save_curve(self.options.output.with_suffix(".png"), self.curve, self.objective.measure,
-                   ["warm starts, every level"] if self.options.warm else labels)
+        save_curve(
+            self.options.output.with_suffix(".png"),
+            self.curve,
+            self.objective.measure,
+            ["warm starts, every level"] if self.options.warm else labels,
+        )
         self.options.output.with_suffix(".json").write_text(json.dumps({**card, "curve": self.curve}, indent=2) + "\n")
 
 

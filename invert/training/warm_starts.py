@@ -15,7 +15,7 @@ import torch
 from correlograph.command import ArgumentParser
 from correlograph.errors import InputError
 from correlograph.files.output import sole_writer
-from correlograph.files.store import Schema, begin, missing_parts, open_whole, read_array, store_address, write_part
+from correlograph.files.store import Schema, begin, missing_parts, open_complete, read_array, store_address, write_part
 from correlograph.lags import LAG_SIDE
 from correlograph.ranges import SEED, Range
 from invert.network.features import PICTURES
@@ -24,9 +24,14 @@ if TYPE_CHECKING:
     from invert.network.model import CorrelographyNet
 
 CHUNK = 32
-ARRAYS: dict[str, tuple[tuple[int, ...], str]] = {"albedo": ((64, 64), "uint8"), "classical": ((PICTURES, 64, 64), "uint8"),
-          "estimate": ((LAG_SIDE, LAG_SIDE), "float16"), "denoised": ((LAG_SIDE, LAG_SIDE), "float16"),
-          "floor": ((), "float32"), "dof": ((), "float32")}
+ARRAYS: dict[str, tuple[tuple[int, ...], str]] = {
+    "albedo": ((64, 64), "uint8"),
+    "classical": ((PICTURES, 64, 64), "uint8"),
+    "estimate": ((LAG_SIDE, LAG_SIDE), "float16"),
+    "denoised": ((LAG_SIDE, LAG_SIDE), "float16"),
+    "floor": ((), "float32"),
+    "dof": ((), "float32"),
+}
 
 SCHEMA = Schema("warm starts", "python -m invert.warm_starts", 2, ARRAYS, CHUNK, CHUNK)
 
@@ -65,17 +70,24 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def _chunk(network: CorrelographyNet, targets: torch.Tensor, seed: int, chunk: int) -> dict[str, np.ndarray]:
     """Estimates at noise of every kind, as they are read, and their classical reconstructions."""
+    from invert.choices import FAST
     from invert.measure.spectrum import read_measurement
-    from invert.network.inference import STARTS, denoise, observation, retrieved
-    from invert.network.retrieval_summary import overview
-    from invert.training.data import varied
+    from invert.network.inference import denoise, make_observation, run_phase_retrieval
+    from invert.network.retrieval_summary import summarise_retrievals
+    from invert.training.data import make_varied_batch
 
-    batch = varied(targets, CHUNK, torch.Generator().manual_seed((seed << 32) + chunk))
+    batch = make_varied_batch(targets, CHUNK, torch.Generator().manual_seed((seed << 32) + chunk))
     read = [read_measurement(estimate.numpy()) for estimate in batch.seen.estimate]
-    seen = observation(read)
+    seen = make_observation(read)
     denoised = denoise(network, seen, 1)
-    pictures = torch.stack([overview(retrieved(one, signal, STARTS["fast"], seed, "cpu"))[0] if one.detectable else nothing
-                            for one, signal, nothing in zip(read, denoised, seen.classical, strict=True)])
+    pictures = torch.stack(
+        [
+            summarise_retrievals(run_phase_retrieval(one, signal, FAST.network_starts, seed, "cpu"))[0]
+            if one.detectable
+            else nothing
+            for one, signal, nothing in zip(read, denoised, seen.classical, strict=True)
+        ]
+    )
     return {
         "albedo": (255.0 * batch.truth).round().to(torch.uint8).numpy(),
         "classical": (255.0 * pictures).round().to(torch.uint8).numpy(),
@@ -90,7 +102,7 @@ def load_warm_starts(addresses: Sequence[str]) -> dict[str, torch.Tensor]:
     """All samples of one store or more, in memory; InputError where one is missing or unfinished."""
     parts = []
     for address in addresses:
-        group = open_whole(address, SCHEMA)
+        group = open_complete(address, SCHEMA)
         parts.append({name: read_array(group, address, name, SCHEMA) for name in ARRAYS})
     return {name: torch.from_numpy(np.concatenate([part[name] for part in parts])) for name in ARRAYS}
 

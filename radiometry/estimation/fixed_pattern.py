@@ -13,7 +13,7 @@ from scipy.ndimage import binary_dilation, uniform_filter
 
 from correlograph.lags import LAGS
 
-SHARED = 4.5
+FIXED_PATTERN_SIGMA = 4.5
 """Standard deviations of the power that frames share from which there is a fixed pattern."""
 
 _BLOCK = 5
@@ -24,7 +24,7 @@ _SUM_DEVIATION = 1.5
 """That of the sum of many lags over that of as many independent ones: 1 + 2 sum rho_n."""
 
 _RING = np.maximum(*np.abs(np.mgrid[-LAGS : LAGS + 1, -LAGS : LAGS + 1]))
-_LARGEST_SHIFT = 32
+_MAX_SHIFT_PIXELS = 32
 
 
 def shared_lags(shared: np.ndarray, power: np.ndarray, dof: float) -> np.ndarray:
@@ -36,12 +36,14 @@ def shared_lags(shared: np.ndarray, power: np.ndarray, dof: float) -> np.ndarray
     """
     sigma = np.divide(shared * math.sqrt(dof), power, out=np.zeros_like(shared), where=power > 0.0)
     sigma[LAGS, LAGS] = 0.0
-    chosen = binary_dilation(sigma > SHARED, np.ones((3, 3), bool))
-    chosen |= binary_dilation(uniform_filter(sigma, _BLOCK, mode="nearest") > SHARED * _BLOCK_DEVIATION, np.ones((3, 3), bool))
+    chosen = binary_dilation(sigma > FIXED_PATTERN_SIGMA, np.ones((3, 3), bool))
+    chosen |= binary_dilation(
+        uniform_filter(sigma, _BLOCK, mode="nearest") > FIXED_PATTERN_SIGMA * _BLOCK_DEVIATION, np.ones((3, 3), bool)
+    )
     for ring in (2, 4, 8, 16, 32, LAGS):
         inside = ring >= _RING
         # Both signs of a lag hold the same.
-        if sigma[inside].sum() > SHARED * _SUM_DEVIATION * math.sqrt(2.0 * inside.sum()):
+        if sigma[inside].sum() > FIXED_PATTERN_SIGMA * _SUM_DEVIATION * math.sqrt(2.0 * inside.sum()):
             chosen |= inside
     return chosen
 
@@ -53,7 +55,7 @@ def shift_between(first: torch.Tensor, other: torch.Tensor, shape: tuple[int, in
         first, other: their spectra (rows, columns // 2 + 1) on a grid of `shape`.
     """
     cross = torch.fft.irfft2(first.conj() * other, s=shape)
-    reach = min(_LARGEST_SHIFT, min(shape) // 4)
+    reach = min(_MAX_SHIFT_PIXELS, min(shape) // 4)
     near = torch.roll(cross, (reach, reach), (0, 1))[: 2 * reach + 1, : 2 * reach + 1].cpu().numpy()
     peak = np.array(np.unravel_index(near.argmax(), near.shape))
     finer = []

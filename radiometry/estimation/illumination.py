@@ -11,27 +11,27 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
-SMOOTH = 0.75
+MAX_MODES_PER_PATCH = 0.75
 """Half waves of a smooth illumination, at most, over the patches that fit along an axis: .375 lags."""
 
 REFERENCE = 1.25
 """Half waves up to which those beyond tell how strong a half wave of mere speckle is."""
 
-UNEVEN = 25.0
+MIN_POWER_RATIO = 25.0
 """Power of a half wave over that of mere speckle from which the illumination is uneven: one frame in 40 000 by chance."""
 
-FAINTEST = 0.1
+ILLUMINATION_OFFSET = 0.1
 """Added to an illumination over its mean before frames are divided by it: where hardly any light falls, that would multiply
 shot noise alone."""
 
-MOST_ZEROS = 8
+MAX_ZERO_COUNT = 8
 """Of the polynomial, along an axis."""
 
 BLOCKS, NEWTON_STEPS = 64, 30
 """Blocks of a frame along an axis, whose means an illumination is fitted to, and steps of the fit, none of which changes a
 block by more than a factor of e."""
 
-LEAST = -0.05
+MIN_PIXEL_RATIO = -0.05
 """Of the mean, the least light of an eighth of a frame by an eighth; a dark frame may have taken more than there was."""
 
 
@@ -41,7 +41,7 @@ def is_uneven(image: torch.Tensor, patch: tuple[int, int]) -> bool:
     Args:
         patch: rows and columns of a patch.
     """
-    smooth, all_waves = (_half_waves_over(image, patch, share) for share in (SMOOTH, REFERENCE))
+    smooth, all_waves = (_half_waves_over(image, patch, share) for share in (MAX_MODES_PER_PATCH, REFERENCE))
     mean = float(image.mean())
     if min(smooth) < 1 or all_waves == smooth or mean <= 0.0:
         return False
@@ -51,10 +51,10 @@ def is_uneven(image: torch.Tensor, patch: tuple[int, int]) -> bool:
     kept[: smooth[0] + 1, : smooth[1] + 1] = True
     reference = float(power[~kept].mean())
     power[0, 0] = 0.0
-    return float(power[kept].max()) > UNEVEN * reference and float(_blocks(image, 8).min()) >= LEAST * mean
+    return float(power[kept].max()) > MIN_POWER_RATIO * reference and float(_blocks(image, 8).min()) >= MIN_PIXEL_RATIO * mean
 
 
-def evened_out(image: torch.Tensor, patch: tuple[int, int]) -> torch.Tensor:
+def flatten_illumination(image: torch.Tensor, patch: tuple[int, int]) -> torch.Tensor:
     """A frame (H, W) of uneven illumination as of an even one.
 
     What exceeds the illumination is divided by it, over its mean, plus FAINTEST: speckle as bright everywhere, but where there
@@ -64,8 +64,10 @@ def evened_out(image: torch.Tensor, patch: tuple[int, int]) -> torch.Tensor:
     mean = float(image.mean())
     if mean <= 0.0:
         return image
-    illumination = _illumination(image / mean, [min(count, MOST_ZEROS) for count in _half_waves_over(image, patch, SMOOTH)])
-    speckle = (image - mean * illumination) * ((1.0 + FAINTEST) / (illumination + FAINTEST))
+    illumination = _illumination(
+        image / mean, [min(count, MAX_ZERO_COUNT) for count in _half_waves_over(image, patch, MAX_MODES_PER_PATCH)]
+    )
+    speckle = (image - mean * illumination) * ((1.0 + ILLUMINATION_OFFSET) / (illumination + ILLUMINATION_OFFSET))
     return speckle + (mean - speckle.mean())
 
 

@@ -20,7 +20,7 @@ of the median deviation of all lines' means."""
 GLINT_PIXELS = 9
 """Hot pixels side by side from which on they are a glint, whose light fades into the speckle around it."""
 
-SAMPLED = 200_000
+MAX_SAMPLED_PIXELS = 200_000
 """Pixels from which the tail and saturation are read."""
 
 
@@ -37,20 +37,20 @@ def repair(image: torch.Tensor) -> tuple[torch.Tensor, PixelFaults]:
     """Replace a frame's (H, W) hot pixels by the median around them, and dead or hot lines by the lines beside them."""
     image, hot = _replace_hot_pixels(image)
     image, lines = _replace_lines(image)
-    sampled = _sampled(image)
+    sampled = _subsample(image)
     largest = sampled.max()
     at_largest = float((sampled == largest).mean()) if largest > sampled.min() else 0.0
     return image, PixelFaults(hot, lines, at_largest)
 
 
-def _sampled(image: torch.Tensor) -> np.ndarray:
-    """Pixels at even steps, (about `SAMPLED`,)."""
-    return image.flatten()[:: max(1, image.numel() // SAMPLED)].cpu().numpy()
+def _subsample(image: torch.Tensor) -> np.ndarray:
+    """Pixels at even steps, (about `MAX_SAMPLED_PIXELS`,)."""
+    return image.flatten()[:: max(1, image.numel() // MAX_SAMPLED_PIXELS)].cpu().numpy()
 
 
 def _replace_hot_pixels(image: torch.Tensor) -> tuple[torch.Tensor, int]:
     """Speckle's brightest tail is exponential: the last decade of pixels tells where it ends."""
-    sampled = _sampled(image)
+    sampled = _subsample(image)
     places = [int(share * len(sampled)) for share in (0.5, 0.99, 0.999)]
     middle, hundredth, thousandth = (float(value) for value in np.partition(sampled, places)[places])
     decade = max(thousandth - hundredth, (thousandth - middle) / 3.0)
@@ -60,7 +60,7 @@ def _replace_hot_pixels(image: torch.Tensor) -> tuple[torch.Tensor, int]:
     if float(image.max()) <= limit:
         return image, 0
     hot = image > limit
-    repaired = _without_glints(image, hot, hundredth)
+    repaired = _replace_highlights(image, hot, hundredth)
     height, width = image.shape
     for row, column in torch.nonzero(hot & (repaired > limit)).tolist():
         rows, columns = slice(max(row - 2, 0), min(row + 3, height)), slice(max(column - 2, 0), min(column + 3, width))
@@ -69,7 +69,7 @@ def _replace_hot_pixels(image: torch.Tensor) -> tuple[torch.Tensor, int]:
     return repaired, int(hot.sum())
 
 
-def _without_glints(image: torch.Tensor, hot: torch.Tensor, bright: float) -> torch.Tensor:
+def _replace_highlights(image: torch.Tensor, hot: torch.Tensor, bright: float) -> torch.Tensor:
     """A copy of a frame; discs around hot pixels side by side take the mean of the others, out to where a ring's mean falls
     below what is bright for speckle."""
     repaired, mean = image.clone(), image[~hot].mean()
@@ -81,8 +81,10 @@ def _without_glints(image: torch.Tensor, hot: torch.Tensor, bright: float) -> to
         middle, reach = [0.5 * (side.start + side.stop - 1) for side in place], 4 * across
         around = tuple(slice(max(round(centre) - reach, 0), round(centre) + reach + 1) for centre in middle)
         window = repaired[around]
-        axes = [torch.arange(part.start, part.start + side, device=image.device) - centre
-                for part, side, centre in zip(around, window.shape, middle, strict=True)]
+        axes = [
+            torch.arange(part.start, part.start + side, device=image.device) - centre
+            for part, side, centre in zip(around, window.shape, middle, strict=True)
+        ]
         distance = torch.hypot(axes[0][:, None], axes[1][None, :])
         radius = math.sqrt(pixels / math.pi)
         while radius < reach and window[(distance >= radius) & (distance < radius + 2.0)].mean() > bright:

@@ -10,6 +10,7 @@ import torch
 from correlograph.errors import InputError
 from correlograph.lags import LAG_SIDE, LAGS
 from radiometry.autocorrelation import PatchGrid
+from radiometry.estimation.background import BackgroundRecord
 
 
 def _spectra(patches: torch.Tensor) -> torch.Tensor:
@@ -34,7 +35,7 @@ class PublishedEstimator:
         self._power: torch.Tensor | None = None
         self._sum: torch.Tensor | None = None
         self._reference = 0.0
-        self.facts = {"mean": "published"}
+        self.background = BackgroundRecord("published")
 
     def add(self, frame: np.ndarray | torch.Tensor) -> None:
         """Add one frame, shape (H, W), any real dtype."""
@@ -58,8 +59,12 @@ class PublishedEstimator:
         if self._power is None or self._sum is None:
             raise InputError("frames", "at least one frame", 0, "give a folder or files that hold frames")
         if self.dof == 0:
-            raise InputError("patch", "at least two patches when there is a single frame",
-                             f"{self.grid.count} of {self.grid.size} pixels", "choose a smaller --patch or add a frame")
+            raise InputError(
+                "patch",
+                "at least two patches when there is a single frame",
+                f"{self.grid.count} of {self.grid.size} pixels",
+                "choose a smaller --patch or add a frame",
+            )
         if self.frames > 1:
             total = self._power.sum(0) - self._sum.abs().square().sum(0) / self.frames
         else:

@@ -14,7 +14,7 @@ from torch.nn.functional import avg_pool2d, max_pool2d
 
 from correlograph.lags import LAGS
 
-LEAST_PATCHES = 16
+MIN_PATCHES = 16
 """In a frame, so that a lag holds several frequencies."""
 
 LINE = 30.0
@@ -22,7 +22,7 @@ LINE = 30.0
 
 _BLOCK = 8
 _INNER, _OUTER = 3, 6
-_MOST = 100
+_MAX_LINES = 100
 """Places where a line may be; where there are more, the light is not periodic."""
 
 Line = tuple[int, int]
@@ -35,8 +35,10 @@ def find_lines(power: torch.Tensor, per_lag: tuple[float, float]) -> list[Line]:
         per_lag: frequencies of the padded frame in one lag, along rows and columns. Lags next to zero, where smooth light is,
             are left out.
     """
-    down, right = (min(int((LAGS + 1) * each) // _BLOCK + 1, size // way // _BLOCK) * _BLOCK
-                   for each, size, way in zip(per_lag, power.shape, (2, 1), strict=True))
+    down, right = (
+        min(int((LAGS + 1) * each) // _BLOCK + 1, size // way // _BLOCK) * _BLOCK
+        for each, size, way in zip(per_lag, power.shape, (2, 1), strict=True)
+    )
     candidates = []
     for top in (0, power.shape[0] - down):  # the lags, positive and negative rows
         blocks = power[None, None, top : top + down, :right]
@@ -44,7 +46,7 @@ def find_lines(power: torch.Tensor, per_lag: tuple[float, float]) -> list[Line]:
         found = torch.nonzero((max_pool2d(blocks, _BLOCK) > 0.5 * LINE * mean)[0, 0]) * _BLOCK
         candidates += [(top + row, column) for row, column in found.tolist()]
     lines = []
-    for top, left in candidates if len(candidates) <= _MOST else ():
+    for top, left in candidates if len(candidates) <= _MAX_LINES else ():
         row, column = divmod(int(power[top : top + _BLOCK, left : left + _BLOCK].argmax()), _BLOCK)
         line = top + row, left + column
         near_zero = min(line[0], power.shape[0] - line[0]) < 2.0 * per_lag[0] and line[1] < 2.0 * per_lag[1]
@@ -55,7 +57,7 @@ def find_lines(power: torch.Tensor, per_lag: tuple[float, float]) -> list[Line]:
     return lines
 
 
-def without_waves(image: torch.Tensor, lines: list[Line], padded: tuple[int, int]) -> torch.Tensor:
+def subtract_waves(image: torch.Tensor, lines: list[Line], padded: tuple[int, int]) -> torch.Tensor:
     """A frame (H, W) less a sine wave for each line, amplitude, phase and frequency as they fit it best."""
     for row, column in lines:
         frequency = [(row / padded[0] + 0.5) % 1.0 - 0.5, column / padded[1]]

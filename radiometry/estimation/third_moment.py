@@ -26,10 +26,10 @@ from radiometry.autocorrelation import autocorrelate
 _BLOCKS = 8
 """Along each side of a frame, whose scatter gives the error."""
 
-LEAST_SHARE = 0.2
+MIN_SIGNAL_FRACTION = 0.2
 """Least share of signal in a lag for it to be used."""
 
-MOST_FRAMES = 8
+MAX_FRAMES = 8
 """Frames whose spectra are kept."""
 
 
@@ -56,8 +56,9 @@ class FilteredFrames:
     patch: tuple[int, int]
     level: float
 
-    def likeness(self, albedo: np.ndarray, weight: np.ndarray, amplitude: np.ndarray, signal: np.ndarray, floor: float,
-                 power: float) -> tuple[float, float]:
+    def likeness(
+        self, albedo: np.ndarray, weight: np.ndarray, amplitude: np.ndarray, signal: np.ndarray, floor: float, power: float
+    ) -> tuple[float, float]:
         """Third moment of the frames over that of speckle from an albedo (64, 64), and its standard error; 1 for speckle.
 
         Args:
@@ -80,8 +81,10 @@ class FilteredFrames:
         """
         steps = [size / side for size, side in zip(self.patch, self.padded, strict=True)]
         reach = [int(np.abs(np.argwhere(weight)[:, axis] - LAGS).max()) + 1 for axis in (0, 1)]
-        sides = [min(next_fast_len(int(3 * far / step) + 2, real=True), side)
-                 for far, step, side in zip(reach, steps, self.padded, strict=True)]
+        sides = [
+            min(next_fast_len(int(3 * far / step) + 2, real=True), side)
+            for far, step, side in zip(reach, steps, self.padded, strict=True)
+        ]
         height, width = self.spectra[0].shape
         lag_rows, lag_columns = np.fft.fftfreq(height, 1.0 / height) * steps[0], np.arange(width) * steps[1]
         rows, columns = np.flatnonzero(np.abs(lag_rows) < reach[0]), np.flatnonzero(lag_columns < reach[1])
@@ -124,9 +127,18 @@ def expected_third_moment(albedo: np.ndarray, weight: np.ndarray, power: float, 
     return 2.0 * float((power / patch_pixels) ** 1.5 * ((matrix @ matrix) * matrix).sum(dtype=torch.float64))
 
 
-def drawn_third_moment(albedo: np.ndarray, weight: np.ndarray, transfer: np.ndarray, patch_pixels: int, peak: float,
-                       white: float = 0.0, read: float = 0.0, *, polarisations: int = 1,
-                       draws: int = 200) -> tuple[float, float]:
+def drawn_third_moment(
+    albedo: np.ndarray,
+    weight: np.ndarray,
+    transfer: np.ndarray,
+    patch_pixels: int,
+    peak: float,
+    white: float = 0.0,
+    read: float = 0.0,
+    *,
+    polarisations: int = 1,
+    draws: int = 200,
+) -> tuple[float, float]:
     """Mean of J^3 over a patch less its shot noise part, in photoelectrons cubed, and its deviation from patch to patch.
 
     Speckle is skewed and its cube far from Gaussian, so patches are drawn, as coarsely as their lags allow. What of the

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -26,16 +27,17 @@ from scipy.fft import next_fast_len
 from correlograph.errors import InputError
 from correlograph.lags import LAGS
 from radiometry.autocorrelation import PatchGrid
+from radiometry.estimation.background import BackgroundRecord
 from radiometry.estimation.fixed_pattern import shared_lags, shift_between
-from radiometry.estimation.illumination import evened_out, is_uneven
+from radiometry.estimation.illumination import flatten_illumination, is_uneven
 from radiometry.estimation.pixel_faults import PixelFaults, repair
 from radiometry.estimation.published import PublishedEstimator
-from radiometry.estimation.spectral_lines import LEAST_PATCHES, find_lines, lower_lines, without_waves
-from radiometry.estimation.third_moment import MOST_FRAMES, FilteredFrames, narrow
+from radiometry.estimation.spectral_lines import MIN_PATCHES, find_lines, lower_lines, subtract_waves
+from radiometry.estimation.third_moment import MAX_FRAMES, FilteredFrames, narrow
 
 Mean = Literal["auto", "pooled", "fixed", "published"]
 
-COPIES = 1.0 - 1e-6
+MIN_COPY_CORRELATION = 1.0 - 1e-6
 """Correlation of frames from which they are copies of one."""
 
 
@@ -64,11 +66,13 @@ class AutocorrelationEstimator:
     def __init__(self, grid: PatchGrid, device: torch.device | str = "cpu", mean: Mean = "auto") -> None:
         self.grid, self.device, self.mean = grid, torch.device(device), mean
         self.frames = 0
-        self.facts: dict[str, Any] = {}
-        """What the mean model found, for the record, once estimate() was called."""
+        self.background = BackgroundRecord(mean)
+        """Background and sensor faults; complete after estimate()."""
         self._patch = grid.patch_shape
-        self._padded = (next_fast_len(grid.frame_shape[0] + self._patch[0] - 1),
-                        next_fast_len(grid.frame_shape[1] + self._patch[1] - 1, real=True))
+        self._padded = (
+            next_fast_len(grid.frame_shape[0] + self._patch[0] - 1),
+            next_fast_len(grid.frame_shape[1] + self._patch[1] - 1, real=True),
+        )
         self._first = self._sum = self._power = torch.empty(0)
         self._first_lags: np.ndarray | None = None
         self._levels: list[float] = []
@@ -86,18 +90,18 @@ class AutocorrelationEstimator:
             if self._uneven is None:  # frames of one capture are treated alike, or what they share would not cancel
                 self._uneven = is_uneven(image, self._patch)
             if self._uneven:
-                image = evened_out(image, self._patch)
+                image = flatten_illumination(image, self._patch)
         level = float(image.mean(dtype=torch.float64))
         image = image - level
         self._levels.append(level)
         spectrum, power = self._spectrum(image)
-        if self.mean == "auto" and self.grid.count >= LEAST_PATCHES:
+        if self.mean == "auto" and self.grid.count >= MIN_PATCHES:
             per_lag = self._padded[0] / self._patch[0], self._padded[1] / self._patch[1]
             if lines := find_lines(power, per_lag):
-                spectrum, power = self._spectrum(without_waves(image, lines, self._padded))
+                spectrum, power = self._spectrum(subtract_waves(image, lines, self._padded))
                 lower_lines(spectrum, power, lines)
                 self._lines += len(lines)
-        if len(self._narrow) < MOST_FRAMES:
+        if len(self._narrow) < MAX_FRAMES:
             self._narrow.append(narrow(spectrum, self._padded, self._patch))
         if self.frames == 0:
             self._first = self._sum = spectrum
@@ -131,8 +135,12 @@ class AutocorrelationEstimator:
         if self.frames == 0:
             raise InputError("frames", "at least one frame", 0, "give a folder or files that hold frames")
         if self.frames == 1 and self.grid.count == 1:
-            raise InputError("patch", "at least two patches when there is a single frame",
-                             f"{self.grid.count} of {self.grid.size} pixels", "choose a smaller --patch or add a frame")
+            raise InputError(
+                "patch",
+                "at least two patches when there is a single frame",
+                f"{self.grid.count} of {self.grid.size} pixels",
+                "choose a smaller --patch or add a frame",
+            )
         estimate = self._at_lags(self._power / self.frames)
         if self.frames > 1:
             shared_power = self._shared_power()
@@ -140,13 +148,18 @@ class AutocorrelationEstimator:
             shared = self._at_lags(shared_power)
             chosen = self._chosen(shared, estimate)
             estimate = np.where(chosen, estimate - self._drift() * shared, estimate)
-            self.facts["fixed_pattern_lags"] = float(chosen.mean())
-        self.facts |= {"mean": self.mean, "uneven_illumination": bool(self._uneven), "spectral_lines": self._lines}
+            self._record(fixed_pattern_lags=float(chosen.mean()))
+        self._record(uneven_illumination=bool(self._uneven), spectral_lines=self._lines)
         if self._faults:
-            self.facts |= {"hot_pixels": sum(one.hot_pixels for one in self._faults),
-                           "faulty_lines": max(one.lines for one in self._faults),
-                           "saturated": max(one.saturated for one in self._faults)}
+            self._record(
+                hot_pixels=sum(one.hot_pixels for one in self._faults),
+                faulty_lines=max(one.lines for one in self._faults),
+                saturated=max(one.saturated for one in self._faults),
+            )
         return estimate.astype(np.float32)
+
+    def _record(self, **found: Any) -> None:
+        self.background = replace(self.background, **found)
 
     def _shared_power(self) -> torch.Tensor:
         """Mean over pairs of frames of the real part of their cross-spectrum."""
@@ -177,7 +190,8 @@ class AutocorrelationEstimator:
         if not shared_lags(self._at_lags(cross), self._first_lags, dof).any():
             return spectrum
         shift = shift_between(self._first, spectrum, self._padded)
-        self.facts["shift_pixels"] = max(shift, self.facts.get("shift_pixels", (0, 0)), key=lambda way: math.hypot(*way))
+        largest = max(shift, self.background.shift_pixels or (0.0, 0.0), key=lambda pixels: math.hypot(*pixels))
+        self._record(shift_pixels=largest)
         rows, columns = torch.fft.fftfreq(self._padded[0]), torch.fft.rfftfreq(self._padded[1])
         turn = 2.0 * math.pi * (rows[:, None] * shift[0] + columns[None] * shift[1]).to(self.device)
         return spectrum * torch.polar(torch.ones_like(turn), turn)
@@ -185,8 +199,8 @@ class AutocorrelationEstimator:
     def _check_copies(self, shared_power: torch.Tensor) -> None:
         power = float(self._power.sum(dtype=torch.float64)) / self.frames
         correlation = float(shared_power.sum(dtype=torch.float64)) / power if power > 0.0 else 0.0
-        self.facts["frames_correlate"] = correlation
-        if correlation > COPIES:
+        self._record(frames_correlate=correlation)
+        if correlation > MIN_COPY_CORRELATION:
             raise InputError("frames", "frames of different illuminations", "copies of one frame", "leave the copies out")
 
     def _at_lags(self, power: torch.Tensor) -> np.ndarray:
@@ -213,8 +227,9 @@ def _spectral_window(length: int, size: int, padded: int) -> np.ndarray:
     return np.fft.ifft(on_circle).real
 
 
-def estimate_autocorrelation(frames: Iterable[np.ndarray | torch.Tensor], grid: PatchGrid, mean: Mean = "auto",
-                             device: torch.device | str = "cpu") -> tuple[np.ndarray, float]:
+def estimate_autocorrelation(
+    frames: Iterable[np.ndarray | torch.Tensor], grid: PatchGrid, mean: Mean = "auto", device: torch.device | str = "cpu"
+) -> tuple[np.ndarray, float]:
     """Estimate from frames at once; returns (estimate (127, 127), degrees of freedom)."""
     estimator = estimator_of(grid, mean, device)
     for frame in frames:
@@ -222,7 +237,8 @@ def estimate_autocorrelation(frames: Iterable[np.ndarray | torch.Tensor], grid: 
     return estimator.estimate(), estimator.dof
 
 
-def estimator_of(grid: PatchGrid, mean: Mean = "auto",
-                 device: torch.device | str = "cpu") -> AutocorrelationEstimator | PublishedEstimator:
+def estimator_of(
+    grid: PatchGrid, mean: Mean = "auto", device: torch.device | str = "cpu"
+) -> AutocorrelationEstimator | PublishedEstimator:
     """The estimator with a mean; add frames to it."""
     return PublishedEstimator(grid, device) if mean == "published" else AutocorrelationEstimator(grid, device, mean)

@@ -50,7 +50,8 @@ class NoiseTerms:
             return dict.fromkeys((*names, "detector_speckle"), None)
         shares: dict[str, float | None] = {
             # two divisions: the square of a faint signal would underflow
-            name: getattr(self, name) / self.signal / self.signal / self.grain_pixels for name in names
+            name: getattr(self, name) / self.signal / self.signal / self.grain_pixels
+            for name in names
         }
         shares["detector_speckle"] = 2.0 * self.detector_grain_pixels / self.grain_pixels
         return shares

@@ -16,10 +16,10 @@ ROW_LAG, COLUMN_LAG = np.meshgrid(_STEP, _STEP, indexing="ij")
 RING = np.maximum(np.abs(ROW_LAG), np.abs(COLUMN_LAG))
 """Square ring of every lag: the autocorrelation of an object in a box lies inside one ring."""
 
-INDEPENDENT = (ROW_LAG > 0) | ((ROW_LAG == 0) & (COLUMN_LAG > 0))
+HALF_PLANE = (ROW_LAG > 0) | ((ROW_LAG == 0) & (COLUMN_LAG > 0))
 """One of every pair of equal lags (+lag and -lag), zero lag left out."""
 
-UNREAD_DOF = 64.0
+ASSUMED_DOF = 64.0
 """K of an estimate rounded so coarsely that its noise cannot be read: that of the paper's two frames."""
 
 NEGLIGIBLE = 1e-6
@@ -44,7 +44,7 @@ class NoiseLevel:
     Attributes:
         inflation: variance of a sum over many neighbouring lags over that of as many independent ones: 1 for patches side by
             side, 2.25 for whole frames, whose lags correlate.
-        dof_read: False where rounding hides the noise, and `dof` is assumed to be `UNREAD_DOF`.
+        dof_read: False where rounding hides the noise, and `dof` is assumed to be `ASSUMED_DOF`.
     """
 
     floor: float
@@ -59,7 +59,7 @@ class NoiseLevel:
         return self.floor / self.dof**0.5 if self.dof else 0.0
 
 
-OFF_AXIS = INDEPENDENT & (ROW_LAG != 0) & (COLUMN_LAG != 0)
+OFF_AXIS = HALF_PLANE & (ROW_LAG != 0) & (COLUMN_LAG != 0)
 """Independent lags off the row and column through zero, where read noise of lines collects."""
 
 
@@ -128,7 +128,7 @@ def read_noise_level(estimate: np.ndarray, quantisation: float = 0.0) -> NoiseLe
     if mean < NEGLIGIBLE * float(np.delete(estimate, estimate.size // 2).max()):
         dof = None
     if dof is None and quantisation > 0.0:
-        return NoiseLevel(mean, UNREAD_DOF, boundary, dof_read=False)
+        return NoiseLevel(mean, ASSUMED_DOF, boundary, dof_read=False)
     outside = OFF_AXIS & (min(boundary, OUTERMOST) < RING)
     return NoiseLevel(mean, dof, boundary, _inflation(estimate, outside) if dof else 1.0)
 
@@ -141,10 +141,11 @@ def extrapolated_peak(estimate: np.ndarray, noise: NoiseLevel, radius: int = 4) 
     holds laser power drift, and published estimates set it to zero.
     """
     distance = np.hypot(ROW_LAG, COLUMN_LAG)
-    near = INDEPENDENT & (distance <= radius)
+    near = HALF_PLANE & (distance <= radius)
     row, column, cone = ROW_LAG[near].astype(float), COLUMN_LAG[near].astype(float), distance[near]
-    basis = np.stack([np.ones_like(row), cone, (row**2 - column**2) / cone, row * column / cone,
-                      row**2, column**2, row * column], axis=1)
+    basis = np.stack(
+        [np.ones_like(row), cone, (row**2 - column**2) / cone, row * column / cone, row**2, column**2, row * column], axis=1
+    )
     values = estimate[near].astype(np.float64)
     if values.max() <= 0.0:
         return 0.0, 0.0
@@ -156,8 +157,9 @@ def extrapolated_peak(estimate: np.ndarray, noise: NoiseLevel, radius: int = 4) 
     return max(float(solution[0]), 0.0), error
 
 
-def fit_known_signal(estimate: np.ndarray, signal: np.ndarray, *, lines: bool = False,
-                     iterations: int = 20) -> tuple[float, float]:
+def fit_known_signal(
+    estimate: np.ndarray, signal: np.ndarray, *, lines: bool = False, iterations: int = 20
+) -> tuple[float, float]:
     """Fit estimate = gain x signal + floor over all lags but zero; returns (gain, floor).
 
     Iteratively reweighted least squares with weights 1/S^2, which is the maximum-likelihood fit of
@@ -168,7 +170,7 @@ def fit_known_signal(estimate: np.ndarray, signal: np.ndarray, *, lines: bool = 
         signal: (127, 127), H (r*r) as the patch window smooths it.
         lines: whether read noise stands on the row or column through zero lag, which are then left out.
     """
-    use = OFF_AXIS if lines else INDEPENDENT
+    use = OFF_AXIS if lines else HALF_PLANE
     basis = np.stack([signal[use].astype(np.float64), np.ones(int(use.sum()))], axis=1)
     values = estimate[use].astype(np.float64)
     model = np.full_like(values, values.mean())
@@ -180,14 +182,13 @@ def fit_known_signal(estimate: np.ndarray, signal: np.ndarray, *, lines: bool = 
     return float(gain), float(floor)
 
 
-def centre_filled(estimate: np.ndarray, value: float) -> np.ndarray:
+def fill_zero_lag(estimate: np.ndarray, value: float) -> np.ndarray:
     """Copy of an estimate with zero lag replaced by `value`."""
     filled = np.array(estimate, dtype=np.float32)
     filled[LAGS, LAGS] = value
     return filled
 
 
-def centre_dimmed(estimate: np.ndarray) -> np.ndarray:
+def dim_zero_lag(estimate: np.ndarray) -> np.ndarray:
     """Copy of an estimate to look at: zero lag, which would outshine the rest, no brighter than the brightest other lag."""
-    return centre_filled(estimate, np.partition(estimate.ravel(), -2)[-2])
-
+    return fill_zero_lag(estimate, np.partition(estimate.ravel(), -2)[-2])

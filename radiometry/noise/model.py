@@ -35,7 +35,7 @@ def expected_spectrum(signal: torch.Tensor, floor: torch.Tensor | float, transfe
     return filtered + floor[..., None, None]
 
 
-def window_smoothed(albedo: torch.Tensor) -> torch.Tensor:
+def autocorrelate_windowed(albedo: torch.Tensor) -> torch.Tensor:
     """r*r of albedos (..., 64, 64), one square cell a lag, as boxcar patches show it: (..., 127, 127), summed over cells."""
     n = 2 * (LAGS + 1)
     power = torch.fft.rfft2(albedo, s=(n, n)).abs().square()
@@ -70,8 +70,9 @@ def _correlated_normal(shape: torch.Size, rng: torch.Generator) -> torch.Tensor:
     return (filtered + filtered.flip((-2, -1))) / 2.0**0.5
 
 
-def draw_estimate(spectrum: torch.Tensor, dof: torch.Tensor | float, rng: torch.Generator, form: Form = "gamma", *,
-                  correlated: bool = False) -> torch.Tensor:
+def draw_estimate(
+    spectrum: torch.Tensor, dof: torch.Tensor | float, rng: torch.Generator, form: Form = "gamma", *, correlated: bool = False
+) -> torch.Tensor:
     """Draw a centro-symmetric noisy estimate with mean S: both signs of a lag carry the same noise.
 
     Args:
@@ -123,6 +124,11 @@ def log_likelihood(estimate: torch.Tensor, spectrum: torch.Tensor, dof: float, f
         terms = -0.5 * ((measured - expected).square() / variance + torch.log(2.0 * torch.pi * variance))
     else:
         ratio = measured / expected
-        terms = (shape * torch.log(shape) - torch.lgamma(shape) + (shape - 1.0) * torch.log(ratio) - shape * ratio
-                 - torch.log(expected))
+        terms = (
+            shape * torch.log(shape)
+            - torch.lgamma(shape)
+            + (shape - 1.0) * torch.log(ratio)
+            - shape * ratio
+            - torch.log(expected)
+        )
     return terms.sum(-1)

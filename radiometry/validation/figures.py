@@ -28,8 +28,9 @@ def draw_statistics(path: Path, result: dict[str, Any]) -> None:
             continue
         exposure, patches = result[name]["exposure"], result[name]["patches"]
         left.loglog([c["mean"] for c in exposure], [c["variance"] for c in exposure], marker, mfc="none", label=name)
-        right.loglog([1 / c["dof"] for c in patches], [c["variance"] / c["mean"] ** 2 for c in patches], marker, mfc="none",
-                     label=name)
+        right.loglog(
+            [1 / c["dof"] for c in patches], [c["variance"] / c["mean"] ** 2 for c in patches], marker, mfc="none", label=name
+        )
     mean, predicted = np.geomspace(*left.get_xlim(), 20), result["rendered"]["predicted"]
     left.loglog(mean, predicted * mean**2, "k-", lw=1, label=f"predicted: mean$^2$ / {1 / predicted:.0f}")
     inverse = np.geomspace(1 / 70, 1.1, 20)

@@ -12,7 +12,7 @@ from scipy.optimize import curve_fit
 
 from correlograph.errors import InputError
 from correlograph.files.images import read_autocorrelation
-from radiometry.noise.level import RING, centre_filled, extrapolated_peak, fit_known_signal, read_noise_level
+from radiometry.noise.level import RING, extrapolated_peak, fill_zero_lag, fit_known_signal, read_noise_level
 
 CORNER = 20
 """Side of the signal-free corner whose mean and variance the paper plots."""
@@ -41,8 +41,12 @@ def _lab_pictures(folder: Path, pattern: str) -> list[tuple[float, np.ndarray]]:
         if match:
             found.append((float(match.group(1)), read_autocorrelation(path)[0]))
     if not found:
-        raise InputError("--measured", "published autocorrelations of the 2020 paper", f"none named like {pattern} in {folder}",
-                         "check the folder")
+        raise InputError(
+            "--measured",
+            "published autocorrelations of the 2020 paper",
+            f"none named like {pattern} in {folder}",
+            "check the folder",
+        )
     return sorted(found, key=lambda pair: pair[0])
 
 
@@ -55,8 +59,10 @@ def lab_over_exposure(folder: Path) -> list[dict[str, float]]:
 
 
 def lab_over_patches(folder: Path) -> list[dict[str, float]]:
-    return [corner(lags, int(patches), patches=patches) for patches, lags in
-            _lab_pictures(folder, r"._n2_corr_x100_nzero1_npatch(\d+)\.png")]
+    return [
+        corner(lags, int(patches), patches=patches)
+        for patches, lags in _lab_pictures(folder, r"._n2_corr_x100_nzero1_npatch(\d+)\.png")
+    ]
 
 
 def lab_floor(folder: Path) -> dict[str, Any]:
@@ -66,7 +72,7 @@ def lab_floor(folder: Path) -> dict[str, Any]:
     picture, so that short exposures, with peaks lost in noise, have a scale.
     """
     series = _lab_series(folder)
-    long = [centre_filled(lags - read_noise_level(lags, 1.0).floor, 0.0) for t, lags in series if 0.5 <= t < BROKEN_EXPOSURE_S]
+    long = [fill_zero_lag(lags - read_noise_level(lags, 1.0).floor, 0.0) for t, lags in series if 0.5 <= t < BROKEN_EXPOSURE_S]
     template = np.clip(np.mean([lags / lags.max() for lags in long], axis=0), 0.0, None)
     template[read_noise_level(template).signal_ring < RING] = 0.0
     peak, _ = extrapolated_peak(template, read_noise_level(template))

@@ -2,7 +2,7 @@
 
 import mitsuba as mi
 
-from sim.plugins import recorded
+from sim.plugins import record_refusals
 
 
 def register_integrators() -> None:
@@ -10,5 +10,5 @@ def register_integrators() -> None:
     from sim.integrators.speckle import Speckle
     from sim.integrators.throughput import Throughput
 
-    mi.register_integrator("speckle", recorded(Speckle))
-    mi.register_integrator("throughput", recorded(Throughput))
+    mi.register_integrator("speckle", record_refusals(Speckle))
+    mi.register_integrator("throughput", record_refusals(Throughput))

@@ -24,8 +24,13 @@ class Speckle(mi.SamplingIntegrator):
         if self.frame < 0:
             raise InputError("speckle.frame", "a whole number, zero or more", self.frame, "correct it")
         effects = [text.strip() for text in str(props.get("effects", "")).split(",") if text.strip()]
-        self.settings = Settings(str(props.get("accuracy", "statistical")), float(props.get("tolerance", 1e-2)),
-                                 str(props.get("propagator", "auto")), props.get("precision", None), parse_effects(effects))
+        self.settings = Settings(
+            str(props.get("accuracy", "statistical")),
+            float(props.get("tolerance", 1e-2)),
+            str(props.get("propagator", "auto")),
+            props.get("precision", None),
+            parse_effects(effects),
+        )
         self.mean = bool(props.get("mean", False))
         self._prepared: tuple[object, object] | None = None
 

@@ -19,7 +19,10 @@ def transfer_function(geometry: Geometry) -> torch.Tensor:
     transfer = amplitude_transfer(
         np.fft.fftfreq(height, geometry.pixel_pitch_m)[:, None],
         np.fft.rfftfreq(width, geometry.pixel_pitch_m)[None, :],
-        geometry.pixel_pitch_m, geometry.pupil_diameter_m, geometry.wavelength_m, geometry.pupil_distance_m,
+        geometry.pixel_pitch_m,
+        geometry.pupil_diameter_m,
+        geometry.wavelength_m,
+        geometry.pupil_distance_m,
     )
     return torch.from_numpy(transfer.astype(np.float32))
 
@@ -34,8 +37,9 @@ CAMERA = 20200107
 """Seed of the one camera whose fixed pattern all frames share."""
 
 
-def expose(photoelectrons: np.ndarray, electronics: Electronics, rng: np.random.Generator,
-           shot_noise: bool = True) -> np.ndarray:
+def expose(
+    photoelectrons: np.ndarray, electronics: Electronics, rng: np.random.Generator, shot_noise: bool = True
+) -> np.ndarray:
     """Draw one stored frame from expected photoelectrons, float32, in electrons.
 
     Shot noise of signal and dark current together, then read, row, column and fixed-pattern noise, full well and the

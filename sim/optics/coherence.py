@@ -14,7 +14,7 @@ from scipy.constants import speed_of_light
 
 from correlograph.errors import InputError
 
-MOST_LINES = 129
+MAX_LINES = 129
 _REACH = 3.0
 """Standard deviations of the spectrum on either side that lines cover."""
 
@@ -41,16 +41,20 @@ def lost_contrast(path_m: np.ndarray, amplitude: np.ndarray, linewidth_hz: float
 def spectral_lines(path_m: np.ndarray, linewidth_hz: float) -> list[tuple[float, float]]:
     """Frequency offsets and weights whose incoherent sum stands for the spectrum.
 
-    Raises InputError where the spread of paths would need more than `MOST_LINES`.
+    Raises InputError where the spread of paths would need more than `MAX_LINES`.
     """
     deviation = linewidth_hz / (2.0 * math.sqrt(2.0 * math.log(2.0)))
     spread_s = float(np.ptp(path_m)) / speed_of_light
     # The sum repeats after 1 / spacing, which must exceed the spread of delays by a margin.
     count = 2 * math.ceil(_REACH * deviation * max(2.0 * spread_s, 1e-30) + 4) + 1
-    if count > MOST_LINES:
-        largest = 0.99 * linewidth_hz * ((MOST_LINES - 1) // 2 - 4) / (_REACH * deviation * 2.0 * spread_s)
-        raise InputError("linewidth", f"at most {largest:.2g} Hz for a spread of paths of "
-                         f"{np.ptp(path_m) * 1e3:.3g} mm", f"{linewidth_hz:.3g} Hz", "the speckle would be gone; lower it")
+    if count > MAX_LINES:
+        largest = 0.99 * linewidth_hz * ((MAX_LINES - 1) // 2 - 4) / (_REACH * deviation * 2.0 * spread_s)
+        raise InputError(
+            "linewidth",
+            f"at most {largest:.2g} Hz for a spread of paths of {np.ptp(path_m) * 1e3:.3g} mm",
+            f"{linewidth_hz:.3g} Hz",
+            "the speckle would be gone; lower it",
+        )
     offset = np.linspace(-_REACH, _REACH, count)
     weight = np.exp(-0.5 * offset**2)
     return list(zip((offset * deviation).tolist(), (weight / weight.sum()).tolist(), strict=True))

@@ -36,7 +36,8 @@ def exact_image(field: torch.Tensor, factor: int, geometry: Geometry, rng: np.ra
     spectrum = torch.fft.fft2(field * torch.complex(*(torch.from_numpy(part).to(field.device) for part in parts)))
     row, column = (torch.fft.fftfreq(n, pitch, device=field.device) for n in (height, width))
     inside = torch.hypot(row[:, None], column[None]) <= 0.5 * geometry.pupil_diameter_m / (
-        geometry.wavelength_m * geometry.pupil_distance_m)
+        geometry.wavelength_m * geometry.pupil_distance_m
+    )
     image = torch.fft.ifft2(spectrum * inside)
     intensity = image.real.square() + image.imag.square()
     half_column = torch.fft.rfftfreq(width, pitch, device=field.device)
@@ -50,8 +51,12 @@ def degrees_of_freedom(geometry: Geometry, samples: int = 512) -> float:
     """M of one pixel: one over the relative variance of subjective speckle that pupil and pixel leave."""
     cutoff = geometry.pupil_diameter_m / (geometry.wavelength_m * geometry.pupil_distance_m)
     frequency = (np.arange(samples) + 0.5) / samples * cutoff
-    otf = pupil_otf(np.hypot(frequency[:, None], frequency[None]), geometry.pupil_diameter_m, geometry.wavelength_m,
-                    geometry.pupil_distance_m)
+    otf = pupil_otf(
+        np.hypot(frequency[:, None], frequency[None]),
+        geometry.pupil_diameter_m,
+        geometry.wavelength_m,
+        geometry.pupil_distance_m,
+    )
     pixel = np.sinc(frequency * geometry.pixel_pitch_m) ** 2
     return float(otf.sum() / (otf * pixel[:, None] * pixel[None]).sum())
 

@@ -13,7 +13,7 @@ from sim.optics.motion import Pose
 
 Streams = Callable[[int], np.random.Generator]
 
-_SMALLEST_SPOT = 32
+_MIN_SPOT_SAMPLES = 32
 """Source samples across the spot at least, so that its speckle is Gaussian."""
 
 
@@ -32,8 +32,9 @@ def overlap(geometry: Geometry) -> float:
     return float(disc_overlap(geometry.spot.scan_step_m / geometry.spot.diameter_m))
 
 
-def illuminate(geometry: Geometry, grid: tuple[int, int], streams: Streams, number: int, *, grain: bool = True,
-               pose: Pose | None = None) -> np.ndarray:
+def illuminate(
+    geometry: Geometry, grid: tuple[int, int], streams: Streams, number: int, *, grain: bool = True, pose: Pose | None = None
+) -> np.ndarray:
     """Complex field on the object, mean intensity 1 under a rough wall, at the samples of `Geometry.object_pitch_m`.
 
     The wall's heights turn the disc of light into a field of random phases 4 pi h / lambda (normal
@@ -67,7 +68,7 @@ def illuminate(geometry: Geometry, grid: tuple[int, int], streams: Streams, numb
         return gaussian[0] + 1j * gaussian[1]
     reach = 1.25 * max(n * step for n, step in zip(grid, pitch, strict=True))
     wanted = geometry.wavelength_m * geometry.source_distance_m / reach
-    across = max(_SMALLEST_SPOT, int(np.ceil(geometry.spot.diameter_m / wanted)))
+    across = max(_MIN_SPOT_SAMPLES, int(np.ceil(geometry.spot.diameter_m / wanted)))
     step = geometry.spot.diameter_m / across
     position = (np.arange(across) - 0.5 * (across - 1)) * step
     spot_m = pose.spot_m if sharing else pose.spot_m - number * (geometry.spot.scan_step_m or 0.0)
@@ -120,8 +121,9 @@ def _strip(rng: np.random.Generator, across: int, first: int, count: int) -> np.
     return np.stack([np.random.default_rng([seed, column]).standard_normal(across) for column in columns], 1)
 
 
-def _fourier_kernel(samples: int, pitch: float, source_position: np.ndarray, geometry: Geometry,
-                    displaced_m: float) -> np.ndarray:
+def _fourier_kernel(
+    samples: int, pitch: float, source_position: np.ndarray, geometry: Geometry, displaced_m: float
+) -> np.ndarray:
     """exp(-2 pi i x s / (lambda d1)) along one axis, complex64 (samples, sources)."""
     position = (np.arange(samples) - 0.5 * (samples - 1)) * pitch + displaced_m
     turns = np.outer(position, source_position) / (geometry.wavelength_m * geometry.source_distance_m)

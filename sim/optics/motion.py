@@ -19,7 +19,7 @@ from sim.optics.object_samples import ObjectSamples
 STEPS_PER_GRAIN = 6
 """Sub-exposures at least, for each grain that passes by."""
 
-MOST_STEPS = 512
+MAX_STEPS = 512
 _SHARES = np.linspace(0.0, 1.0, 129)
 
 
@@ -43,8 +43,12 @@ def poses(geometry: Geometry, number: int, count: int, *, moving: bool) -> list[
     speed = geometry.object_speed_m_s
     scanned = number * (geometry.spot.scan_step_m or 0.0)
     times = (np.arange(count) + 0.5) / count * exposure_s
-    return [Pose(scanned + geometry.spot.scan_speed_m_s * float(time), tuple(float(part * (begin_s + time)) for part in speed))
-            if moving else Pose(scanned) for time in times]
+    return [
+        Pose(scanned + geometry.spot.scan_speed_m_s * float(time), tuple(float(part * (begin_s + time)) for part in speed))
+        if moving
+        else Pose(scanned)
+        for time in times
+    ]
 
 
 def sub_exposures(geometry: Geometry, samples: ObjectSamples, tolerance: float) -> int:
@@ -56,17 +60,21 @@ def sub_exposures(geometry: Geometry, samples: ObjectSamples, tolerance: float) 
         return 1
     grains = _grains(geometry)
     count = max(1, math.ceil(STEPS_PER_GRAIN * grains))
-    if count > MOST_STEPS:
-        raise InputError("motion", f"at most {MOST_STEPS / STEPS_PER_GRAIN:.0f} grains in an exposure", f"{grains:.3g}",
-                         "shorten the exposure; the speckle would be gone")
+    if count > MAX_STEPS:
+        raise InputError(
+            "motion",
+            f"at most {MAX_STEPS / STEPS_PER_GRAIN:.0f} grains in an exposure",
+            f"{grains:.3g}",
+            "shorten the exposure; the speckle would be gone",
+        )
     likeness, exact = _likeness(geometry, samples), 1.0 - lost_variance(geometry, samples)
 
     def left(count: int) -> float:
         apart = np.arange(1, count)
         return (1.0 + 2.0 * ((1.0 - apart / count) * np.interp(apart / count, _SHARES, likeness)).sum()) / count
 
-    while count < MOST_STEPS and left(count) > (1.0 + tolerance) * exact:
-        count = min(MOST_STEPS, math.ceil(1.2 * count))
+    while count < MAX_STEPS and left(count) > (1.0 + tolerance) * exact:
+        count = min(MAX_STEPS, math.ceil(1.2 * count))
     return count
 
 

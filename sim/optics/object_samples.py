@@ -45,23 +45,42 @@ class ObjectSamples:
     def lit(self, field: np.ndarray, period: tuple[int, int], offset_hz: float = 0.0) -> Scatterers:
         """Scatterers under a field on the grid (rows, columns), of light off the laser's frequency by so much."""
         delay = phasor(self.path_m * offset_hz, speed_of_light) if offset_hz else 1.0
-        return Scatterers(self.position_m, field[self.place].astype(np.complex128) * self.amplitude * delay,
-                          Lattice(self.place, self.grid, period))
+        return Scatterers(
+            self.position_m,
+            field[self.place].astype(np.complex128) * self.amplitude * delay,
+            Lattice(self.place, self.grid, period),
+        )
 
 
 def sample_object(geometry: Geometry) -> ObjectSamples:
     """Sample a scene's object as finely as its frame resolves it."""
     hidden, pitch = geometry.hidden_object, geometry.object_pitch_m
-    grid = tuple(min(math.ceil(extent / step) + 1, n)
-                 for extent, step, n in zip(hidden.extent_m, pitch, geometry.period_shape, strict=True))
+    grid = tuple(
+        min(math.ceil(extent / step) + 1, n)
+        for extent, step, n in zip(hidden.extent_m, pitch, geometry.period_shape, strict=True)
+    )
     seen = hidden.sample(pitch, (grid[0], grid[1]))
     # Relative to the largest: throughputs of 1e-20 do not fit single precision once they are squared.
     brightness = seen.weight / max(float(seen.weight.max()), 1e-300)
     place = np.nonzero(brightness > 1e-12)
     coordinates = np.stack([(index - 0.5 * (n - 1)) * step for index, n, step in zip(place, grid, pitch, strict=True)], 1)
     position = hidden.position(coordinates, seen.depth_m[place])
-    wall = Wall(geometry.detector_centre - hidden.centre, geometry.right, geometry.down, geometry.canvas_shape,
-                geometry.pixel_pitch_m, geometry.wavelength_m)
+    wall = Wall(
+        geometry.detector_centre - hidden.centre,
+        geometry.right,
+        geometry.down,
+        geometry.canvas_shape,
+        geometry.pixel_pitch_m,
+        geometry.wavelength_m,
+    )
     path = path_difference(wall.centre_m, position) + path_difference(geometry.spot.centre - hidden.centre, position)
-    return ObjectSamples((grid[0], grid[1]), place, position, np.sqrt(brightness[place], dtype=np.float32), wall,
-                         coordinates / hidden.axes.stretch, path, coordinates)
+    return ObjectSamples(
+        (grid[0], grid[1]),
+        place,
+        position,
+        np.sqrt(brightness[place], dtype=np.float32),
+        wall,
+        coordinates / hidden.axes.stretch,
+        path,
+        coordinates,
+    )

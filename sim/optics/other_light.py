@@ -80,5 +80,9 @@ def background_of(geometry: Geometry, even_below: float) -> Background | None:
 def _transfer(geometry: Geometry, lag: np.ndarray) -> np.ndarray:
     """H at lags (n, 2) in cells of the period's lattice, (n,)."""
     row, column = (lag / geometry.period_shape / geometry.pixel_pitch_m).T
-    return amplitude_transfer(row, column, geometry.pixel_pitch_m, geometry.pupil_diameter_m, geometry.wavelength_m,
-                              geometry.pupil_distance_m) ** 2
+    return (
+        amplitude_transfer(
+            row, column, geometry.pixel_pitch_m, geometry.pupil_diameter_m, geometry.wavelength_m, geometry.pupil_distance_m
+        )
+        ** 2
+    )

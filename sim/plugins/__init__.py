@@ -11,7 +11,7 @@ refusals: list[InputError] = []
 """What plugins refused since the list was last cleared: Mitsuba passes on the text of an exception, not the exception."""
 
 
-def recorded(plugin: Callable[[mi.Properties], Any]) -> Callable[[mi.Properties], Any]:
+def record_refusals(plugin: Callable[[mi.Properties], Any]) -> Callable[[mi.Properties], Any]:
     """A plugin whose refusals are kept for whoever loads the scene."""
 
     def make(props: mi.Properties) -> Any:
@@ -30,6 +30,6 @@ def register_plugins() -> None:
     from sim.plugins.phase_screen import PhaseScreen
     from sim.plugins.speckle_camera import SpeckleCamera
 
-    mi.register_emitter("laser", recorded(Laser))
-    mi.register_bsdf("phase_screen", recorded(PhaseScreen))
-    mi.register_sensor("speckle_camera", recorded(SpeckleCamera))
+    mi.register_emitter("laser", record_refusals(Laser))
+    mi.register_bsdf("phase_screen", record_refusals(PhaseScreen))
+    mi.register_sensor("speckle_camera", record_refusals(SpeckleCamera))

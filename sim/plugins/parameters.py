@@ -38,8 +38,12 @@ class Parameter:
         if self.low <= number <= self.high or (self.zero and number == 0.0):
             return number
         unit = f" {self.unit}" if self.unit else ""
-        raise InputError(f"{plugin}.{self.name}", f"{'0, or ' if self.zero else ''}{self.low:g} to {self.high:g}{unit}", value,
-                         f"correct {self.name}")
+        raise InputError(
+            f"{plugin}.{self.name}",
+            f"{'0, or ' if self.zero else ''}{self.low:g} to {self.high:g}{unit}",
+            value,
+            f"correct {self.name}",
+        )
 
 
 class Parameters:
@@ -50,8 +54,9 @@ class Parameters:
         self._given: dict[str, float] = {}
         for name, parameter in self._known.items():
             if parameter.default is None and name not in props:
-                raise InputError(f"{plugin}.{name}", f"a number in {parameter.unit or 'no unit'}", "none",
-                                 "add it to the scene")
+                raise InputError(
+                    f"{plugin}.{name}", f"a number in {parameter.unit or 'no unit'}", "none", "add it to the scene"
+                )
             self._given[name] = parameter.checked(plugin, props.get(name, parameter.default))
         self._shown = {name: mi.Float64(value) for name, value in self._given.items()}
 

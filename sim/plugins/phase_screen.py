@@ -29,8 +29,7 @@ class PhaseScreen(mi.BSDF):
         self.depolarising = bool(props.get("depolarising", False))
         nested = [props[name] for name in props.unqueried() if isinstance(props[name], mi.BSDF)]
         if len(nested) != 1:
-            raise InputError("phase_screen", "exactly one nested BSDF", len(nested),
-                             'nest one, such as <bsdf type="diffuse">')
+            raise InputError("phase_screen", "exactly one nested BSDF", len(nested), 'nest one, such as <bsdf type="diffuse">')
         self.nested = nested[0]
         self.m_components = [self.nested.flags(i) for i in range(self.nested.component_count())]
         self.m_flags = self.nested.flags()
@@ -64,5 +63,7 @@ class PhaseScreen(mi.BSDF):
         self._parameters.changed(self._take)
 
     def to_string(self) -> str:
-        return (f"PhaseScreen[\n  height_rms = {self.height_rms_m},\n  correlation_length = {self.correlation_length_m},\n"
-                f"  nested = {self.nested}\n]")
+        return (
+            f"PhaseScreen[\n  height_rms = {self.height_rms_m},\n  correlation_length = {self.correlation_length_m},\n"
+            f"  nested = {self.nested}\n]"
+        )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import mitsuba as mi
 import numpy as np
 
-from correlograph.errors import InputError, positive
+from correlograph.errors import InputError, check_positive
 from sim.plugins.parameters import Parameter, Parameters
 
 ELECTRONIC = (
@@ -60,16 +60,20 @@ class Electronics:
     gain: float = 0.0
 
     def __post_init__(self) -> None:
-        positive("exposure", self.exposure_s)
+        check_positive("exposure", self.exposure_s)
         for name in PARAMETERS[1:]:
-            positive(name, getattr(self, name), zero_allowed=True)
+            check_positive(name, getattr(self, name), zero_allowed=True)
         if not 0.0 <= self.quantum_efficiency <= 1.0:
             raise InputError("quantum_efficiency", "a ratio between 0 and 1", self.quantum_efficiency, "correct it")
         if self.bits != int(self.bits) or self.bits > 32:
             raise InputError("bits", "a whole number up to 32", self.bits, "correct it")
         if self.bits and not (self.full_well or self.gain):
-            raise InputError("bits", "a full_well or a gain, which gives the converter's range", "bits without either",
-                             "add full_well to the speckle_camera")
+            raise InputError(
+                "bits",
+                "a full_well or a gain, which gives the converter's range",
+                "bits without either",
+                "add full_well to the speckle_camera",
+            )
         if self.gain and not self.bits:
             raise InputError("gain", "bits beside it", "gain without bits", "add bits to the speckle_camera")
 
@@ -94,8 +98,9 @@ class SpeckleCamera(mi.Sensor):
         self._parameters = Parameters("speckle_camera", (*OPTICAL, *ELECTRONIC), props)
         self._take()
         if "to_world" not in props:
-            raise InputError("speckle_camera.to_world", "a transform that aims the camera", "none",
-                             "add a <lookat> to the speckle_camera")
+            raise InputError(
+                "speckle_camera.to_world", "a transform that aims the camera", "none", "add a <lookat> to the speckle_camera"
+            )
         matrix = np.asarray(props["to_world"].matrix, np.float64)
         self.pupil_centre = matrix[:3, 3]
         self.axis = matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
@@ -109,8 +114,11 @@ class SpeckleCamera(mi.Sensor):
         self.frame_interval_s = values["frame_interval"]
         # The constructor asks for a whole number of bits, which a float that is none fails.
         bits = values["bits"]
-        self.electronics = Electronics(exposure_s=values["exposure"], bits=int(bits) if bits == int(bits) else bits,
-                                       **{name: values[name] for name in PARAMETERS if name != "bits"})
+        self.electronics = Electronics(
+            exposure_s=values["exposure"],
+            bits=int(bits) if bits == int(bits) else bits,
+            **{name: values[name] for name in PARAMETERS if name != "bits"},
+        )
 
     def traverse(self, callback):
         self._parameters.traverse(callback)

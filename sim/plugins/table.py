@@ -12,11 +12,19 @@ PLUGINS = {"laser": LASER, "phase_screen": PHASE_SCREEN, "speckle_camera": (*OPT
 
 def table() -> str:
     """All parameters that are numbers; `mi.traverse` shows and changes each of them."""
-    lines = ["# Parameters of the plugins", "", "Written by `python -m sim.plugins.table`. SI units throughout; each can be "
-             "read and changed by `mi.traverse`.", "",
-             "| plugin | parameter | unit | default | range |", "|---|---|---|---|---|"]
-    lines += [f"| `{plugin}` | `{known.name}` | {known.unit or 'none'} | {_default(known)} | {_range(known)} |"
-              for plugin, parameters in PLUGINS.items() for known in parameters]
+    lines = [
+        "# Parameters of the plugins",
+        "",
+        "Written by `python -m sim.plugins.table`. SI units throughout; each can be read and changed by `mi.traverse`.",
+        "",
+        "| plugin | parameter | unit | default | range |",
+        "|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| `{plugin}` | `{known.name}` | {known.unit or 'none'} | {_default(known)} | {_range(known)} |"
+        for plugin, parameters in PLUGINS.items()
+        for known in parameters
+    ]
     return "\n".join(lines) + "\n"
 
 

@@ -21,8 +21,9 @@ def options(task: Task, wanted: str | None = None) -> list[Option]:
         if wanted not in (None, "auto", name):
             continue
         within = [option for option in found if option.predicted_error <= task.tolerance]
-        if wanted == "auto" and any(KERNELS[option.propagator].on_lattice or option.seconds < kernel.planning_seconds
-                                    for option in within):
+        if wanted == "auto" and any(
+            KERNELS[option.propagator].on_lattice or option.seconds < kernel.planning_seconds for option in within
+        ):
             continue
         found += kernel.predict(task)
     return sorted(found, key=lambda option: option.seconds)

@@ -37,9 +37,17 @@ SECONDS_ONCE = 0.004
 
 def predict(task: Task) -> list[Option]:
     tiles = math.prod(math.ceil(pixels / TILE) for pixels in task.wall.shape)
-    return [Option("direct", precision, direct_error(task.wall, task.scatterers, precision, TILE),
-                   SECONDS_ONCE + tiles * TILE**2 * len(task.scatterers) / PAIRS_PER_SECOND[precision],
-                   8 * math.prod(task.wall.shape) + 2**28, "every scatterer to every pixel") for precision in task.precisions]
+    return [
+        Option(
+            "direct",
+            precision,
+            direct_error(task.wall, task.scatterers, precision, TILE),
+            SECONDS_ONCE + tiles * TILE**2 * len(task.scatterers) / PAIRS_PER_SECOND[precision],
+            8 * math.prod(task.wall.shape) + 2**28,
+            "every scatterer to every pixel",
+        )
+        for precision in task.precisions
+    ]
 
 
 def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
@@ -71,8 +79,16 @@ def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
     return torch.from_numpy(field).to(terms.device)
 
 
-def _sum_tiles(centre: np.ndarray, offset: np.ndarray, position: np.ndarray, amplitude: np.ndarray,
-               difference: np.ndarray, wall: Wall, dtype: type, device: str) -> np.ndarray:
+def _sum_tiles(
+    centre: np.ndarray,
+    offset: np.ndarray,
+    position: np.ndarray,
+    amplitude: np.ndarray,
+    difference: np.ndarray,
+    wall: Wall,
+    dtype: type,
+    device: str,
+) -> np.ndarray:
     """Field of every pixel of some tiles, complex (tiles, TILE * TILE).
 
     Args:

@@ -15,7 +15,7 @@ import torch
 
 from sim.propagation.option import Option, Task, Terms
 from sim.propagation.sampling import Scatterers, Wall, middle
-from sim.propagation.validity import UNRELATED
+from sim.propagation.validity import UNCORRELATED_FIELD_ERROR
 
 FFT_SECONDS_PER_PIXEL = 2e-8
 
@@ -30,9 +30,17 @@ def predict(task: Task) -> list[Option]:
     if "float32" not in task.precisions:
         return []
     pixels = math.prod(task.wall.shape)
-    error = task.statistical_error if task.accuracy == "statistical" else UNRELATED
-    return [Option("fraunhofer", "float32", error, FFT_SECONDS_PER_PIXEL * pixels, 16 * pixels,
-                   "flat, delta-correlated object in the far field")]
+    error = task.statistical_error if task.accuracy == "statistical" else UNCORRELATED_FIELD_ERROR
+    return [
+        Option(
+            "fraunhofer",
+            "float32",
+            error,
+            FFT_SECONDS_PER_PIXEL * pixels,
+            16 * pixels,
+            "flat, delta-correlated object in the far field",
+        )
+    ]
 
 
 def far_field(field: torch.Tensor, period: tuple[int, int]) -> torch.Tensor:

@@ -23,8 +23,9 @@ def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
     """Field on the wall, complex64 (H, W)."""
     lattice = scatterers.lattice
     field = np.zeros(lattice.shape, np.complex128)
-    field[lattice.place] = scatterers.amplitude * phasor(path_difference(wall.centre_m, scatterers.position_m),
-                                                         wall.wavelength_m)
+    field[lattice.place] = scatterers.amplitude * phasor(
+        path_difference(wall.centre_m, scatterers.position_m), wall.wavelength_m
+    )
     # Both grids are centred between samples: exp(-2 pi i (m - c_m)(j - c_j) / M) per axis, as FFT and tilts.
     for axis, (samples, pixels, repeat) in enumerate(zip(lattice.shape, wall.shape, lattice.period, strict=True)):
         tilt = phasor(0.5 * (pixels - 1) * np.arange(samples) / repeat, 1.0)
@@ -43,7 +44,9 @@ def predict(task: Task) -> list[Option]:
     if "float32" not in task.precisions:
         return []
     pixels = math.prod(task.wall.shape)
-    error = (task.statistical_error if task.accuracy == "statistical"
-             else fresnel_error(task.wall, task.place, task.scatterers))
-    return [Option("fresnel", "float32", error, 1.5 * FFT_SECONDS_PER_PIXEL * pixels, 16 * pixels,
-                   "exact phases at the frame's centre")]
+    error = task.statistical_error if task.accuracy == "statistical" else fresnel_error(task.wall, task.place, task.scatterers)
+    return [
+        Option(
+            "fresnel", "float32", error, 1.5 * FFT_SECONDS_PER_PIXEL * pixels, 16 * pixels, "exact phases at the frame's centre"
+        )
+    ]

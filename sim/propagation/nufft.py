@@ -22,8 +22,8 @@ from correlograph.errors import InputError
 from sim.propagation.option import Option, Precision, Task, Terms
 from sim.propagation.sampling import Scatterers, Wall, kernel, path_difference, phasor
 
-LARGEST_PATCH, SMALLEST_PATCH = 513, 33
-MOST_TERMS = 20
+MAX_PATCH, MIN_PATCH = 513, 33
+MAX_TERMS = 20
 _NODES_PATCH, _NODES_OBJECT = 10, 9
 TOLERANCE = {"float32": (1e-5, 1e-2), "float64": (1e-11, 1e-2)}
 """Smallest and largest tolerance in each precision."""
@@ -39,7 +39,7 @@ FINUFFT_ERROR = 0.7
 ROUNDING = {"float32": 9e-8, "float64": 1e-16}
 """Error from places rounded to the precision, per pixel of a patch's side."""
 
-LEAST_ERROR = {"float32": 0.0, "float64": 1e-11}
+MIN_ERROR = {"float32": 0.0, "float64": 1e-11}
 """A prediction never falls below this, whatever its parts add up to."""
 
 
@@ -94,8 +94,15 @@ def _predict(task: Task, precision: Precision) -> Option:
     once, each, scatterer, pixel = SECONDS
     seconds = once + count * (each + terms * (scatterer * len(scatterers) + pixel * size**2))
     memory = 16 * terms * (size**2 * 5 + 2 * len(scatterers)) + 16 * math.prod(wall.shape)
-    return Option("nufft", precision, patches.error, seconds, memory,
-                  f"{terms} terms in each of {count} patches of {size} pixels", patches)
+    return Option(
+        "nufft",
+        precision,
+        patches.error,
+        seconds,
+        memory,
+        f"{terms} terms in each of {count} patches of {size} pixels",
+        patches,
+    )
 
 
 def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
@@ -118,8 +125,9 @@ def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
             centre = wall.pixels(np.array(row + 0.5 * (size - 1)), np.array(column + 0.5 * (size - 1)))
             expansion = _expand(centre, size, wall, scatterers.position_m, object_basis, summands)
             if expansion.error > 5.0 * patches.tolerance:
-                raise InputError("--tolerance", f"{expansion.error:.2g} or more in this scene", patches.tolerance,
-                                 "use --propagator direct")
+                raise InputError(
+                    "--tolerance", f"{expansion.error:.2g} or more in this scene", patches.tolerance, "use --propagator direct"
+                )
             gradient = 2.0 * np.pi / wall.wavelength_m * wall.pitch_m * _gradient(centre, scatterers.position_m)
             places = [np.ascontiguousarray(gradient @ axis, dtype(0).real.dtype) for axis in (wall.down, wall.right)]
             first = scatterers.amplitude * phasor(path_difference(centre, scatterers.position_m), wall.wavelength_m)
@@ -147,8 +155,12 @@ def _transform(patches: Patches, dtype: type, device: str) -> Callable[[list[np.
     try:
         import cufinufft
     except ImportError:
-        raise InputError("--propagator nufft on a GPU", "the package cufinufft", "none",
-                         "pip install correlograph[cuda], or --propagator direct") from None
+        raise InputError(
+            "--propagator nufft on a GPU",
+            "the package cufinufft",
+            "none",
+            "pip install correlograph[cuda], or --propagator direct",
+        ) from None
     plan = cufinufft.Plan(1, shape, **options)
     of_out = torch.complex64 if dtype is np.complex64 else torch.complex128
     out = torch.empty(patches.terms, *shape, dtype=of_out, device=device)
@@ -164,36 +176,43 @@ def plan_patches(position_m: np.ndarray, wall: Wall, tolerance: float, precision
     """The largest patches that meet a tolerance at the frame's corners and centre.
 
     Raises InputError for a tolerance that the precision cannot hold, and where even the smallest patch needs more than
-    `MOST_TERMS`.
+    `MAX_TERMS`.
     """
     low, high = TOLERANCE[precision]
     if not low <= tolerance <= high:
-        raise InputError("--tolerance", f"between {low:g} and {high:g} for nufft in {precision}", tolerance,
-                         "choose another, or --precision float64")
+        raise InputError(
+            "--tolerance",
+            f"between {low:g} and {high:g} for nufft in {precision}",
+            tolerance,
+            "choose another, or --precision float64",
+        )
     few = position_m[:: max(1, len(position_m) // 500)]
     basis = _object_basis(few)
     rows, columns = (np.array([0.0, 0.5, 1.0]) * (pixels - 1.0) for pixels in wall.shape)
-    places = [wall.pixels(np.array(row), np.array(column))
-              for row, column in ((rows[1], columns[1]), *((row, column) for row in rows[::2] for column in columns[::2]))]
-    size = min(LARGEST_PATCH, max(wall.shape) | 1)
-    while size >= SMALLEST_PATCH:
+    places = [
+        wall.pixels(np.array(row), np.array(column))
+        for row, column in ((rows[1], columns[1]), *((row, column) for row in rows[::2] for column in columns[::2]))
+    ]
+    size = min(MAX_PATCH, max(wall.shape) | 1)
+    while size >= MIN_PATCH:
         terms, sums = 0, []
         own = math.hypot(FINUFFT_ERROR * FINUFFT_SHARE_OF_TOLERANCE * tolerance, ROUNDING[precision] * size)
         for centre in places:
             value = _decompose(centre, size, wall, basis[0])[1]
             tail = np.sqrt(np.append(np.cumsum(value[::-1] ** 2)[::-1], 0.0) / (value**2).sum())
             terms = max(terms, int(np.argmax(tail < 0.3 * tolerance)))
-            if terms > MOST_TERMS:
+            if terms > MAX_TERMS:
                 break
             sums.append(_expand(centre, size, wall, few, basis, terms).error)
             if math.hypot(own, sums[-1]) > tolerance:
                 break
         else:
             error = math.hypot(own, float(np.sqrt(np.mean(np.square(sums)))))
-            return Patches(size, terms, tolerance, max(LEAST_ERROR[precision], error))
+            return Patches(size, terms, tolerance, max(MIN_ERROR[precision], error))
         size = (size // 2) | 1
-    raise InputError("--propagator", "a scene whose phases nufft can expand", "one too close or too deep for it",
-                     "use --propagator direct")
+    raise InputError(
+        "--propagator", "a scene whose phases nufft can expand", "one too close or too deep for it", "use --propagator direct"
+    )
 
 
 def _gradient(centre: np.ndarray, position: np.ndarray) -> np.ndarray:

@@ -59,8 +59,11 @@ class Option:
     patches: Any = None
 
     def as_dict(self) -> dict[str, Any]:
-        return {name: None if isinstance(value, float) and not math.isfinite(value) else value
-                for name, value in asdict(self).items() if name != "patches"}
+        return {
+            name: None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in asdict(self).items()
+            if name != "patches"
+        }
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ GRAINS_APART = 8
 
 def canvas(frame_shape: tuple[int, int]) -> tuple[int, int]:
     """Pixels (rows, columns) of a frame with its border, `BORDER` pixels or a few more for a size that FFTs are fast for."""
+
     def fast(side: int) -> int:
         return next(n for n in range(side + 2 * BORDER, 2 * (side + 2 * BORDER) + 2, 2) if next_fast_len(n) == n)
 
@@ -43,8 +44,10 @@ def period(shape: tuple[int, int], grain_pixels: tuple[float, float]) -> tuple[i
     Args:
         shape: rows and columns looked at. grain_pixels: size of a grain along each.
     """
-    rows, columns = (next_fast_len(min(2 * n, n + int(np.ceil(GRAINS_APART * min(grain, n)))))
-                     for n, grain in zip(shape, grain_pixels, strict=True))
+    rows, columns = (
+        next_fast_len(min(2 * n, n + int(np.ceil(GRAINS_APART * min(grain, n)))))
+        for n, grain in zip(shape, grain_pixels, strict=True)
+    )
     return rows, columns
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from sim.propagation.sampling import Scatterers, Wall, kernel, path_difference, phasor
 
-UNRELATED = float(np.sqrt(2.0))
+UNCORRELATED_FIELD_ERROR = float(np.sqrt(2.0))
 """Field error of `fraunhofer`: its phases are those of another draw; only its statistics are right."""
 
 _PIXELS, _SCATTERERS = 9, 400
@@ -43,8 +43,9 @@ def fresnel_error(wall: Wall, place: np.ndarray, scatterers: Scatterers) -> floa
     return float(np.hypot(few_of_them * _distance(exact, approximate), ROUNDING))
 
 
-def statistical_error(wall: Wall, place: np.ndarray, scatterers: Scatterers, lag_m: float | tuple[float, float],
-                      tiles: int = 3) -> float:
+def statistical_error(
+    wall: Wall, place: np.ndarray, scatterers: Scatterers, lag_m: float | tuple[float, float], tiles: int = 3
+) -> float:
     """Predicted error of the expected autocorrelation that `fraunhofer` and `fresnel` give, on lags of pitch `lag_m`.
 
     Args:

@@ -22,8 +22,9 @@ SAMPLES = 4096
 BOUNCES = 4
 
 
-def ambient_irradiance(scene: mi.Scene, centre: np.ndarray, right: np.ndarray, down: np.ndarray, normal: np.ndarray,
-                       extent_m: tuple[float, float]) -> np.ndarray | None:
+def ambient_irradiance(
+    scene: mi.Scene, centre: np.ndarray, right: np.ndarray, down: np.ndarray, normal: np.ndarray, extent_m: tuple[float, float]
+) -> np.ndarray | None:
     """Irradiance of the frame in W/m^2 of light that passes the camera's filter, float64 (GRID, GRID); None without emitters.
 
     Args:
@@ -36,16 +37,20 @@ def ambient_irradiance(scene: mi.Scene, centre: np.ndarray, right: np.ndarray, d
     cell = dr.arange(mi.UInt, GRID * GRID * SAMPLES) // SAMPLES
     row = (mi.Float(cell // GRID) + sampler.next_float32()) / GRID - 0.5
     column = (mi.Float(cell % GRID) + sampler.next_float32()) / GRID - 0.5
-    place = (mi.Point3f(*centre.tolist()) + row * extent_m[0] * mi.Vector3f(*down.tolist())
-             + column * extent_m[1] * mi.Vector3f(*right.tolist()))
+    place = (
+        mi.Point3f(*centre.tolist())
+        + row * extent_m[0] * mi.Vector3f(*down.tolist())
+        + column * extent_m[1] * mi.Vector3f(*right.tolist())
+    )
     facing = mi.Vector3f(*normal.tolist())
     weight, total, alive = mi.Float(np.pi), mi.Float(0.0), mi.Bool(True)
     for bounce in range(BOUNCES):
         vertex = dr.zeros(mi.Interaction3f, dr.width(cell))
         vertex.p, vertex.n = place, facing
         vertex.t = mi.Float(0.0)
-        towards, radiance = scene.sample_emitter_direction(vertex, mi.Point2f(sampler.next_float32(), sampler.next_float32()),
-                                                           True, alive)
+        towards, radiance = scene.sample_emitter_direction(
+            vertex, mi.Point2f(sampler.next_float32(), sampler.next_float32()), True, alive
+        )
         cosine = dr.dot(facing, towards.d)
         total += dr.select(alive & (cosine > 0.0) & (towards.pdf > 0.0), weight * cosine * radiance[0] / np.pi, 0.0)
         if bounce == BOUNCES - 1:

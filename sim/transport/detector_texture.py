@@ -11,33 +11,46 @@ import numpy as np
 
 from correlograph.errors import InputError
 
-EVEN = 1e-6
+MAX_UNIFORM_VARIATION = 1e-6
 """Relative spread of the albedo below which a wall has no texture."""
 
 
-def detector_albedo(scene: mi.Scene, detector: mi.Shape, camera: Any, centre: np.ndarray, right: np.ndarray,
-                    down: np.ndarray, frame_shape: tuple[int, int]) -> np.ndarray:
+def detector_albedo(
+    scene: mi.Scene,
+    detector: mi.Shape,
+    camera: Any,
+    centre: np.ndarray,
+    right: np.ndarray,
+    down: np.ndarray,
+    frame_shape: tuple[int, int],
+) -> np.ndarray:
     """Diffuse albedo of the wall at the middle of each pixel, float32 (H, W).
 
     Raises InputError where the camera does not see the front of the virtual detector in every pixel.
     """
     height, width = frame_shape
     index = dr.arange(mi.UInt, height * width)
-    row, column = ((mi.Float(part) - 0.5 * (n - 1)) * camera.pixel_pitch_m
-                   for part, n in ((index // width, height), (index % width, width)))
+    row, column = (
+        (mi.Float(part) - 0.5 * (n - 1)) * camera.pixel_pitch_m
+        for part, n in ((index // width, height), (index % width, width))
+    )
     to_centre = centre - camera.pupil_centre
     way = mi.Vector3f(*to_centre.tolist()) + row * mi.Vector3f(*down.tolist()) + column * mi.Vector3f(*right.tolist())
     hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(*camera.pupil_centre.tolist()), dr.normalize(way)))
     seen = hit.is_valid() & (hit.shape == mi.ShapePtr(detector)) & (dr.dot(hit.n, way) < 0.0)
     hidden = 1.0 - float(dr.count(seen)[0]) / math.prod(frame_shape)
     if hidden > 0.0:
-        raise InputError("virtual_detector", "its front in every pixel of the camera", f"{100 * hidden:.3g} % of them see "
-                         "something else or nothing", "enlarge the wall, or move what stands before it")
+        raise InputError(
+            "virtual_detector",
+            "its front in every pixel of the camera",
+            f"{100 * hidden:.3g} % of them see something else or nothing",
+            "enlarge the wall, or move what stands before it",
+        )
     return np.asarray(hit.bsdf().eval_diffuse_reflectance(hit)[0], np.float32).reshape(frame_shape)
 
 
 def texture_of(albedo: np.ndarray) -> tuple[float, np.ndarray | None]:
     """Mean albedo, and the albedo of each pixel over it; None where that is the same everywhere."""
     mean = float(albedo.mean(dtype=np.float64))
-    even = mean == 0.0 or float(np.ptp(albedo)) < EVEN * mean
+    even = mean == 0.0 or float(np.ptp(albedo)) < MAX_UNIFORM_VARIATION * mean
     return mean, None if even else albedo / np.float32(mean)

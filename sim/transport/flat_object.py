@@ -29,13 +29,16 @@ class FlatObject:
         filled = self._cells > 0.0
         # Twice the distance of the farthest filled cell from the middle, because grids are centred.
         spans = (np.flatnonzero(filled.any(axis)) + np.array([[0], [1]]) - 0.5 * len(filled) for axis in (1, 0))
-        self.extent_m = tuple(2.0 * pitch * float(np.abs(span).max(initial=0.5))
-                              for span, pitch in zip(spans, pitch_m, strict=True))
+        self.extent_m = tuple(
+            2.0 * pitch * float(np.abs(span).max(initial=0.5)) for span, pitch in zip(spans, pitch_m, strict=True)
+        )
 
     def sample(self, pitch_m: tuple[float, float], shape: tuple[int, int]) -> Samples:
         """Sample at the cell centres of a grid (rows, columns) centred on the object."""
-        places = [np.floor((np.arange(n) - 0.5 * (n - 1)) * step / own + 0.5 * len(self._cells)).astype(int)
-                  for n, step, own in zip(shape, pitch_m, self._pitch_m, strict=True)]
+        places = [
+            np.floor((np.arange(n) - 0.5 * (n - 1)) * step / own + 0.5 * len(self._cells)).astype(int)
+            for n, step, own in zip(shape, pitch_m, self._pitch_m, strict=True)
+        ]
         inside = [(place >= 0) & (place < len(self._cells)) for place in places]
         albedo = np.zeros(shape, np.float32)
         albedo[np.ix_(*inside)] = self._cells[np.ix_(*(place[held] for place, held in zip(places, inside, strict=True)))]

@@ -15,14 +15,14 @@ from correlograph.errors import InputError
 from sim.plugins.phase_screen import PhaseScreen
 from sim.propagation.option import Visibility
 from sim.transport.footprint import LagAxes
-from sim.transport.light_transport import Carried, LightTransport
-from sim.transport.object_grid import GridRays, Samples, cell_sums, cells, centred, points
+from sim.transport.light_transport import CarriedLight, LightTransport
+from sim.transport.object_grid import GridRays, Samples, cell_sums, cells, centre_in, points
 from sim.transport.surfaces import check_energy, has_masks, is_one_of, layers, transmittance
 
 RAYS = 768
 """Rays along the longer side of the object at least, however coarse the grid."""
 
-LARGEST_CELL_RAYS = 64
+MAX_CELL_RAYS = 64
 """Rays along a side of one cell at most."""
 
 SAME_PLACE = 5e-3
@@ -34,7 +34,7 @@ def is_hidden_object(shape: mi.Shape) -> bool:
 
 
 @dataclass(frozen=True)
-class Measured:
+class ObjectTotals:
     """Sums over the whole object.
 
     Attributes:
@@ -75,19 +75,28 @@ class HiddenObject:
         self._flat = self.depth_m <= 1e-3 * self._radius_m
         self._transport = replace(transport, most_foreshortened=math.inf) if self._flat else transport
         if self._radius_m > 1e-6 and along.min() <= -0.9 * self._distance_m:
-            raise InputError("hidden_object", "all of it farther than a tenth of its distance from the virtual detector",
-                             f"a part {self._distance_m + along.min():.3g} m away", "move one of them")
+            raise InputError(
+                "hidden_object",
+                "all of it farther than a tenth of its distance from the virtual detector",
+                f"a part {self._distance_m + along.min():.3g} m away",
+                "move one of them",
+            )
         seen = self.axes.coordinates(corners * (self._distance_m / (self._distance_m + along))[:, None])
         # Grids are centred on the object's centre.
         self.extent_m = tuple(2.0 * float(np.abs(seen[:, axis]).max()) for axis in (0, 1))
         if min(self.extent_m) <= 1e-6 * max(self.extent_m):
-            raise InputError("hidden_object", "a shape with a surface towards the virtual detector",
-                             f"{self.extent_m[1]:g} x {self.extent_m[0]:g} m", "correct its to_world")
+            raise InputError(
+                "hidden_object",
+                "a shape with a surface towards the virtual detector",
+                f"{self.extent_m[1]:g} x {self.extent_m[0]:g} m",
+                "correct its to_world",
+            )
         displaced = float((np.abs(along) / (self._distance_m + along)).max()) * transport.frame_reach_m
         self._parallax = 1.0 + 2.0 * displaced / min(self.extent_m)
         self._measured = self._measure()
-        self.height_rms_m = min((shape.bsdf().height_rms_m for shape in self._shapes
-                                 if isinstance(shape.bsdf(), PhaseScreen)), default=math.inf)
+        self.height_rms_m = min(
+            (shape.bsdf().height_rms_m for shape in self._shapes if isinstance(shape.bsdf(), PhaseScreen)), default=math.inf
+        )
         """Smallest surface roughness; a BSDF that is no phase_screen counts as rough."""
 
     def sample(self, pitch_m: tuple[float, float], shape: tuple[int, int]) -> Samples:
@@ -108,7 +117,7 @@ class HiddenObject:
         angle = cell_sums(rays.angle, inner, fineness)
         mean_depth = np.divide(depth, weight, out=np.zeros(inner), where=weight > 0.0)
         albedo = weight / angle * self._measured.albedo_over_radiance
-        return Samples(*(centred(part, shape) for part in (weight, albedo.astype(np.float32), mean_depth)))
+        return Samples(*(centre_in(part, shape) for part in (weight, albedo.astype(np.float32), mean_depth)))
 
     def cell_means(self, pitch_m: float | tuple[float, float], side: int) -> np.ndarray:
         """Effective albedo averaged over each cell of a square grid, float32 (side, side): the integral of r is kept."""
@@ -132,8 +141,10 @@ class HiddenObject:
             return None
 
         def visible(places: np.ndarray, samples: np.ndarray) -> np.ndarray:
-            start, end = (np.broadcast_to(side, (len(places), len(samples), 3)).reshape(-1, 3)
-                          for side in ((origin + places)[:, None], (origin + samples)[None]))
+            start, end = (
+                np.broadcast_to(side, (len(places), len(samples), 3)).reshape(-1, 3)
+                for side in ((origin + places)[:, None], (origin + samples)[None])
+            )
             # Up to just before the object: what its parts hide of one another is in the light of its samples already.
             way = start - end
             end = end + way * np.clip(2.0 * self._radius_m / np.linalg.norm(way, axis=1), 1e-3, 0.9)[:, None]
@@ -162,9 +173,9 @@ class HiddenObject:
     def _rays_per_cell(self, pitch_m: tuple[float, float]) -> int:
         """Rays along one side of a cell."""
         along = max(extent / pitch for extent, pitch in zip(self.extent_m, pitch_m, strict=True))
-        return int(np.clip(math.ceil(RAYS / max(along, 1.0)), 2, LARGEST_CELL_RAYS))
+        return int(np.clip(math.ceil(RAYS / max(along, 1.0)), 2, MAX_CELL_RAYS))
 
-    def _layers(self, rays: GridRays) -> Iterator[tuple[Carried, np.ndarray]]:
+    def _layers(self, rays: GridRays) -> Iterator[tuple[CarriedLight, np.ndarray]]:
         """What each surface along rays from the frame's centre carries, and its depth, on the grid of the rays.
 
         Nearest surface first; those behind a partly transparent one follow it.
@@ -176,10 +187,10 @@ class HiddenObject:
         for hit, active in layers(self._scene, ray, mi.Bool(True)):
             mine = is_one_of(hit, self._shapes) & active
             check_energy("hidden_object", hit, mine)
-            carried = self._transport.carried(hit, mine)
+            carried = self._transport.compute_carried_light(hit, mine)
             gone += dr.select(active, hit.t, 0.0)
             way = np.asarray(gone, np.float64) + skipped
-            yield Carried(*map(rays.grid, vars(carried).values())), rays.grid(way * rays.cosine - self._distance_m)
+            yield CarriedLight(*map(rays.grid, vars(carried).values())), rays.grid(way * rays.cosine - self._distance_m)
 
     def _beyond(self, rays: GridRays) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Light of surfaces that the frame's centre does not see, or only too obliquely: light, coordinates (n, 2), depths.
@@ -203,7 +214,7 @@ class HiddenObject:
             share = transport.foreshortening(hit, eye)
             mine = is_one_of(hit, self._shapes) & active
             mine &= ~self._seen_from_centre(hit, mine & (share > 0.0) & (share <= transport.most_foreshortened))
-            carried = transport.carried(hit, mine, from_centre=False)
+            carried = transport.compute_carried_light(hit, mine, from_centre=False)
             found = carried.radiance > 0.0
             position = np.asarray(hit.p, np.float64).T[found] - self.centre
             depth = position @ self.line_of_sight
@@ -231,7 +242,7 @@ class HiddenObject:
         gap, least = length - (2.0 * self._radius_m + 1e-3 * self._distance_m), 1e-4 * self._distance_m
         return np.maximum(gap, least) if isinstance(gap, np.ndarray) else dr.select(gap > least, gap, least)
 
-    def _measure(self) -> Measured:
+    def _measure(self) -> ObjectTotals:
         """Sums over the whole object, at `RAYS` along its longer side."""
         pitch = max(self.extent_m) / RAYS
         shape = tuple(int(np.ceil(extent / pitch)) or 1 for extent in self.extent_m)
@@ -249,8 +260,8 @@ class HiddenObject:
             cosine_out += float((surface * carried.cosine_out).sum())
         throughput += sum(float(light.sum()) for light, _, _ in self._beyond(rays))
         if area == 0.0:
-            return Measured(throughput, 0.0, 1.0, 1.0, 0.0)
-        return Measured(throughput, area, min(cosine_in / area, 1.0), min(cosine_out / area, 1.0), albedo / radiance)
+            return ObjectTotals(throughput, 0.0, 1.0, 1.0, 0.0)
+        return ObjectTotals(throughput, area, min(cosine_in / area, 1.0), min(cosine_out / area, 1.0), albedo / radiance)
 
 
 def bounds(shapes: list[mi.Shape]) -> tuple[np.ndarray, np.ndarray]:

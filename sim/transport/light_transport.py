@@ -21,7 +21,7 @@ import numpy as np
 
 from sim.plugins.laser import Laser
 from sim.plugins.speckle_camera import SpeckleCamera
-from sim.transport.surfaces import has_masks, reflected, transmittance
+from sim.transport.surfaces import evaluate_bsdf, has_masks, transmittance
 
 _GOLDEN_6 = 1.1127756842787055
 """Root of x^7 = x + 1: the sequence of six dimensions steps by its negative powers."""
@@ -30,7 +30,7 @@ _RUN = 64
 
 
 @dataclass(frozen=True)
-class Carried:
+class CarriedLight:
     """Light carried by points of a surface, (n,) each; 0 where a point is hidden or unlit.
 
     Attributes:
@@ -82,7 +82,7 @@ class LightTransport:
         cosines = dr.dot(hit.n, way) / dr.dot(hit.n, centre)
         return cosines * (dr.norm(centre) / dr.norm(way)) ** 3
 
-    def carried(self, hit: mi.SurfaceInteraction3f, active: mi.Bool, *, from_centre: bool = True) -> Carried:
+    def compute_carried_light(self, hit: mi.SurfaceInteraction3f, active: mi.Bool, *, from_centre: bool = True) -> CarriedLight:
         """What the points of a surface carry.
 
         Args:
@@ -105,11 +105,11 @@ class LightTransport:
         to_lens, lens_m = towards(wall.p, lens)
 
         source.wi = source.to_local(-mi.Vector3f(*self.laser.direction.tolist()))
-        emitted = reflected(source, -to_source, active)
+        emitted = evaluate_bsdf(source, -to_source, active)
         hit.wi = hit.to_local(to_wall)
-        scattered = reflected(hit, to_source, active & (emitted > 0.0))
+        scattered = evaluate_bsdf(hit, to_source, active & (emitted > 0.0))
         wall.wi = wall.to_local(to_lens)
-        imaged = reflected(wall, -to_wall, active & (scattered > 0.0))
+        imaged = evaluate_bsdf(wall, -to_wall, active & (scattered > 0.0))
         albedo = wall.bsdf().eval_diffuse_reflectance(wall, on_wall)[0]
         # The frame's texture has an effect of its own: here every pixel counts with the mean albedo.
         painted = float(dr.mean(dr.select(on_wall & (albedo > 0.0), mi.Float(1.0), 0.0))[0])
@@ -132,13 +132,14 @@ class LightTransport:
 
         parts = [radiance, lambert, dr.select(seen, cosine_in, 0.0), dr.select(seen, cosine_out, 0.0)]
         dr.eval(*parts, hit.t)  # one kernel for all
-        return Carried(*(np.asarray(part, np.float64) for part in parts))
+        return CarriedLight(*(np.asarray(part, np.float64) for part in parts))
 
     def _constant(self) -> float:
         camera = self.camera
         pixel_area = camera.pixel_pitch_m**2 * float(np.linalg.norm(np.cross(self.right, self.down)))
-        return (pixel_area * 0.25 * np.pi * camera.pupil_diameter_m**2 * camera.transmission
-                * camera.electronics.quantum_efficiency)
+        return (
+            pixel_area * 0.25 * np.pi * camera.pupil_diameter_m**2 * camera.transmission * camera.electronics.quantum_efficiency
+        )
 
     def _source(self, spread: mi.Point2f) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
         """Points of the spot on the virtual source, and whether the beam meets its front there."""
@@ -150,9 +151,11 @@ class LightTransport:
         """Points of the frame on the virtual detector, and whether the camera sees them."""
         height, width = self.frame_shape
         pitch = self.camera.pixel_pitch_m
-        place = (mi.Vector3f(*(self.frame_centre - self.camera.pupil_centre).tolist())
-                 + (spread.x - 0.5) * (height * pitch) * mi.Vector3f(*self.down.tolist())
-                 + (spread.y - 0.5) * (width * pitch) * mi.Vector3f(*self.right.tolist()))
+        place = (
+            mi.Vector3f(*(self.frame_centre - self.camera.pupil_centre).tolist())
+            + (spread.x - 0.5) * (height * pitch) * mi.Vector3f(*self.down.tolist())
+            + (spread.y - 0.5) * (width * pitch) * mi.Vector3f(*self.right.tolist())
+        )
         hit = self.scene.ray_intersect(mi.Ray3f(mi.Point3f(*self.camera.pupil_centre.tolist()), dr.normalize(place)))
         return hit, hit.is_valid()
 
@@ -166,8 +169,10 @@ def _spread(count: int) -> tuple[mi.Point2f, mi.Point2f, mi.Point2f]:
     # Short runs of the sequence, each shifted at random: one long run would beat with the raster of the samples.
     runs = -(-count // _RUN)
     shifts = np.random.default_rng(count).random((6, runs, 1))
-    parts = [mi.Float(np.ravel((shift + np.arange(_RUN) * step) % 1.0)[:count].astype(np.float32))
-             for shift, step in zip(shifts, steps, strict=True)]
+    parts = [
+        mi.Float(np.ravel((shift + np.arange(_RUN) * step) % 1.0)[:count].astype(np.float32))
+        for shift, step in zip(shifts, steps, strict=True)
+    ]
     return mi.Point2f(parts[0], parts[1]), mi.Point2f(parts[2], parts[3]), mi.Point2f(parts[4], parts[5])
 
 
@@ -178,5 +183,8 @@ def _disc(centre: np.ndarray, axis: np.ndarray, diameter: float, spread: mi.Poin
     along = np.cross(axis, across)
     sine, cosine = dr.sincos(2.0 * np.pi * spread.x)
     radius = 0.5 * diameter * dr.sqrt(spread.y)
-    return (mi.Point3f(*centre.tolist()) + radius * cosine * mi.Vector3f(*across.tolist())
-            + radius * sine * mi.Vector3f(*along.tolist()))
+    return (
+        mi.Point3f(*centre.tolist())
+        + radius * cosine * mi.Vector3f(*across.tolist())
+        + radius * sine * mi.Vector3f(*along.tolist())
+    )

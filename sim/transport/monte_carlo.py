@@ -22,14 +22,14 @@ from radiometry.photons import decibel
 from sim.plugins.speckle_camera import SpeckleCamera
 from sim.transport.hidden_object import is_hidden_object
 from sim.transport.path_ends import Aim, PathEnds, mixture
-from sim.transport.surfaces import is_one_of, reflected
+from sim.transport.surfaces import evaluate_bsdf, is_one_of
 
 DEFAULT_SAMPLES = 2**20
 BATCH = 2**20
 BOUNCES = 4
 """Most reflections between the laser's spot and the frame on paths of other light."""
 
-MOST_AIMS = 16
+MAX_AIMS = 16
 """Shapes that paths aim at; light by way of others is found by chance, at more variance."""
 
 _NORMAL_95 = 1.959963985
@@ -74,8 +74,9 @@ class OtherLight:
     weight: np.ndarray
 
 
-def estimate_throughput(scene: mi.Scene, samples: int = DEFAULT_SAMPLES, seed: int = 0,
-                        camera: SpeckleCamera | None = None) -> MonteCarlo:
+def estimate_throughput(
+    scene: mi.Scene, samples: int = DEFAULT_SAMPLES, seed: int = 0, camera: SpeckleCamera | None = None
+) -> MonteCarlo:
     """Estimate the light of the hidden object in a frame, of a loaded scene in the project's vocabulary.
 
     Raises InputError for too few samples.
@@ -83,8 +84,9 @@ def estimate_throughput(scene: mi.Scene, samples: int = DEFAULT_SAMPLES, seed: i
     return _mean(np.concatenate([_object_light(paths) for paths in _batches(scene, samples, seed, camera)]))
 
 
-def estimate_other_light(scene: mi.Scene, samples: int = 2**16, seed: int = 0,
-                         camera: SpeckleCamera | None = None) -> OtherLight:
+def estimate_other_light(
+    scene: mi.Scene, samples: int = 2**16, seed: int = 0, camera: SpeckleCamera | None = None
+) -> OtherLight:
     """Estimate the laser's light that reaches the frame by way of clutter or by several reflections.
 
     Light straight from the spot is left out; `Geometry.direct_light` tells of it. Raises InputError for too few samples.
@@ -107,7 +109,7 @@ def _object_light(paths: PathEnds) -> np.ndarray:
         mine = paths.active & (pick > low) & (pick <= float(chances[index]))
         chance = float(chances[index]) - max(low, 0.0)
         direction, density = aim.sample(paths, start)
-        imaged = reflected(paths.wall, direction, mine)
+        imaged = evaluate_bsdf(paths.wall, direction, mine)
         mine &= imaged > 0.0
         for hit, share, seen in paths.hits(mi.Ray3f(start + 1e-4 * aim.distance(start) * direction, direction), mine):
             seen = seen & (hit.shape == mi.ShapePtr(aim.shape))
@@ -120,15 +122,15 @@ def _object_light(paths: PathEnds) -> np.ndarray:
 def _other_light(paths: PathEnds) -> tuple[np.ndarray, np.ndarray]:
     """Light by other ways that each path of a batch brought (n,), and the place that it came from last (n, 3)."""
     shapes = sorted(paths.scene.shapes(), key=lambda shape: not is_hidden_object(shape))
-    aims = [Aim(shape) for shape in shapes if shape.id() not in ("virtual_detector", "virtual_source")][:MOST_AIMS]
+    aims = [Aim(shape) for shape in shapes if shape.id() not in ("virtual_detector", "virtual_source")][:MAX_AIMS]
     vertex, active = paths.wall, mi.Bool(paths.active)
     weight, found, first = paths.collected, [], None
     for _ in range(BOUNCES):
         direction, density = mixture(paths, aims, vertex)
-        value = reflected(vertex, direction, active)
+        value = evaluate_bsdf(vertex, direction, active)
         active &= (value > 0.0) & (density > 0.0)
         weight = dr.select(active, weight * mi.Float64(value) / mi.Float64(density), 0.0)
-        hit, stopping = paths.stopped(vertex.spawn_ray(direction), active)
+        hit, stopping = paths.find_obstruction(vertex.spawn_ray(direction), active)
         active &= hit.is_valid() & (stopping > 0.0)
         weight = dr.select(active, weight / mi.Float64(stopping), 0.0)
         hit.wi = hit.to_local(-direction)

@@ -34,11 +34,13 @@ class GridRays:
         pitch_m: of the cells (rows, columns). shape: how many.
     """
 
-    def __init__(self, axes: LagAxes, line: np.ndarray, pitch_m: tuple[float, float], shape: tuple[int, int],
-                 fineness: int) -> None:
+    def __init__(
+        self, axes: LagAxes, line: np.ndarray, pitch_m: tuple[float, float], shape: tuple[int, int], fineness: int
+    ) -> None:
         self.shape = (shape[0] * fineness, shape[1] * fineness)
-        row, column = ((np.arange(n) - 0.5 * (n - 1)) * (pitch / fineness)
-                       for n, pitch in zip(self.shape, pitch_m, strict=True))
+        row, column = (
+            (np.arange(n) - 0.5 * (n - 1)) * (pitch / fineness) for n, pitch in zip(self.shape, pitch_m, strict=True)
+        )
         self.place = (row[:, None, None] * axes.down + column[None, :, None] * axes.right).reshape(-1, 3)
         line_of_sight = line / np.linalg.norm(line)
         ray_m = self.place + line
@@ -66,7 +68,7 @@ def cells(extent_m: float, pitch_m: float, like: int) -> int:
     return needed + (like - needed) % 2
 
 
-def centred(part: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def centre_in(part: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     whole = np.zeros(shape, part.dtype)
     first = [(n - m) // 2 for n, m in zip(shape, part.shape, strict=True)]
     whole[first[0] : first[0] + part.shape[0], first[1] : first[1] + part.shape[1]] = part

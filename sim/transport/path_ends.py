@@ -12,7 +12,7 @@ import numpy as np
 
 from sim.plugins.laser import Laser
 from sim.plugins.speckle_camera import SpeckleCamera
-from sim.transport.surfaces import MOST_LAYERS, has_masks, reflected, transmittance
+from sim.transport.surfaces import MAX_LAYERS, evaluate_bsdf, has_masks, transmittance
 
 _NEAR = 1.2
 """A shape nearer than this many radii of its bounding sphere is not aimed at."""
@@ -52,11 +52,13 @@ class PathEnds:
         # Radiance at the wall times this is photoelectrons of the frame.
         inclination = dr.abs(dr.dot(self.wall.n, axis))
         share = mi.Float64(sides[0] * sides[1] / inclination) * mi.Float64(dr.dot(self.wall.n, towards))
-        share *= mi.Float64(-dr.dot(axis, towards)) * (0.25 * math.pi * camera.pupil_diameter_m**2) / dr.square(
-            mi.Float64(lens_m))
+        share *= (
+            mi.Float64(-dr.dot(axis, towards)) * (0.25 * math.pi * camera.pupil_diameter_m**2) / dr.square(mi.Float64(lens_m))
+        )
         clear = transmittance(scene, self.wall, self.lens, self.active, masks=self.masks)
         self.collected = dr.select(self.active & (share > 0.0), share * mi.Float64(clear), 0.0) * (
-            camera.transmission * camera.electronics.quantum_efficiency)
+            camera.transmission * camera.electronics.quantum_efficiency
+        )
 
     def uniform(self) -> mi.Float:
         return self._sampler.next_float32()
@@ -74,7 +76,7 @@ class PathEnds:
     def hits(self, ray: mi.Ray3f, active: mi.Bool) -> Iterator[tuple[mi.SurfaceInteraction3f, mi.Float, mi.Bool]]:
         """Surfaces along a ray with the share of light that masks before them let through."""
         share = dr.select(active, mi.Float(1.0), 0.0)
-        for _ in range(MOST_LAYERS if self.masks else 1):
+        for _ in range(MAX_LAYERS if self.masks else 1):
             hit = self.scene.ray_intersect(ray, active)
             active = active & hit.is_valid()
             yield hit, share, active
@@ -83,10 +85,10 @@ class PathEnds:
                 active = active & (share > 0.0)
                 ray = hit.spawn_ray(ray.d)
 
-    def stopped(self, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Float]:
+    def find_obstruction(self, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Float]:
         """The surface that stops a ray, and its probability of doing so; masks pass at random."""
         hit, through = self.scene.ray_intersect(ray, active), mi.Float(0.0)
-        for _ in range(MOST_LAYERS if self.masks else 0):
+        for _ in range(MAX_LAYERS if self.masks else 0):
             through = hit.bsdf().eval_null_transmission(hit, active & hit.is_valid())[0]
             passes = active & hit.is_valid() & (self.uniform() < through)
             hit = dr.select(passes, self.scene.ray_intersect(hit.spawn_ray(ray.d), passes), hit)
@@ -99,8 +101,8 @@ class PathEnds:
         way = self.spot.p - vertex.p
         distance = dr.norm(way)
         direction = way / distance
-        emitted = reflected(self.spot, -direction, active)
-        scattered = reflected(vertex, direction, active & (emitted > 0.0))
+        emitted = evaluate_bsdf(self.spot, -direction, active)
+        scattered = evaluate_bsdf(vertex, direction, active & (emitted > 0.0))
         lit = active & (scattered > 0.0)
         clear = transmittance(self.scene, vertex, self.spot.p, lit, masks=self.masks)
         radiance = mi.Float64(emitted) * mi.Float64(scattered * clear) / dr.square(mi.Float64(distance))

@@ -9,7 +9,7 @@ import mitsuba as mi
 
 from correlograph.errors import InputError
 
-MOST_LAYERS = 8
+MAX_LAYERS = 8
 """Partly transparent surfaces (masks) that one ray may cross."""
 
 _TRANSMITTING = mi.BSDFFlags.DiffuseTransmission | mi.BSDFFlags.GlossyTransmission | mi.BSDFFlags.DeltaTransmission
@@ -26,11 +26,19 @@ def check_surfaces(scene: mi.Scene) -> None:
         if bsdf is None:
             continue
         if bsdf.flags() & int(_TRANSMITTING):
-            raise InputError(name, "a surface that reflects", f"one that transmits light ({_kind(bsdf)})",
-                             "use an opaque BSDF, or a mask where there are holes; transmission is not modelled")
+            raise InputError(
+                name,
+                "a surface that reflects",
+                f"one that transmits light ({_kind(bsdf)})",
+                "use an opaque BSDF, or a mask where there are holes; transmission is not modelled",
+            )
         if bsdf.flags() & int(_MIRROR):
-            raise InputError(name, "a rough surface", f"a mirror-like one ({_kind(bsdf)})",
-                             "give it a roughness (roughconductor, roughplastic); mirrors are not modelled")
+            raise InputError(
+                name,
+                "a rough surface",
+                f"a mirror-like one ({_kind(bsdf)})",
+                "give it a roughness (roughconductor, roughplastic); mirrors are not modelled",
+            )
 
 
 def _kind(bsdf: mi.BSDF) -> str:
@@ -54,7 +62,7 @@ def has_masks(scene: mi.Scene) -> bool:
 def layers(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> Iterator[tuple[mi.SurfaceInteraction3f, mi.Bool]]:
     """Surfaces along a ray, nearest first, and whether there is one; those behind a partly transparent one follow it."""
     masks = has_masks(scene)
-    for _ in range(MOST_LAYERS if masks else 1):
+    for _ in range(MAX_LAYERS if masks else 1):
         hit = scene.ray_intersect(ray, active)
         active = active & hit.is_valid()
         yield hit, active
@@ -74,13 +82,14 @@ def is_one_of(hit: mi.SurfaceInteraction3f, shapes: list[mi.Shape]) -> mi.Bool:
     return found
 
 
-def reflected(surface: mi.SurfaceInteraction3f, direction: mi.Vector3f, active: mi.Bool) -> mi.Float:
+def evaluate_bsdf(surface: mi.SurfaceInteraction3f, direction: mi.Vector3f, active: mi.Bool) -> mi.Float:
     """BSDF times cosine for light along `surface.wi` and `direction`, both away from the surface."""
     return surface.bsdf().eval(mi.BSDFContext(), surface, surface.to_local(direction), active)[0]
 
 
-def transmittance(scene: mi.Scene, start: mi.SurfaceInteraction3f | mi.Point3f, end: mi.Point3f, active: mi.Bool, *,
-                  masks: bool) -> mi.Float:
+def transmittance(
+    scene: mi.Scene, start: mi.SurfaceInteraction3f | mi.Point3f, end: mi.Point3f, active: mi.Bool, *, masks: bool
+) -> mi.Float:
     """Share of the light that passes from one place to another; 0 behind an opaque shape.
 
     Args:
@@ -94,7 +103,7 @@ def transmittance(scene: mi.Scene, start: mi.SurfaceInteraction3f | mi.Point3f, 
     if not masks:
         return dr.select(active & ~scene.ray_test(ray, active), mi.Float(1.0), 0.0)
     share, going = dr.select(active, mi.Float(1.0), 0.0), mi.Bool(active)
-    for _ in range(MOST_LAYERS):
+    for _ in range(MAX_LAYERS):
         hit = scene.ray_intersect(ray, going)
         going &= hit.is_valid()
         share = dr.select(going, share * hit.bsdf().eval_null_transmission(hit, going)[0], share)

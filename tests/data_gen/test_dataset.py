@@ -20,7 +20,7 @@ from PIL import Image
 
 from data_gen.__main__ import main
 from data_gen.preview import main as preview
-from radiometry.autocorrelation import autocorrelate, window_smooth
+from radiometry.autocorrelation import autocorrelate, smooth_by_window
 
 COUNT = 9000
 """Five shards, the last one short."""
@@ -52,8 +52,14 @@ def digest(store: Path) -> str:
 
 
 def start(*arguments: object, **settings) -> subprocess.Popen:
-    return subprocess.Popen([sys.executable, "-m", "data_gen", *map(str, arguments)], stdout=subprocess.PIPE,
-                            stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2], **settings)
+    return subprocess.Popen(
+        [sys.executable, "-m", "data_gen", *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=Path(__file__).parents[2],
+        **settings,
+    )
 
 
 def wait_for_shard(store: Path, process: subprocess.Popen) -> None:
@@ -77,8 +83,9 @@ def reference(tmp_path_factory, arguments) -> Path:
     before = dict(os.environ)
     main([str(item) for item in (store, *arguments, "--workers", 1)])
     # Dask's OMP_NUM_THREADS=1 must not reach what this process starts later.
-    assert {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"} \
-        == {name: value for name, value in before.items() if name != "PYTEST_CURRENT_TEST"}
+    assert {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"} == {
+        name: value for name, value in before.items() if name != "PYTEST_CURRENT_TEST"
+    }
     return store
 
 
@@ -109,8 +116,9 @@ def test_a_killed_worker_loses_nothing(tmp_path, arguments, reference):
     store = tmp_path / "set.zarr"
     process = start(store, *arguments, "--workers", 2)
     wait_for_shard(store, process)
-    workers = [child for child in psutil.Process(process.pid).children(recursive=True)
-               if "spawn_main" in " ".join(child.cmdline())]
+    workers = [
+        child for child in psutil.Process(process.pid).children(recursive=True) if "spawn_main" in " ".join(child.cmdline())
+    ]
     workers[0].kill()
     assert process.wait() == 0, process.communicate()[1]
     process.communicate()
@@ -122,8 +130,13 @@ def test_a_killed_worker_loses_nothing(tmp_path, arguments, reference):
 @pytest.mark.slow
 def test_a_full_disk_is_an_error_that_leaves_a_store_to_go_on_with(tmp_path, arguments, reference):
     store = tmp_path / "set.zarr"
-    full = start(store, *arguments, "--workers", 1,
-                 preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000_000, 20_000_000)))
+    full = start(
+        store,
+        *arguments,
+        "--workers",
+        1,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000_000, 20_000_000)),
+    )
     message = full.communicate()[1]
     assert full.returncode == 2
     assert len(message.strip().splitlines()) == 1
@@ -160,7 +173,7 @@ def test_measurements_have_the_noise_that_is_written_beside_them(reference):
     # S by numpy's exact window, then every lag of the lower half: Gamma noise of mean S and shape K.
     for row in range(0, 512, 40):
         albedo = np.asarray(group["albedo"][row], np.float64) / 255.0
-        expected = window_smooth(autocorrelate(albedo)) / (albedo**2).sum() + floor[row]
+        expected = smooth_by_window(autocorrelate(albedo)) / (albedo**2).sum() + floor[row]
         ratio = (lags[row] / expected)[:63].ravel()
         assert abs(ratio.mean() - 1.0) < 4.5 / np.sqrt(dof[row] * ratio.size) + 1e-4
         assert ratio.var(ddof=1) * dof[row] == pytest.approx(1.0, abs=4.5 * np.sqrt((2.0 + 6.0 / dof[row]) / ratio.size) + 0.01)
@@ -236,7 +249,7 @@ def test_rendered_and_modelled_measurements_agree():
     pytest.importorskip("mitsuba")
     from data_gen.measurement import SceneMeasurement
     from data_gen.targets import draw_block, target_source
-    from radiometry.noise.level import INDEPENDENT
+    from radiometry.noise.level import HALF_PLANE
     from scenes import scene_path
 
     place = SceneMeasurement(str(scene_path("corner_letter")))
@@ -244,17 +257,18 @@ def test_rendered_and_modelled_measurements_agree():
     albedo = targets[3].astype(np.float32) / 255.0
     rendered = np.stack([place.render(albedo, seed) for seed in range(16)])
     floor, peak = place.noise_level(albedo)
-    model = place.model(torch.from_numpy(albedo).expand(400, 64, 64), torch.full((400,), floor / peak),
-                        torch.Generator().manual_seed(1)).numpy()
-    assert rendered.mean(0)[INDEPENDENT].mean() == pytest.approx(model.mean(0)[INDEPENDENT].mean(), rel=0.01)
+    model = place.model(
+        torch.from_numpy(albedo).expand(400, 64, 64), torch.full((400,), floor / peak), torch.Generator().manual_seed(1)
+    ).numpy()
+    assert rendered.mean(0)[HALF_PLANE].mean() == pytest.approx(model.mean(0)[HALF_PLANE].mean(), rel=0.01)
     # A frame holds finitely many grains, so its brightness, and with it the whole estimate, scatters by a percent. That
     # common scale carries nothing of a shape, and the noise model leaves it out.
-    rendered *= (model.mean(0)[INDEPENDENT].mean() / rendered[:, INDEPENDENT].mean(1))[:, None, None]
-    difference = (rendered.mean(0) - model.mean(0))[INDEPENDENT]
-    error = np.sqrt(rendered.var(0, ddof=1) / 16 + model.var(0, ddof=1) / 400)[INDEPENDENT]
+    rendered *= (model.mean(0)[HALF_PLANE].mean() / rendered[:, HALF_PLANE].mean(1))[:, None, None]
+    difference = (rendered.mean(0) - model.mean(0))[HALF_PLANE]
+    error = np.sqrt(rendered.var(0, ddof=1) / 16 + model.var(0, ddof=1) / 400)[HALF_PLANE]
     z = difference / error
     assert abs(z.mean()) < 5.0 / np.sqrt(z.size)
     # Student's t of 15 degrees of freedom has the variance 15 / 13.
     assert z.std() == pytest.approx(np.sqrt(15 / 13), rel=0.1)
-    ratio = rendered.var(0, ddof=1)[INDEPENDENT] / model.var(0, ddof=1)[INDEPENDENT]
+    ratio = rendered.var(0, ddof=1)[HALF_PLANE] / model.var(0, ddof=1)[HALF_PLANE]
     assert ratio.mean() == pytest.approx(1.0, abs=0.05)

@@ -112,7 +112,7 @@ def test_mean_frames_are_expectations(tmp_path, letter_simulation):
 
     sim_main([str(SCENE), "-o", str(tmp_path), "--mean", "--frames", "1", "-D", "exposure=1"])
     pixels, _ = read_frame(tmp_path / "frame_0000.exr")
-    assert np.array_equal(pixels, letter_simulation("F", exposure="1").expected(0, 0).numpy())
+    assert np.array_equal(pixels, letter_simulation("F", exposure="1").expected_frame(0, 0).numpy())
 
 
 def test_plan_is_json_and_renders_nothing(tmp_path, command):
@@ -153,25 +153,28 @@ def malformed(folder: Path) -> Path:
     return folder / "bad.xml"
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    (lambda f: [f / "no.xml", "-o", f / "out"], "no.xml"),
-    (lambda f: [malformed(f), "-o", f / "out"], "well-formed"),
-    (lambda f: [without_source(f), "-o", f / "out"], "virtual_source"),
-    (lambda f: [empty_object(f), "-o", f / "out"], "hidden_object"),
-    (lambda f: [SCENE, "-o", f / "out", "-D", "exposure=-1"], "exposure"),
-    (lambda f: [SCENE, "-o", f / "out", "-D", "exposure=nan"], "exposure"),
-    (lambda f: [SCENE, "-o", f / "out", "-D", "colour=red"], "colour"),
-    (lambda f: [SCENE, "-o", f / "out", "-D", "albedo=none.png"], "none.png"),
-    (lambda f: [SCENE, "-o", f / "out", "-D", "standoff=0.1"], "0.259"),
-    (lambda f: [SCENE, "-o", f / "out", "--frames", "0"], "--frames"),
-    (lambda f: [SCENE, "-o", f / "out", "--seed", "-3"], "--seed"),
-    (lambda f: [SCENE, "-o", "/proc/out"], "output folder"),
-    (lambda f: [SCENE, "-o", f / "out", "-D", "exposure=1e14"], "electrons"),
-    (lambda f: [SCENE, "-o", f / "out", "-D", "power=1", "-D", "power=2"], "power"),
-    (lambda f: [SCENE, "-o", f / "out", "--pl"], "--pl"),
-    (lambda f: [SCENE], "-o"),
-    (lambda f: [SCENE, "--frobnicate"], "frobnicate"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (lambda f: [f / "no.xml", "-o", f / "out"], "no.xml"),
+        (lambda f: [malformed(f), "-o", f / "out"], "well-formed"),
+        (lambda f: [without_source(f), "-o", f / "out"], "virtual_source"),
+        (lambda f: [empty_object(f), "-o", f / "out"], "hidden_object"),
+        (lambda f: [SCENE, "-o", f / "out", "-D", "exposure=-1"], "exposure"),
+        (lambda f: [SCENE, "-o", f / "out", "-D", "exposure=nan"], "exposure"),
+        (lambda f: [SCENE, "-o", f / "out", "-D", "colour=red"], "colour"),
+        (lambda f: [SCENE, "-o", f / "out", "-D", "albedo=none.png"], "none.png"),
+        (lambda f: [SCENE, "-o", f / "out", "-D", "standoff=0.1"], "0.259"),
+        (lambda f: [SCENE, "-o", f / "out", "--frames", "0"], "--frames"),
+        (lambda f: [SCENE, "-o", f / "out", "--seed", "-3"], "--seed"),
+        (lambda f: [SCENE, "-o", "/proc/out"], "output folder"),
+        (lambda f: [SCENE, "-o", f / "out", "-D", "exposure=1e14"], "electrons"),
+        (lambda f: [SCENE, "-o", f / "out", "-D", "power=1", "-D", "power=2"], "power"),
+        (lambda f: [SCENE, "-o", f / "out", "--pl"], "--pl"),
+        (lambda f: [SCENE], "-o"),
+        (lambda f: [SCENE, "--frobnicate"], "frobnicate"),
+    ],
+)
 def test_bad_scenes_are_one_line(tmp_path, command, arguments, words):
     code, out, err = command(sim_main, *arguments(tmp_path))
     assert (code, out) == (2, "")
@@ -200,28 +203,31 @@ def photograph(folder: Path) -> Path:
     return folder / "photo.png"
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    (lambda f, c: [f], "frames"),
-    (lambda f, c: [f / "missing"], "missing"),
-    (lambda f, c: [saved(f, a=NOISE, b=NOISE[:250])], "one size"),
-    (lambda f, c: [saved(f, a=np.where(NOISE > 0.999, np.nan, NOISE))], "NaN"),
-    (lambda f, c: [saved(f, a=np.full((260, 260), 3.0))], "same value"),
-    (lambda f, c: [photograph(f)], "monochrome"),
-    (lambda f, c: [truncated(f, c)], "cut.exr"),
-    (lambda f, c: [c, "--patch", "20"], "patch"),
-    (lambda f, c: [c, "--patch", "x"], "--patch"),
-    (lambda f, c: [c, "--patch", "0"], "patch"),
-    (lambda f, c: [c, "--patch", "400", "--truth", c / "truth.npy"], "--truth"),
-    (lambda f, c: [c, "--dark", f / "none.npy"], "--dark"),
-    (lambda f, c: [saved(f, a=NOISE, b=NOISE[::-1]), "--distance-m", "1"], "--wavelength-m"),
-    (lambda f, c: [saved(f, a=NOISE * 1e30)], "pixels up to"),
-    (lambda f, c: [saved(f, a=NOISE[:127, :254])], "--autocorrelation"),
-    (lambda f, c: ["--autocorrelation", c], "a folder"),
-    (lambda f, c: [c, "--distance-m", "-1"], "--distance-m"),
-    (lambda f, c: [c, "--truth", f / "none.npy"], "--truth"),
-    (lambda f, c: ["--autocorrelation", c / "truth.npy"], "127 x 127"),
-    (lambda f, c: [c, "--method", "magic"], "magic"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (lambda f, c: [f], "frames"),
+        (lambda f, c: [f / "missing"], "missing"),
+        (lambda f, c: [saved(f, a=NOISE, b=NOISE[:250])], "one size"),
+        (lambda f, c: [saved(f, a=np.where(NOISE > 0.999, np.nan, NOISE))], "NaN"),
+        (lambda f, c: [saved(f, a=np.full((260, 260), 3.0))], "same value"),
+        (lambda f, c: [photograph(f)], "monochrome"),
+        (lambda f, c: [truncated(f, c)], "cut.exr"),
+        (lambda f, c: [c, "--patch", "20"], "patch"),
+        (lambda f, c: [c, "--patch", "x"], "--patch"),
+        (lambda f, c: [c, "--patch", "0"], "patch"),
+        (lambda f, c: [c, "--patch", "400", "--truth", c / "truth.npy"], "--truth"),
+        (lambda f, c: [c, "--dark", f / "none.npy"], "--dark"),
+        (lambda f, c: [saved(f, a=NOISE, b=NOISE[::-1]), "--distance-m", "1"], "--wavelength-m"),
+        (lambda f, c: [saved(f, a=NOISE * 1e30)], "pixels up to"),
+        (lambda f, c: [saved(f, a=NOISE[:127, :254])], "--autocorrelation"),
+        (lambda f, c: ["--autocorrelation", c], "a folder"),
+        (lambda f, c: [c, "--distance-m", "-1"], "--distance-m"),
+        (lambda f, c: [c, "--truth", f / "none.npy"], "--truth"),
+        (lambda f, c: ["--autocorrelation", c / "truth.npy"], "127 x 127"),
+        (lambda f, c: [c, "--method", "magic"], "magic"),
+    ],
+)
 def test_bad_frames_are_one_line(tmp_path, capture, command, arguments, words):
     code, out, err = command(invert, *arguments(tmp_path, capture), "-o", tmp_path / "out")
     assert (code, out) == (2, "")
@@ -239,13 +245,19 @@ def test_an_unwritable_output_folder_is_one_line(capture, tmp_path, command):
 
 def test_missing_libllvm_is_one_line_and_inverting_works_without_it(capture, tmp_path):
     environment = {**os.environ, "DRJIT_LIBLLVM_PATH": "/nowhere/libLLVM.so", "CUDA_VISIBLE_DEVICES": ""}
-    run = subprocess.run([sys.executable, "-m", "sim", str(SCENE), "--plan"], env=environment, capture_output=True, text=True,
-                         check=False)
+    run = subprocess.run(
+        [sys.executable, "-m", "sim", str(SCENE), "--plan"], env=environment, capture_output=True, text=True, check=False
+    )
     assert run.returncode == 2
     assert run.stderr.count("\n") == 1
     assert "libllvm" in run.stderr
-    run = subprocess.run([sys.executable, "-m", "invert", str(capture), "-o", str(tmp_path), "--quality", "fast"],
-                         env=environment, capture_output=True, text=True, check=False)
+    run = subprocess.run(
+        [sys.executable, "-m", "invert", str(capture), "-o", str(tmp_path), "--quality", "fast"],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert run.returncode == 0
 
 
@@ -255,8 +267,9 @@ def test_the_doctor_tells_what_is_there_and_what_a_missing_libllvm_costs():
     assert healthy.returncode == 0, healthy.stdout + healthy.stderr
     for piece in ("Python", "packages", "libLLVM", "Mitsuba", "GPU", "threads", "weights"):
         assert any(line.startswith(piece) for line in healthy.stdout.splitlines()), piece
-    lacking = subprocess.run(command, capture_output=True, text=True, check=False,
-                             env={**os.environ, "DRJIT_LIBLLVM_PATH": "/nowhere/libLLVM.so"})
+    lacking = subprocess.run(
+        command, capture_output=True, text=True, check=False, env={**os.environ, "DRJIT_LIBLLVM_PATH": "/nowhere/libLLVM.so"}
+    )
     assert lacking.returncode == 1
     assert "rendering does not" in lacking.stdout
     assert "Traceback" not in lacking.stdout + lacking.stderr

@@ -16,14 +16,26 @@ pytest.importorskip("mitsuba")
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-PYTHON = [(page.name, number, block.split("```")[0]) for page in PAGES
-          for number, block in enumerate(page.read_text().split("```python\n")[1:])]
-COMMANDS = [line.split("  #")[0].strip() for page in PAGES for line in page.read_text().splitlines()
-            if re.match(r"    (?:correlograph|python -m) ", line)]
+PYTHON = [
+    (page.name, number, block.split("```")[0])
+    for page in PAGES
+    for number, block in enumerate(page.read_text().split("```python\n")[1:])
+]
+COMMANDS = [
+    line.split("  #")[0].strip()
+    for page in PAGES
+    for line in page.read_text().splitlines()
+    if re.match(r"    (?:correlograph|python -m) ", line)
+]
 
-SMALLER = {"200000": "1024", "--count 1000": "--count 2", "--sets shapes rendered": "--sets shapes --count 1 --levels 1",
-           "[--json]": "--json", "--workers 8": "--workers 1 --quality fast",
-           "-o WEIGHTS.safetensors": "-o WEIGHTS.safetensors --width 8 --steps 2 --batch 2"}
+SMALLER = {
+    "200000": "1024",
+    "--count 1000": "--count 2",
+    "--sets shapes rendered": "--sets shapes --count 1 --levels 1",
+    "[--json]": "--json",
+    "--workers 8": "--workers 1 --quality fast",
+    "-o WEIGHTS.safetensors": "-o WEIGHTS.safetensors --width 8 --steps 2 --batch 2",
+}
 
 
 def environment() -> dict[str, str]:
@@ -68,7 +80,8 @@ def test_commands_run_as_they_stand(tmp_path):
             _as_camera_files(tmp_path / "capture", shots)
             _as_camera_files(tmp_path / "capture", tmp_path / "captures" / "first")
             Image.open(sorted(lab.glob("F_*n50*.png"))[0] if lab.is_dir() else _autocorrelation(tmp_path)).save(
-                tmp_path / "estimate.png")
+                tmp_path / "estimate.png"
+            )
         if "noise-model" in command:
             (tmp_path / "DATASET").symlink_to(tmp_path / "OUT.zarr") if not (tmp_path / "DATASET").exists() else None
     assert ran >= 14
@@ -94,6 +107,12 @@ def _autocorrelation(folder: Path) -> Path:
 @pytest.mark.slow
 @pytest.mark.parametrize("example", sorted(path.name for path in (ROOT / "examples").glob("*.py")))
 def test_examples_run(example, tmp_path):
-    done = subprocess.run([sys.executable, str(ROOT / "examples" / example)], cwd=tmp_path, env=environment(),
-                          capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, str(ROOT / "examples" / example)],
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, done.stderr[-800:]

@@ -112,12 +112,18 @@ def test_damaged_stores_are_one_line(copy, command, damage):
         assert len(err) < 600
 
 
-@pytest.mark.parametrize(("extra", "words"), [
-    (("--count", 10**400), "--count"), (("--count", 10**18), "--count"), (("--workers", 1000), "--workers"),
-    (("--scheduler", "tcp://127.0.0.1:9"), "--scheduler"), (("--scheduler", "nonsense"), "--scheduler"),
-    (("--measurement", "noise-model", "--floor-over-peak", 1e5, 1e6), "measurement"),
-    (("--measurement", "render", "--scene", "dark.xml"), "light from the hidden object"),
-])
+@pytest.mark.parametrize(
+    ("extra", "words"),
+    [
+        (("--count", 10**400), "--count"),
+        (("--count", 10**18), "--count"),
+        (("--workers", 1000), "--workers"),
+        (("--scheduler", "tcp://127.0.0.1:9"), "--scheduler"),
+        (("--scheduler", "nonsense"), "--scheduler"),
+        (("--measurement", "noise-model", "--floor-over-peak", 1e5, 1e6), "measurement"),
+        (("--measurement", "render", "--scene", "dark.xml"), "light from the hidden object"),
+    ],
+)
 def test_what_cannot_be_made_leaves_no_store(tmp_path, command, monkeypatch, extra, words):
     monkeypatch.chdir(tmp_path)
     text = SCENE.read_text().replace('"F.png"', f'"{tmp_path / "black.png"}"')
@@ -132,9 +138,16 @@ def test_what_cannot_be_made_leaves_no_store(tmp_path, command, monkeypatch, ext
     assert not Path("a.zarr").exists()
 
 
-@pytest.mark.parametrize(("name", "value", "words"), [
-    ("width", 60000, "film"), ("width", 2**31, "film"), ("width", 2**31 - 1, "film"), ("nested", 3000, "nested"),
-    ("colour", 0, "rgb reflectance")])
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("width", 60000, "film"),
+        ("width", 2**31, "film"),
+        ("width", 2**31 - 1, "film"),
+        ("nested", 3000, "nested"),
+        ("colour", 0, "rgb reflectance"),
+    ],
+)
 def test_what_mitsuba_takes_and_nobody_can_render_is_refused(tmp_path, command, name, value, words):
     """Films and nesting used to end or stop the process inside Mitsuba; a colour was taken for its luminance."""
     from sim.__main__ import main as sim
@@ -216,8 +229,11 @@ def test_an_evaluation_of_nothing_leaves_nothing(tmp_path, command):
 
     (tmp_path / "images").mkdir()
     Image.new("L", (300, 300), 7).save(tmp_path / "images" / "flat.png")
-    for arguments in (("--sets", "edges", "--images", tmp_path / "images"), ("--sets", "edges", "--images", tmp_path / "none"),
-                      ("--sets", "measured", "--measured", tmp_path)):
+    for arguments in (
+        ("--sets", "edges", "--images", tmp_path / "images"),
+        ("--sets", "edges", "--images", tmp_path / "none"),
+        ("--sets", "measured", "--measured", tmp_path),
+    ):
         code, _, err = command(evaluate, "-o", tmp_path / "out", *arguments)
         assert (code, err.count("\n")) == (2, 1)
         assert not (tmp_path / "out").exists()

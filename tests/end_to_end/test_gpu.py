@@ -50,8 +50,19 @@ def test_frames(tmp_path, command, propagator):
 
     frames = []
     for device in ("cpu", "cuda"):
-        code, _, err = command(sim, scene_path("corner_letter"), "-o", tmp_path / device, "--mean", "--frames", 1, "--device",
-                               device, "--propagator", propagator)
+        code, _, err = command(
+            sim,
+            scene_path("corner_letter"),
+            "-o",
+            tmp_path / device,
+            "--mean",
+            "--frames",
+            1,
+            "--device",
+            device,
+            "--propagator",
+            propagator,
+        )
         assert code == 0, err
         frames.append(read_frame(tmp_path / device / "frame_0000.exr")[0])
     assert distance(frames[1], frames[0]) < 1e-3
@@ -62,8 +73,9 @@ def test_inversion(tmp_path, command, measured):
 
     albedo = []
     for device in ("cpu", "cuda"):
-        code, _, err = command(invert, "--autocorrelation", measured / "F_n50_corr_x100_nzero1.png", "-o", tmp_path / device,
-                               "--device", device)
+        code, _, err = command(
+            invert, "--autocorrelation", measured / "F_n50_corr_x100_nzero1.png", "-o", tmp_path / device, "--device", device
+        )
         assert code == 0, err
         assert json.loads((tmp_path / device / "result.json").read_text())["object_found"]
         albedo.append(np.load(tmp_path / device / "albedo.npy"))

@@ -68,8 +68,9 @@ def test_the_field_on_the_wall_is_to_be_had():
     assert float((np.abs(field) ** 2).mean()) == pytest.approx(1.0, rel=0.1)
 
 
-@pytest.mark.parametrize(("package", "absent"), [("invert", ("mitsuba", "torch")),
-                                                 ("radiometry", ("mitsuba", "torch", "scipy"))])
+@pytest.mark.parametrize(
+    ("package", "absent"), [("invert", ("mitsuba", "torch")), ("radiometry", ("mitsuba", "torch", "scipy"))]
+)
 def test_importing_a_package_costs_nothing_that_is_not_asked_for(package, absent):
     code = f"import sys, {package}; sys.exit(any(name in sys.modules for name in {absent}))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

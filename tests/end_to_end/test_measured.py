@@ -9,16 +9,19 @@ from scipy.optimize import minimize
 
 from correlograph.files.images import read_autocorrelation
 from invert.__main__ import main as invert
+from invert.choices import FAST, UNET
 from invert.evaluation.identification import identify
 from invert.measure.spectrum import read_measurement
-from invert.methods import retrieve
+from invert.methods import reconstruct_measurement
 from radiometry.noise.level import RING, read_noise_level
-from radiometry.noise.model import log_likelihood, window_smoothed
+from radiometry.noise.model import autocorrelate_windowed, log_likelihood
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("method", "letter"), [
-    ("classical", "F"), ("classical", "7"), ("classical", "t"), ("unet", "F"), ("unet", "7"), ("unet", "t")])
+@pytest.mark.parametrize(
+    ("method", "letter"),
+    [("classical", "F"), ("classical", "7"), ("classical", "t"), ("unet", "F"), ("unet", "7"), ("unet", "t")],
+)
 def test_a_measured_letter_is_recognised(measured, tmp_path, method, letter):
     """Its own template beats every other letter and digit. The lab's camera sees the wall mirrored."""
     invert(["--autocorrelation", str(measured / f"{letter}_n50_corr_x100_nzero1.png"), "-o", str(tmp_path), "--method", method])
@@ -33,10 +36,10 @@ def test_the_lab_has_a_pedestal(measured, letter):
     """Over the floor and the drawn object's r*r there is an excess some 30 lags wide, 1 to 6 % high, not a mere offset."""
     shown = read_measurement(*read_autocorrelation(measured / f"{letter}_n50_corr_x100_nzero1.png"))
     # As the fusion draws it: samples and likelihood ascent add a faint background that explains a part of the pedestal.
-    albedo = torch.from_numpy(retrieve(shown, "unet", "fast", 0, "cpu").albedo).double()
+    albedo = torch.from_numpy(reconstruct_measurement(shown, UNET, FAST, 0, "cpu").albedo).double()
     used, lag = torch.from_numpy(RING > 1), torch.arange(-63, 64).double()
     estimate = torch.from_numpy(shown.estimate).double().where(used, 1.0)
-    signal = window_smoothed(albedo) / window_smoothed(albedo)[used].max()
+    signal = autocorrelate_windowed(albedo) / autocorrelate_windowed(albedo)[used].max()
 
     def likeliest(pedestal_lags: float | None) -> tuple[float, float]:
         def cost(heights: np.ndarray) -> float:

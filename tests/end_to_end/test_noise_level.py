@@ -8,14 +8,14 @@ pytest.importorskip("mitsuba")
 
 from radiometry.autocorrelation import PatchGrid, autocorrelate
 from radiometry.estimation.whole_frames import estimate_autocorrelation
-from radiometry.noise.level import COLUMN_LAG, INDEPENDENT, RING, ROW_LAG, fit_known_signal, read_noise_level
+from radiometry.noise.level import COLUMN_LAG, HALF_PLANE, RING, ROW_LAG, fit_known_signal, read_noise_level
 from radiometry.photons import grain_area
 from radiometry.prediction import predict
 
 APART = (ROW_LAG % 3 == 0) & (COLUMN_LAG % 3 == 0)
 """Lags that hardly correlate."""
 
-SIGNAL_FREE = INDEPENDENT & (RING > 40) & APART
+SIGNAL_FREE = HALF_PLANE & (RING > 40) & APART
 """Lags beyond 12 mm: the letters end at 10 mm."""
 
 
@@ -43,12 +43,12 @@ def test_the_autocorrelation_of_rendered_frames_is_h_times_that_of_the_albedo(le
     """Lag by lag, noise-free: nothing is fitted but one gain; the same without H, or mirrored, is far off."""
     simulation = letter_simulation("7", exposure="1")
     prediction = predict(simulation.geometry)
-    frames = [simulation.expected(5, number).numpy() for number in range(9)]
+    frames = [simulation.expected_frame(5, number).numpy() for number in range(9)]
     estimate, dof = estimate_autocorrelation(frames, prediction.grid)
 
     def excess(signal: np.ndarray) -> float:
         """Variance about the expected shape over that of Gamma noise of K = dof, at the lags with signal."""
-        shown = INDEPENDENT & (RING > 2) & (signal > 0.02 * signal.max())
+        shown = HALF_PLANE & (RING > 2) & (signal > 0.02 * signal.max())
         ratio = estimate[shown] / signal[shown]
         return float((ratio / ratio.mean()).var() * dof)
 
@@ -77,7 +77,7 @@ def test_few_degrees_of_freedom_are_gamma_and_not_gaussian(letter_simulation, pa
     grid = PatchGrid(257, 1, patches, (257, 257 * patches))
     frames = [simulation.frame(2, number).numpy()[:257, : 257 * patches] for number in range(2)]
     estimate, dof = estimate_autocorrelation(frames, grid, "published")
-    free = estimate[INDEPENDENT & (RING > 40)] / simulation.mean_photoelectrons
+    free = estimate[HALF_PLANE & (RING > 40)] / simulation.mean_photoelectrons
     assert dof == patches
     assert stats.kstest(free / free.mean(), stats.gamma(dof, scale=1.0 / dof).cdf).pvalue > 0.01
     assert stats.kstest(free / free.mean(), stats.norm(1.0, dof**-0.5).cdf).pvalue < 1e-6

@@ -57,8 +57,9 @@ def test_a_missing_baffle_is_reported(command, tmp_path):
 
 def test_one_frame_of_one_patch_is_refused(command, tmp_path):
     text = SCENE.read_text().replace('"F.png"', f'"{SCENE.parent / "F.png"}"')
-    text = text.replace('name="width" value="2464"', 'name="width" value="250"').replace('name="height" value="2056"',
-                                                                                    'name="height" value="250"')
+    text = text.replace('name="width" value="2464"', 'name="width" value="250"').replace(
+        'name="height" value="2056"', 'name="height" value="250"'
+    )
     (tmp_path / "small.xml").write_text(text)
     code, _, err = command(account, tmp_path / "small.xml", "--frames", "1")
     assert code == 2
@@ -71,9 +72,17 @@ def test_a_plan_finer_than_the_object_allows_is_refused(command, tmp_path):
     assert "64 lags" in err
 
 
-@pytest.mark.parametrize(("arguments", "words"), [(["-D", "power=-1"], "power"), (["--samples", "1"], "samples"),
-                                                  (["-D", "standoff=0.2"], "0.259"), (["--seed", "9" * 20], "--seed"),
-                                                  (["-D", "standoff=0"], "virtual_detector"), (["--frames", "0"], "--frames")])
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["-D", "power=-1"], "power"),
+        (["--samples", "1"], "samples"),
+        (["-D", "standoff=0.2"], "0.259"),
+        (["--seed", "9" * 20], "--seed"),
+        (["-D", "standoff=0"], "virtual_detector"),
+        (["--frames", "0"], "--frames"),
+    ],
+)
 def test_bad_input_is_one_line(command, arguments, words):
     code, out, err = command(account, SCENE, *arguments)
     assert (code, out) == (2, "")

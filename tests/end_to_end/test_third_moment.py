@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("mitsuba")
 
-from radiometry.autocorrelation import autocorrelate, window_smooth
+from radiometry.autocorrelation import autocorrelate, smooth_by_window
 from radiometry.estimation.third_moment import drawn_third_moment, expected_third_moment
 from radiometry.estimation.whole_frames import AutocorrelationEstimator
 from radiometry.noise.level import RING
@@ -27,8 +27,9 @@ def test_drawn_patches_have_the_third_moment_in_closed_form(polarisations, peak)
     rows, columns = np.mgrid[-63:64, -63:64]
     weight = np.where(RING < 2, 0.0, np.exp(-(rows**2 + 2.0 * columns**2) / 400.0))
     transfer = np.exp(-np.hypot(rows, columns) / 40.0)
-    mean, deviation = drawn_third_moment(albedo, weight, transfer, 128**2, peak, 0.1, 0.2, polarisations=polarisations,
-                                         draws=1000)
+    mean, deviation = drawn_third_moment(
+        albedo, weight, transfer, 128**2, peak, 0.1, 0.2, polarisations=polarisations, draws=1000
+    )
     expected = expected_third_moment(albedo / np.sqrt(np.square(albedo).sum()), weight * np.sqrt(transfer), peak, 128**2)
     assert mean == pytest.approx(expected / math.sqrt(polarisations), rel=0.05, abs=3.0 * deviation / 1000**0.5)
 
@@ -42,7 +43,7 @@ def test_its_signal_to_noise_is_that_of_rendered_frames():
     weight = np.where((share < 0.2) | (RING < 2), 0.0, share)
     peak = prediction.terms.signal**2 * prediction.terms.grain_pixels
     truth = geometry.hidden_object.cell_means(prediction.pitches_m, 64)
-    known = window_smooth(autocorrelate(truth)) * prediction.transfer
+    known = smooth_by_window(autocorrelate(truth)) * prediction.transfer
     seen = []
     for seed in range(16):
         estimator = AutocorrelationEstimator(prediction.grid)

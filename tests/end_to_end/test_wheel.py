@@ -34,8 +34,12 @@ def test_a_wheel_renders_and_inverts(tmp_path):
     command = tmp_path / "new" / "bin" / "correlograph"
     scene = run(python, "-c", "from scenes import scene_path; print(scene_path('corner_letter'))", cwd=tmp_path).stdout.strip()
     assert str(tmp_path) in scene
-    for arguments in (("doctor",), ("sim", scene, "-o", "frames", "--seed", 1), ("invert", "frames", "-o", "result",
-                      "--quality", "fast", "--truth", "frames/truth.npy"), ("radiometry", scene, "--json", "--samples", 20000)):
+    for arguments in (
+        ("doctor",),
+        ("sim", scene, "-o", "frames", "--seed", 1),
+        ("invert", "frames", "-o", "result", "--quality", "fast", "--truth", "frames/truth.npy"),
+        ("radiometry", scene, "--json", "--samples", 20000),
+    ):
         done = run(command, *arguments, cwd=tmp_path)
         assert done.returncode == 0, f"{arguments[0]}: {done.stderr[-800:]}"
     assert json.loads((tmp_path / "result" / "result.json").read_text())["pearson"] > 0.85

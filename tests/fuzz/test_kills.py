@@ -20,7 +20,7 @@ pytest.importorskip("mitsuba")
 
 from correlograph.files.frames import read_frame
 from correlograph.files.output import PARTIAL
-from invert.network.checkpoints import SHIPPED, read_weights
+from invert.network.checkpoints import DEFAULT_WEIGHTS, read_weights
 
 ROOT = Path(__file__).parents[2]
 STOPS = int(os.environ.get("FUZZ_KILLS", "2"))
@@ -53,13 +53,23 @@ def capture(tmp_path_factory) -> Path:
 def arguments(name: str, output: Path, dataset: Path, capture: Path) -> list[str]:
     return {
         "sim": ["corner_letter", "-o", output, "--frames", 6],
-        "data_gen": [output, "--source", "mixed", "--count", 5000, "--workers", 2,
-                     "--measurement", "noise-model"],
+        "data_gen": [output, "--source", "mixed", "--count", 5000, "--workers", 2, "--measurement", "noise-model"],
         "invert": [capture, "-o", output],
         "invert of many captures": [several(capture), "-o", output, "--quality", "fast", "--workers", 2],
-        "invert.train": [dataset, "-o", output / "w.safetensors", "--width", 32, "--steps", 8, "--batch", 2,
-                         "--checkpoint-every", 2],
-        "invert.warm_starts": [dataset, "-o", output, "--weights", SHIPPED, "--count", 64],
+        "invert.train": [
+            dataset,
+            "-o",
+            output / "w.safetensors",
+            "--width",
+            32,
+            "--steps",
+            8,
+            "--batch",
+            2,
+            "--checkpoint-every",
+            2,
+        ],
+        "invert.warm_starts": [dataset, "-o", output, "--weights", DEFAULT_WEIGHTS, "--count", 64],
         "invert.evaluate": ["-o", output, "--sets", "shapes", "--methods", "er:fast", "hio:fast", "--count", 2, "--levels", 3],
     }[name]
 
@@ -102,8 +112,9 @@ def timeless(content):
 def start(name: str, given: list, run: str) -> subprocess.Popen:
     """A command of its own, its whole family to be known by a variable of its environment."""
     command = [sys.executable, "-m", name.split()[0], *map(str, given)]
-    return subprocess.Popen(command, cwd=ROOT, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-                            env={**os.environ, "TEST_RUN": run})
+    return subprocess.Popen(
+        command, cwd=ROOT, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env={**os.environ, "TEST_RUN": run}
+    )
 
 
 def run_to_its_end(name: str, given: list) -> None:
@@ -117,8 +128,10 @@ def living(run: str) -> list[int]:
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
-            if f"TEST_RUN={run}".encode() in (folder / "environ").read_bytes().split(b"\0") \
-                    and ") Z " not in (folder / "stat").read_text():
+            if (
+                f"TEST_RUN={run}".encode() in (folder / "environ").read_bytes().split(b"\0")
+                and ") Z " not in (folder / "stat").read_text()
+            ):
                 found.append(int(folder.name))
         except OSError:
             continue

@@ -3,22 +3,22 @@
 import pytest
 import torch
 
-from invert.albedo.registration import padded, registered
+from invert.albedo.registration import register_images, zero_pad
 from invert.likelihood.gamma import log_likelihoods
 from invert.network.annealing import (
-    DATA_WEIGHT,
-    MARGIN,
+    PRIOR_VARIANCE_FACTOR,
+    REPLACEMENT_MARGIN_NATS,
     Annealing,
-    Drawn,
-    after_data,
-    floor_share,
-    posterior_samples,
-    resampled,
+    AnnealingResult,
+    apply_shrunken_data_step,
+    floor_fraction,
+    replace_unlikely_samples,
+    sample_posterior,
 )
-from invert.network.checkpoints import SHIPPED, load_network
+from invert.network.checkpoints import DEFAULT_WEIGHTS, load_network
 from invert.network.features import Observation
-from invert.network.fisher_scoring import towards_data
-from invert.network.inference import observation
+from invert.network.fisher_scoring import run_data_consistency_steps
+from invert.network.inference import make_observation
 from invert.network.sampler import posterior_variance
 from invert.training.data import at_noise, hidden_in_noise
 from invert.training.objectives import DenoisedPicture
@@ -29,13 +29,19 @@ FEW = Annealing(samples=4, rounds=1, steps=4, ascent=4)
 
 @pytest.fixture(scope="module")
 def sampler():
-    return load_network(SHIPPED)[0].sampler
+    return load_network(DEFAULT_WEIGHTS)[0].sampler
 
 
-def drawn(sampler, seed: int) -> Drawn:
+def drawn(sampler, seed: int) -> AnnealingResult:
     measurement = noisy()
-    return posterior_samples(sampler, observation([measurement]), measurement.noise.inflation, torch.zeros(1, 64, 64), FEW,
-                             torch.Generator().manual_seed(seed))
+    return sample_posterior(
+        sampler,
+        make_observation([measurement]),
+        measurement.noise.inflation,
+        torch.zeros(1, 64, 64),
+        FEW,
+        torch.Generator().manual_seed(seed),
+    )
 
 
 def test_samples_come_from_noise_to_the_object(sampler):
@@ -43,7 +49,7 @@ def test_samples_come_from_noise_to_the_object(sampler):
     found = drawn(sampler, 1)
     assert found.samples.shape == found.expected.shape == (4, 64, 64)
     torch.testing.assert_close(found.samples.amax((-2, -1)), torch.ones(4))
-    likeness = registered(padded(found.samples), padded(RIGHT))[1]
+    likeness = register_images(zero_pad(found.samples), zero_pad(RIGHT))[1]
     assert float(likeness.min()) > 0.6
     assert float(likeness.median()) > 0.7
     blurred = torch.nn.functional.avg_pool2d(RIGHT[None], 7, 1, 3)
@@ -58,27 +64,27 @@ def test_the_floor_s_share_has_no_unit(unit):
     estimate = torch.ones(2, 127, 127)
     estimate[:, 60:67, 60:67] = 3.0
     estimate[:, 63, 63] = 1000.0
-    seen = Observation.bare(unit * estimate, unit * torch.tensor([1.0, 4.0]), torch.tensor([64.0, 64.0]))
-    torch.testing.assert_close(floor_share(seen), torch.tensor([1.0 / 3.0, 1.0]))
+    seen = Observation.from_estimate(unit * estimate, unit * torch.tensor([1.0, 4.0]), torch.tensor([64.0, 64.0]))
+    torch.testing.assert_close(floor_fraction(seen), torch.tensor([1.0 / 3.0, 1.0]))
 
 
 def test_resampling_replaces_the_least_likely():
     """Of six the two worst: for copies of the two likeliest, or for a candidate that is likelier still."""
     measurement = noisy()
-    seen = observation([measurement])
+    seen = make_observation([measurement])
     data = Observation(*(one.expand(6, *one.shape[1:]) for one in vars(seen).values()))
     faint = torch.nn.functional.avg_pool2d(RIGHT[None], 3, 1, 1)[0]
     drawn = torch.stack((MIRRORED_STEM.mT, faint, RIGHT.mT, faint.roll(1, 0), MIRRORED_STEM, faint.roll(2, 0)))
     nats = log_likelihoods(drawn, measurement)
     worst = nats.argsort()[:2].tolist()
-    assert float(nats[worst].max()) < float(nats.max()) - 2.0 * MARGIN
-    kept = resampled(data, drawn, drawn[:0])
+    assert float(nats[worst].max()) < float(nats.max()) - 2.0 * REPLACEMENT_MARGIN_NATS
+    kept = replace_unlikely_samples(data, drawn, drawn[:0])
     after = log_likelihoods(kept, measurement)
     for number in range(6):
         torch.testing.assert_close(after[number], nats.max() if number in worst else nats[number], atol=1.0, rtol=0.0)
-    kept = resampled(data, drawn, RIGHT[None])
+    kept = replace_unlikely_samples(data, drawn, RIGHT[None])
     torch.testing.assert_close(kept[worst[0]], RIGHT)
-    torch.testing.assert_close(resampled(data, RIGHT.expand(6, -1, -1), faint[None]), RIGHT.expand(6, -1, -1))
+    torch.testing.assert_close(replace_unlikely_samples(data, RIGHT.expand(6, -1, -1), faint[None]), RIGHT.expand(6, -1, -1))
 
 
 @pytest.mark.parametrize("seed", [6, 7, 8])
@@ -87,8 +93,10 @@ def test_steps_that_follow_noise_are_taken_back(seed):
     data, sigma = at_noise(RIGHT[None], 0.3, 64.0, torch.Generator().manual_seed(seed)).seen, torch.tensor([0.8])
     kept = []
     for begun in (RIGHT[None], MIRRORED_STEM[None]):
-        all_of_them = towards_data(data, begun, DATA_WEIGHT * posterior_variance(sigma), 8) - begun
-        kept.append(float(((after_data(data, begun, sigma, 8) - begun) * all_of_them).sum() / all_of_them.square().sum()))
+        all_of_them = run_data_consistency_steps(data, begun, PRIOR_VARIANCE_FACTOR * posterior_variance(sigma), 8) - begun
+        kept.append(
+            float(((apply_shrunken_data_step(data, begun, sigma, 8) - begun) * all_of_them).sum() / all_of_them.square().sum())
+        )
     assert kept[0] < 0.82
     assert kept[1] > 0.95
 
@@ -97,14 +105,15 @@ def test_the_sampler_removes_noise(sampler):
     """Of the share of an albedo's energy that noise of 0.7 hides (eleven times the energy), a quarter is left at most."""
     batch = at_noise(RIGHT[None].expand(4, -1, -1), 0.3, 64.0, torch.Generator().manual_seed(3))
     with torch.no_grad():
-        missed = DenoisedPicture().achieved(sampler, hidden_in_noise(batch, torch.Generator().manual_seed(4)))
+        missed = DenoisedPicture().measure_progress(sampler, hidden_in_noise(batch, torch.Generator().manual_seed(4)))
     assert missed < 0.25
 
 
 def test_its_task_is_the_same_on_any_number_of_processes():
     """Shares of a batch hold what the whole holds; objects stay whole when they move."""
-    batch = hidden_in_noise(at_noise(RIGHT[None].expand(6, -1, -1), 0.3, 64.0, torch.Generator().manual_seed(5)),
-                            torch.Generator().manual_seed(6))
+    batch = hidden_in_noise(
+        at_noise(RIGHT[None].expand(6, -1, -1), 0.3, 64.0, torch.Generator().manual_seed(5)), torch.Generator().manual_seed(6)
+    )
     share = batch.part(slice(1, None, 2), "cpu")
     torch.testing.assert_close(share.truth, batch.truth[1::2])
     torch.testing.assert_close(share.draws.noise, batch.draws.noise[:, 1::2])

@@ -10,12 +10,16 @@ import invert
 from correlograph.errors import InputError
 from invert.__main__ import main
 from invert.albedo.metrics import aligned_pearson
-from invert.methods import retrieve
+from invert.choices import FAST, UNET
+from invert.methods import reconstruct_measurement
 from tests.light import letter_cells, thrown
 
 PATCH, SHAPE = 257, (1028, 1232)
-BLUR = {"sharp": lambda light: light, "defocus": lambda light: gaussian_filter(light, 1.0),
-        "motion": lambda light: uniform_filter1d(light, 5, axis=1)}
+BLUR = {
+    "sharp": lambda light: light,
+    "defocus": lambda light: gaussian_filter(light, 1.0),
+    "motion": lambda light: uniform_filter1d(light, 5, axis=1),
+}
 
 
 def frames(character: str, kind: str, photons: float, seed: int) -> np.ndarray:
@@ -36,7 +40,7 @@ def test_a_blur_is_found_undone_and_named(kind, down, right):
         likeness = [aligned_pearson(one.albedo, letter_cells(character))[0] for one in (result, untouched)]
         gained.append(likeness[0] - likeness[1])
         found.append(result.estimate.blur_pixels)
-        assert (result.albedo == retrieve(result.measurement, "unet", "fast", 0, "cpu").albedo).all()
+        assert (result.albedo == reconstruct_measurement(result.measurement, UNET, FAST, 0, "cpu").albedo).all()
         assert (found[-1] is not None) == any("look blurred" in warning for warning in result.warnings)
     assert found.count(None) < 3
     assert [one for one in found if one] == [pytest.approx((down, right), abs=0.1)] * (3 - found.count(None))
@@ -49,7 +53,7 @@ def test_sharp_frames_are_not_taken_for_blurred(photons):
         result = invert.reconstruct(frames(character, "sharp", photons, seed), quality="fast", patch=PATCH)
         assert result.estimate.blur_pixels is None
         assert result.object_found
-        assert (result.albedo == retrieve(result.measurement, "unet", "fast", 0, "cpu").albedo).all()
+        assert (result.albedo == reconstruct_measurement(result.measurement, UNET, FAST, 0, "cpu").albedo).all()
 
 
 def test_what_is_told_of_the_blur_is_heeded(tmp_path, command):

@@ -8,18 +8,31 @@ import pytest
 from PIL import Image
 
 from correlograph.errors import InputError
-from correlograph.files.capture import CameraFacts
+from correlograph.files.capture import CameraMetadata
 from correlograph.files.corrections import Corrections
 from correlograph.files.frames import FrameHeader, write_frame
 from correlograph.files.images import read_autocorrelation
 from invert.measure.capture import find_frames, read_capture
 
-UNKNOWN = CameraFacts()
+UNKNOWN = CameraMetadata()
 
 
 def header(**changes) -> FrameHeader:
-    return FrameHeader(**{**dict(wavelength_m=532e-9, pixel_pitch_m=6.9e-6, distance_m=1.0, exposure_s=1.0, seed=0, frame=0,
-                                 scene_sha256="", version="0"), **changes})
+    return FrameHeader(
+        **{
+            **dict(
+                wavelength_m=532e-9,
+                pixel_pitch_m=6.9e-6,
+                distance_m=1.0,
+                exposure_s=1.0,
+                seed=0,
+                frame=0,
+                scene_sha256="",
+                version="0",
+            ),
+            **changes,
+        }
+    )
 
 
 @pytest.mark.parametrize("kind", ["npy", "png", "tif", "exr"])
@@ -43,7 +56,7 @@ def test_options_win_over_headers_and_dark_frames_are_subtracted(tmp_path, rng):
     frame = rng.random((130, 130)).astype(np.float32)
     write_frame(tmp_path / "a.exr", frame, header())
     np.save(tmp_path / "dark.npy", np.full((130, 130), 0.25))
-    capture = read_capture([tmp_path / "a.exr"], CameraFacts(distance_m=2.5))
+    capture = read_capture([tmp_path / "a.exr"], CameraMetadata(distance_m=2.5))
     capture = Corrections(tmp_path / "dark.npy").of(capture)
     wavelength_m, distance_m, pitches_m = capture.camera.lag_geometry
     assert (wavelength_m, distance_m, *pitches_m) == pytest.approx((532e-9, 2.5, 6.9e-6, 6.9e-6))
@@ -54,8 +67,12 @@ def test_flat_field_and_mask(tmp_path, rng):
     """(frame - dark) / (flat - dark), brightness kept; what is masked is the mean of the rest."""
     light, sensitivity = rng.random((130, 140)), rng.uniform(0.5, 1.5, (130, 140))
     mask = rng.random((130, 140)) < 0.9
-    for name, array in {"a": 3.0 * light * sensitivity + 2.0, "dark": np.full((130, 140), 2.0), "flat": 5.0 * sensitivity + 2.0,
-                        "mask": mask.astype(float)}.items():
+    for name, array in {
+        "a": 3.0 * light * sensitivity + 2.0,
+        "dark": np.full((130, 140), 2.0),
+        "flat": 5.0 * sensitivity + 2.0,
+        "mask": mask.astype(float),
+    }.items():
         np.save(tmp_path / f"{name}.npy", array)
     corrections = Corrections(tmp_path / "dark.npy", tmp_path / "flat.npy", tmp_path / "mask.npy")
     found = corrections.of(read_capture([tmp_path / "a.npy"], UNKNOWN)).frames[0]
@@ -65,9 +82,16 @@ def test_flat_field_and_mask(tmp_path, rng):
     assert Corrections().of(read_capture([tmp_path / "a.npy"], UNKNOWN)).frames[0].max() > 5.0
 
 
-@pytest.mark.parametrize(("option", "array"), [
-    ("--flat", np.zeros((130, 140))), ("--mask", np.zeros((130, 140))), ("--mask", np.ones((140, 130))),
-    ("--flat", np.full((130, 140), np.nan)), ("--dark", np.ones((130, 139)))])
+@pytest.mark.parametrize(
+    ("option", "array"),
+    [
+        ("--flat", np.zeros((130, 140))),
+        ("--mask", np.zeros((130, 140))),
+        ("--mask", np.ones((140, 130))),
+        ("--flat", np.full((130, 140), np.nan)),
+        ("--dark", np.ones((130, 139))),
+    ],
+)
 def test_corrections_that_do_not_fit_are_refused(tmp_path, rng, option, array):
     np.save(tmp_path / "a.npy", rng.random((130, 140)))
     np.save(tmp_path / "other.npy", array)
@@ -131,6 +155,9 @@ def test_published_autocorrelations_are_read_as_their_left_half(tmp_path, rng):
 
 
 def test_inverting_never_imports_mitsuba():
-    code = ("import sys, invert.__main__, invert.output.result_files, invert.methods, invert.measure.estimate, invert.albedo.metrics; "
-            "sys.exit(int('mitsuba' in sys.modules or 'drjit' in sys.modules))")
+    code = (
+        "import sys, invert.__main__, invert.output.result_files, invert.methods; "
+        "import invert.measure.estimate, invert.albedo.metrics; "
+        "sys.exit(int('mitsuba' in sys.modules or 'drjit' in sys.modules))"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -3,13 +3,12 @@
 import pytest
 import torch
 
-from invert.network.annealing import ANNEALING
-from invert.training.chains import CHAINS, FIRST, FIRST_STEPS, ROUNDS, Chains, chain_loss
+from invert.training.chains import CHAINS, FIRST, FIRST_STEPS, ROUNDS, SCHEDULE, Chains, chain_loss
 from invert.training.data import at_noise
-from invert.training.denoising import MOST
+from invert.training.denoising import MAX_SIGMA
 from tests.invert.steps import RIGHT
 
-SIX = ANNEALING["balanced"].steps
+SIX = SCHEDULE.steps
 
 
 def all_drawn(chains: Chains, count: int = 4) -> torch.Tensor:
@@ -32,8 +31,8 @@ def test_a_chain_runs_through_its_rounds_and_makes_way():
         levels.append(task.sigma)
         chains.follow(which, task, task.truth, rng)
     told = torch.stack(levels)
-    assert torch.equal(told[0], torch.full((4,), MOST))
-    last = torch.full((4,), ANNEALING["balanced"].last)
+    assert torch.equal(told[0], torch.full((4,), MAX_SIGMA))
+    last = torch.full((4,), SCHEDULE.last)
     torch.testing.assert_close(told[FIRST_STEPS - 1], last)
     torch.testing.assert_close(told[FIRST_STEPS + SIX - 1], last)
     assert bool((told[1:FIRST_STEPS] < told[: FIRST_STEPS - 1]).all())

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-from invert.network.confidence import with_one_more
+from invert.network.confidence import logit_correlation_with_new_sample
 from invert.training.calibration import confidence, fit_logistic
 
 
@@ -22,4 +22,4 @@ def test_agreement_tells_the_correlation_with_one_more(rng, count, noise):
     pictures = rng.standard_normal(40_000) + noise * rng.standard_normal((count + 1, 40_000))
     pairs = np.corrcoef(pictures)[np.triu_indices(count + 1, 1)]
     expected = np.corrcoef(pictures[:-1].mean(0), pictures[-1])[0, 1]
-    assert expit(with_one_more(float(pairs.mean()), count)) == pytest.approx(expected, abs=0.02)
+    assert expit(logit_correlation_with_new_sample(float(pairs.mean()), count)) == pytest.approx(expected, abs=0.02)

@@ -50,8 +50,10 @@ def test_tables_pictures_and_json(tmp_path, command, small):
 def test_a_score_that_some_levels_lack_leaves_gaps():
     """Only captures with others beside them are judged by these, and only where something was drawn."""
     rows = {"seconds": 1.0, "confidence": 0.5, "pearson": 0.5}
-    results = [Cell({"set": "measured 7", "level": level, "method": "hio"}, [rows | more], PICTURES, PICTURES)
-               for level, more in (("1 s", {}), ("0.5 s", {"nats": -1234.5}))]
+    results = [
+        Cell({"set": "measured 7", "level": level, "method": "hio"}, [rows | more], PICTURES, PICTURES)
+        for level, more in (("1 s", {}), ("0.5 s", {"nats": -1234.5}))
+    ]
     table = _tables([_summary(result) for result in results], _leads(results))
     assert "**nats**\n\n| method | 1 s | 0.5 s |\n|---|---|---|\n| hio |  | -1234 |" in table
 
@@ -67,10 +69,18 @@ def test_measured_files_have_references(tmp_path, command, measured):
     assert np.load(next((tmp_path / "cells").glob("*-truth.npy"))).shape == (1, 64, 64)
 
 
-@pytest.mark.parametrize(("arguments", "text"), [
-    (["--sets", "edges"], "--images"), (["--sets", "measured"], "--measured"), (["--methods", "magic"], "--methods"),
-    (["--methods", "hio:perfect"], "--methods"), (["--weights", "paper"], "--weights"), (["--count", 0], "--count"),
-    (["--sets", "edges", "--images", "nowhere"], "--images")])
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--sets", "edges"], "--images"),
+        (["--sets", "measured"], "--measured"),
+        (["--methods", "magic"], "--methods"),
+        (["--methods", "hio:perfect"], "--methods"),
+        (["--weights", "paper"], "--weights"),
+        (["--count", 0], "--count"),
+        (["--sets", "edges", "--images", "nowhere"], "--images"),
+    ],
+)
 def test_bad_input(tmp_path, command, arguments, text):
     code, _, err = command(main, "-o", tmp_path, *arguments)
     assert code == 2

@@ -12,9 +12,9 @@ import torch
 from invert.likelihood.gamma import log_likelihoods
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.network import annealing
-from invert.network.annealing import Annealing, annealed
+from invert.network.annealing import Annealing, run_annealing
 from invert.network.features import Observation
-from invert.network.inference import observation
+from invert.network.inference import make_observation
 from invert.training.data import at_noise
 
 ROWS, COLUMNS, MOST = 3, 4, 6
@@ -63,8 +63,8 @@ def test_samples_have_the_posteriors_probabilities(floor, dof, monkeypatch):
     measurement = read_measurement(estimate.numpy())
     exact = ExactExpectation(measurement)
     options = Annealing(SAMPLES, rounds=1, steps=24, first=16.0)
-    seen = observation([measurement])
-    found, expected = annealed(exact, seen, seen, torch.zeros(SAMPLES, 64, 64), options, torch.Generator().manual_seed(8))
+    seen = make_observation([measurement])
+    found, expected = run_annealing(exact, seen, seen, torch.zeros(SAMPLES, 64, 64), options, torch.Generator().manual_seed(8))
     found, expected = found[_NEAR].flatten(1), expected[_NEAR].flatten(1)
     nearest = torch.cdist(found, _TOYS).argmin(1)
     sampled = torch.bincount(nearest, minlength=len(ALL)) / SAMPLES
@@ -73,6 +73,7 @@ def test_samples_have_the_posteriors_probabilities(floor, dof, monkeypatch):
     assert float(1.0 / posterior.square().sum()) > 4.0
     mean = posterior @ _TOYS
     torch.testing.assert_close(expected.mean(0), mean, atol=0.02, rtol=0.0)
-    by_samples, by_expected = (float((one.unflatten(0, (-1, 20)).mean(1) - mean).square().sum(1).mean())
-                               for one in (found, expected))
+    by_samples, by_expected = (
+        float((one.unflatten(0, (-1, 20)).mean(1) - mean).square().sum(1).mean()) for one in (found, expected)
+    )
     assert by_expected < 0.9 * by_samples

@@ -9,9 +9,9 @@ import torch
 from invert.likelihood.gamma import NoiseLikelihood
 from invert.measure.spectrum import Measurement
 from invert.network.features import Observation
-from invert.network.fisher_scoring import Likelihood, towards_data
+from invert.network.fisher_scoring import Likelihood, run_data_consistency_steps
 from radiometry.noise.level import NoiseLevel
-from radiometry.noise.model import draw_estimate, window_smoothed
+from radiometry.noise.model import autocorrelate_windowed, draw_estimate
 
 FLOOR, DOF = 0.3, 64.0
 
@@ -27,11 +27,12 @@ def albedo() -> torch.Tensor:
 
 def observed(albedo: torch.Tensor, seeds: tuple[int, ...]) -> Observation:
     """An estimate of each albedo, largest lag but zero 1."""
-    signal = window_smoothed(albedo)
+    signal = autocorrelate_windowed(albedo)
     signal = signal / signal[:, 63, 64, None, None]
-    estimate = torch.stack([draw_estimate(one + FLOOR, DOF, torch.Generator().manual_seed(seed))
-                            for one, seed in zip(signal, seeds, strict=True)])
-    return Observation.bare(estimate, torch.full((len(albedo),), FLOOR), torch.full((len(albedo),), DOF))
+    estimate = torch.stack(
+        [draw_estimate(one + FLOOR, DOF, torch.Generator().manual_seed(seed)) for one, seed in zip(signal, seeds, strict=True)]
+    )
+    return Observation.from_estimate(estimate, torch.full((len(albedo),), FLOOR), torch.full((len(albedo),), DOF))
 
 
 def test_the_gradient_is_that_of_the_likelihood(albedo):
@@ -42,7 +43,7 @@ def test_the_gradient_is_that_of_the_likelihood(albedo):
     for number in range(2):
         shown = Measurement(seen.estimate[number].numpy(), NoiseLevel(FLOOR, DOF, 40), 1.0, 0.0, 100.0, ())
         likelihood = NoiseLikelihood(shown, kind=torch.float64)
-        expected, = torch.autograd.grad(likelihood(guess[number : number + 1].double()).sum(), guess, retain_graph=True)
+        (expected,) = torch.autograd.grad(likelihood(guess[number : number + 1].double()).sum(), guess, retain_graph=True)
         ours, theirs = found[number], expected[number]
         assert float((ours - theirs).norm() / theirs.norm()) < 0.02
 
@@ -62,7 +63,7 @@ def test_the_curvature_is_the_slope_s_slope(albedo):
     """Along a random way, at the truth of an estimate without noise, where the second derivative is the information."""
     truth = albedo[:1]
     seen = observed(truth, (6,))
-    signal = window_smoothed(truth)
+    signal = autocorrelate_windowed(truth)
     seen = replace(seen, estimate=signal / signal[:, 63, 64, None, None] + FLOOR)
     way = torch.zeros_like(truth)
     way[0, 20:31, 18:22] = torch.rand(11, 4, generator=torch.Generator().manual_seed(7)) - 0.5
@@ -90,11 +91,11 @@ def test_steps_towards_the_data_find_what_is_missing(albedo):
     seen = observed(albedo, (3, 4))
     guess = albedo.clone()
     guess[0, 27:31, 30:40] = 0.2
-    moved = towards_data(seen, guess, torch.tensor([0.05, 0.05]), 20)
+    moved = run_data_consistency_steps(seen, guess, torch.tensor([0.05, 0.05]), 20)
     missing = (slice(0, 1), slice(27, 31), slice(30, 40))
     assert float(moved[missing].mean()) > 0.35
     assert float((moved[1] - albedo[1]).square().mean().sqrt()) < 0.05
-    held = towards_data(seen, guess, torch.tensor([1e-7, 1e-7]), 20)
+    held = run_data_consistency_steps(seen, guess, torch.tensor([1e-7, 1e-7]), 20)
     np.testing.assert_allclose(held, guess, atol=1e-3)
 
 
@@ -110,6 +111,6 @@ def test_what_is_explained_is_left_alone(albedo):
     guess[0] = 0.5 * guess[0] + 0.5 * guess[0].roll(3, 0)
     worse, explained = Likelihood(seen).at(guess).deviance.tolist()
     assert worse > explained
-    moved = towards_data(seen, guess, torch.tensor([1.0, 1.0]), 5, 0.5 * (worse + explained))
+    moved = run_data_consistency_steps(seen, guess, torch.tensor([1.0, 1.0]), 5, 0.5 * (worse + explained))
     torch.testing.assert_close(moved[1], guess[1], rtol=0, atol=0)
     assert float((moved[0] - guess[0]).abs().max()) > 0.05

@@ -6,12 +6,13 @@ import torch
 
 from correlograph.lags import LAGS
 from invert.albedo.metrics import aligned_pearson
+from invert.choices import BALANCED, CLASSICAL, FAST
 from invert.measure.spectrum import GRID, fourier_modulus, read_measurement
-from invert.methods import retrieve
+from invert.methods import reconstruct_measurement
 from invert.solvers.base import modulus_residual, to_modulus
 from invert.solvers.hio import HioOptions, hio
-from radiometry.autocorrelation import autocorrelate, window_smooth
-from radiometry.noise.level import INDEPENDENT
+from radiometry.autocorrelation import autocorrelate, smooth_by_window
+from radiometry.noise.level import HALF_PLANE
 
 
 def stroke_object(rng: np.random.Generator) -> np.ndarray:
@@ -66,16 +67,16 @@ def test_starts_take_turns_at_thresholds(rng):
 
 def measured_from(image: np.ndarray, floor: float, dof: float, rng) -> np.ndarray:
     lags = autocorrelate(image)
-    mean = window_smooth(lags) / lags.max() + floor
+    mean = smooth_by_window(lags) / lags.max() + floor
     noise = rng.gamma(dof, 1.0 / dof, mean.shape)
-    return (mean * np.where(INDEPENDENT, noise, noise[::-1, ::-1])).astype(np.float32)
+    return (mean * np.where(HALF_PLANE, noise, noise[::-1, ::-1])).astype(np.float32)
 
 
 @pytest.mark.parametrize(("floor", "dof", "wanted"), [(0.01, 1e5, 0.93), (0.05, 64.0, 0.8)])
 def test_a_noisy_f_is_recovered_and_not_mirrored(rng, floor, dof, wanted):
     image = np.zeros((64, 64), np.float32)
     image[14:48, 20:25], image[14:19, 20:42], image[28:33, 20:37] = 1.0, 1.0, 1.0
-    result = retrieve(read_measurement(measured_from(image, floor, dof, rng)), "classical", "balanced", 0, "cpu")
+    result = reconstruct_measurement(read_measurement(measured_from(image, floor, dof, rng)), CLASSICAL, BALANCED, 0, "cpu")
     assert result.object_found
     pearson, _ = aligned_pearson(result.albedo, image)
     assert pearson > wanted
@@ -91,7 +92,7 @@ def test_scale_does_not_matter(rng):
 
 def white(rng) -> np.ndarray:
     noise = rng.gamma(64.0, 1 / 64.0, (127, 127)).astype(np.float32)
-    return np.where(INDEPENDENT, noise, noise[::-1, ::-1])
+    return np.where(HALF_PLANE, noise, noise[::-1, ::-1])
 
 
 @pytest.mark.parametrize("kind", ["zero", "white", "row line", "column line"])
@@ -105,7 +106,7 @@ def test_noise_alone_is_no_object(rng, kind):
     if kind == "column line":
         estimate[:, LAGS] *= 5.0
     measurement = read_measurement(estimate)
-    result = retrieve(measurement, "classical", "fast", 0, "cpu")
+    result = reconstruct_measurement(measurement, CLASSICAL, FAST, 0, "cpu")
     assert not result.object_found
     assert not result.albedo.any()
     assert (measurement.interpolated != ()) == ("line" in kind)

@@ -10,9 +10,10 @@ import torch
 
 from correlograph.errors import InputError
 from invert.albedo.metrics import aligned_pearson
+from invert.choices import BALANCED, UNET, quality_named
 from invert.measure.spectrum import read_measurement
-from invert.methods import retrieve
-from invert.network.checkpoints import SHIPPED, load_network, save_weights
+from invert.methods import reconstruct_measurement
+from invert.network.checkpoints import DEFAULT_WEIGHTS, load_network, save_weights
 from invert.network.features import (
     FUSION_CHANNELS,
     LAG_CHANNELS,
@@ -30,10 +31,10 @@ from invert.network.features import (
 from invert.network.inference import AUGMENTATIONS, predict
 from invert.network.model import CorrelographyNet
 from invert.network.paper_unet import PaperModulusUnet, PaperUnet
-from invert.training.data import at_noise, paper_noise, varied
+from invert.training.data import at_noise, make_varied_batch, paper_noise
 from invert.training.losses import LOSSES, noise_left, registered_pearson
 from radiometry.autocorrelation import autocorrelate
-from radiometry.noise.level import INDEPENDENT, OUTERMOST, RING
+from radiometry.noise.level import HALF_PLANE, OUTERMOST, RING
 
 
 def torch_rng(seed: int = 3) -> torch.Generator:
@@ -64,8 +65,11 @@ def lags_seen(seen: Observation) -> torch.Tensor:
 
 def test_features_know_no_unit_and_never_see_zero_lag(observed):
     observed = replace(observed, denoised=0.5 * observed.estimate)
-    for features, shape in ((picture_features, (FUSION_CHANNELS, 32, 32)), (sketch_features, (SKETCH_CHANNELS, 32, 32)),
-                            (lags_seen, (LAG_CHANNELS, 64, 32))):
+    for features, shape in (
+        (picture_features, (FUSION_CHANNELS, 32, 32)),
+        (sketch_features, (SKETCH_CHANNELS, 32, 32)),
+        (lags_seen, (LAG_CHANNELS, 64, 32)),
+    ):
         reference = features(observed)
         assert reference.shape == (6, *shape)
         scaled = replace(observed, **{name: getattr(observed, name) * 1e-9 for name in ("estimate", "floor", "denoised")})
@@ -73,7 +77,7 @@ def test_features_know_no_unit_and_never_see_zero_lag(observed):
         struck = observed.estimate.clone()
         struck[:, 63, 63] = 1e6
         torch.testing.assert_close(features(replace(observed, estimate=struck)), reference)
-        empty = Observation.bare(torch.zeros(1, 127, 127), torch.zeros(1), torch.ones(1))
+        empty = Observation.from_estimate(torch.zeros(1, 127, 127), torch.zeros(1), torch.ones(1))
         assert torch.isfinite(features(empty)).all()
     torch.testing.assert_close(paper_picture(struck), paper_picture(observed.estimate))
 
@@ -156,7 +160,7 @@ def test_the_registered_loss_is_not_deceived(objects):
 
 
 def test_batches_depend_on_the_seed_alone(objects):
-    first, second = (varied(objects, 40, torch_rng(9)) for _ in range(2))
+    first, second = (make_varied_batch(objects, 40, torch_rng(9)) for _ in range(2))
     torch.testing.assert_close(first.seen.estimate, second.seen.estimate, rtol=0, atol=0)
     estimate = first.seen.estimate
     torch.testing.assert_close(estimate, estimate.flip((-2, -1)), rtol=1e-5, atol=1e-6)
@@ -226,27 +230,36 @@ def test_weights_keep_their_card_and_refuse_what_is_not_theirs(tmp_path):
     save_weights(tmp_path / "nan.safetensors", {**state, name: state[name] * float("nan")}, {"network": "unet", "width": 32})
     bad = ({"fast": [1.0, 2.0]}, {"sizes": {"width": [2.0, 1.0]}}, {"balanced": "high"}, [1.0], {"sizes": {"area": [None]}})
     for number, calibration in enumerate(bad):
-        save_weights(tmp_path / f"calibration {number}.safetensors", state,
-                     {"network": "unet", "width": 32, "calibration": calibration})
-    refused = {"torn": "invert.train", "changed": "invert.train", "pickle": "invert.train", "torch": "invert.train",
-               "absent": "no ", "other": "of this version", "kind": "oracle", "nan": "NaN",
-               **{f"calibration {number}": "calibrate again" for number in range(len(bad))}}
+        save_weights(
+            tmp_path / f"calibration {number}.safetensors", state, {"network": "unet", "width": 32, "calibration": calibration}
+        )
+    refused = {
+        "torn": "invert.train",
+        "changed": "invert.train",
+        "pickle": "invert.train",
+        "torch": "invert.train",
+        "absent": "no ",
+        "other": "of this version",
+        "kind": "oracle",
+        "nan": "NaN",
+        **{f"calibration {number}": "calibrate again" for number in range(len(bad))},
+    }
     for name, text in refused.items():
         with pytest.raises(InputError, match=text):
             load_network(tmp_path / f"{name}.safetensors")
 
 
-needs_weights = pytest.mark.skipif(not SHIPPED.is_file(), reason="no weights are shipped")
+needs_weights = pytest.mark.skipif(not DEFAULT_WEIGHTS.is_file(), reason="no weights are shipped")
 
 
 @needs_weights
 def test_shipped_weights_are_small_and_say_where_they_come_from():
-    assert SHIPPED.stat().st_size < 20e6
-    network, card = load_network(SHIPPED)
+    assert DEFAULT_WEIGHTS.stat().st_size < 20e6
+    network, card = load_network(DEFAULT_WEIGHTS)
     assert isinstance(network, CorrelographyNet)
     assert {"run", "dataset", "validation", "seconds"} <= set(card)
-    described = SHIPPED.with_suffix(".md").read_text()
-    assert hashlib.sha256(SHIPPED.read_bytes()).hexdigest() in described
+    described = DEFAULT_WEIGHTS.with_suffix(".md").read_text()
+    assert hashlib.sha256(DEFAULT_WEIGHTS.read_bytes()).hexdigest() in described
 
 
 def noise(rng: np.random.Generator, kind: str) -> np.ndarray:
@@ -257,7 +270,7 @@ def noise(rng: np.random.Generator, kind: str) -> np.ndarray:
         floor += rng.uniform(-0.2, 0.2) * radius**2
     dof = float(np.exp(rng.uniform(np.log(8.0), np.log(1000.0))))
     estimate = floor * rng.gamma(dof, 1.0 / dof, floor.shape)
-    estimate = np.where(INDEPENDENT, estimate, estimate[::-1, ::-1])
+    estimate = np.where(HALF_PLANE, estimate, estimate[::-1, ::-1])
     if kind == "lines":
         line = 1.0 + rng.uniform(0.0, 4.0) * rng.gamma(8.0, 1.0 / 8.0, 127)
         estimate[63] *= 0.5 * (line + line[::-1])
@@ -270,7 +283,10 @@ def noise(rng: np.random.Generator, kind: str) -> np.ndarray:
 def test_noise_is_no_object(rng, kind, quality, count):
     """False alarms below 1 %: the signal must stand out of a floor that slopes, and the network must believe its picture."""
     estimates = (read_measurement(noise(rng, kind)) for _ in range(count))
-    assert sum(retrieve(estimate, "unet", quality, 0, "cpu").object_found for estimate in estimates) <= 0.01 * count
+    assert (
+        sum(reconstruct_measurement(estimate, UNET, quality_named(quality), 0, "cpu").object_found for estimate in estimates)
+        <= 0.01 * count
+    )
 
 
 @needs_weights
@@ -280,11 +296,11 @@ def test_the_network_draws_an_f_that_is_not_mirrored(rng):
     batch = at_noise(torch.from_numpy(image)[None], 80.0 / 255.0, 64.0, torch_rng())
     measurement = read_measurement(batch.seen.estimate[0].numpy())
     for quality, wanted in (("fast", 0.7), ("balanced", 0.85)):
-        result = retrieve(measurement, "unet", quality, 0, "cpu")
+        result = reconstruct_measurement(measurement, UNET, quality_named(quality), 0, "cpu")
         pearson, _ = aligned_pearson(result.albedo, image)
         assert result.object_found
         assert pearson > wanted
         assert aligned_pearson(result.albedo[:, ::-1], image)[0] < pearson
         assert abs(result.confidence - pearson) < 0.2
-    twice = retrieve(measurement, "unet", "balanced", 0, "cpu")
+    twice = reconstruct_measurement(measurement, UNET, BALANCED, 0, "cpu")
     np.testing.assert_array_equal(twice.albedo, result.albedo)

@@ -7,14 +7,14 @@ import pytest
 import torch
 from scipy.optimize import minimize, nnls
 
-from invert.albedo.posterior import Posterior
-from invert.assess.reliability import trusted
-from invert.likelihood.gamma import NoiseLikelihood, _brightnesses, log_likelihoods, nats_over
+from invert.albedo.posterior import Samples
+from invert.assess.reliability import assess_reliability
+from invert.likelihood.gamma import NoiseLikelihood, _least_squares_brightnesses, log_likelihood_leads, log_likelihoods
 from invert.measure.spectrum import read_measurement
 from invert.methods import Reconstruction
 from invert.training.data import at_noise
 from radiometry.noise.level import RING, NoiseLevel
-from radiometry.noise.model import draw_estimate, log_likelihood, window_smoothed
+from radiometry.noise.model import autocorrelate_windowed, draw_estimate, log_likelihood
 from tests.invert.steps import MIRRORED_STEM, RIGHT, noisy
 
 
@@ -33,11 +33,16 @@ def test_likelihoods_are_those_of_the_noise_model():
     def at_best(albedo: torch.Tensor) -> float:
         def cost(parameters: np.ndarray) -> float:
             bright, faint = parameters
-            expected = noise.floor + float(bright) * window_smoothed(albedo.double()) + float(faint) * pedestal(32.0)
+            expected = noise.floor + float(bright) * autocorrelate_windowed(albedo.double()) + float(faint) * pedestal(32.0)
             return -float(log_likelihood(estimate, expected.masked_fill(near, 1.0), noise.dof))
 
-        return -minimize(cost, (1e-3, 1e-3), method="Nelder-Mead", bounds=((0.0, 1.0), (0.0, 1.0)),
-                         options={"xatol": 1e-9, "fatol": 1e-6, "maxiter": 2000}).fun
+        return -minimize(
+            cost,
+            (1e-3, 1e-3),
+            method="Nelder-Mead",
+            bounds=((0.0, 1.0), (0.0, 1.0)),
+            options={"xatol": 1e-9, "fatol": 1e-6, "maxiter": 2000},
+        ).fun
 
     found, wanted = log_likelihoods(albedos, noisy()), torch.tensor([at_best(one) for one in albedos])
     torch.testing.assert_close(found - found[0], wanted - wanted[0], rtol=1e-3, atol=0.05, check_dtype=False)
@@ -58,7 +63,7 @@ def test_likelihood_of_an_empty_candidate_and_without_noise():
     blank = log_likelihoods(torch.stack((torch.zeros(64, 64), MIRRORED_STEM)), noisy())
     assert torch.isfinite(blank).all()
     assert blank[1] > blank[0]
-    silent = read_measurement(window_smoothed(RIGHT).numpy())
+    silent = read_measurement(autocorrelate_windowed(RIGHT).numpy())
     found = log_likelihoods(torch.stack((MIRRORED_STEM, RIGHT)), silent)
     assert torch.isfinite(found).all()
     assert found[1] > found[0]
@@ -68,7 +73,7 @@ def test_likelihood_of_an_empty_candidate_and_without_noise():
 def test_a_pedestal_is_not_taken_for_the_object(lags, light):
     """Faint light all over the window would explain some of a pedestal; the object without it is likelier all the same."""
     smeared = RIGHT + light
-    spectrum = window_smoothed(RIGHT).double()
+    spectrum = autocorrelate_windowed(RIGHT).double()
     spectrum = 0.1 + spectrum / spectrum.max() + 0.03 * pedestal(lags)
     drawn = draw_estimate(spectrum, 256.0, torch.Generator().manual_seed(3))
     shown = replace(read_measurement(drawn.float().numpy()), noise=NoiseLevel(0.1, 256.0, 40))
@@ -94,8 +99,10 @@ def test_samples_that_leave_the_estimate_unexplained_are_doubted():
     measurement, found = noisy(), Reconstruction(RIGHT.numpy(), True, 0.9, None)
     without_stem = torch.where(RIGHT.sum(1, keepdim=True) > RIGHT.sum(1).max() - 0.5, RIGHT, 0.0)
     for sample, doubted in ((RIGHT, False), (without_stem, True)):
-        drawn = Posterior(np.stack([sample.numpy()] * 3).astype(np.float32))
-        answer, warnings = trusted(replace(found, posterior=drawn), None, measurement, NoiseLikelihood(measurement), {})
+        drawn = Samples(np.stack([sample.numpy()] * 3).astype(np.float32))
+        answer, warnings = assess_reliability(
+            replace(found, posterior=drawn), None, measurement, NoiseLikelihood(measurement), {}
+        )
         assert any("no sample explains" in warning for warning in warnings) is doubted
         assert answer.confidence == (0.5 if doubted else 0.9)
 
@@ -107,7 +114,7 @@ def test_brightnesses_are_those_of_non_negative_least_squares():
         signal, pedestal, weight = rng.random(9), rng.random(9), rng.random(9)
         excess = rng.normal(size=2) @ (signal, pedestal) + 0.3 * rng.normal(size=9)
         wanted, _ = nnls(np.sqrt(weight)[:, None] * np.stack((signal, pedestal), 1), np.sqrt(weight) * excess)
-        found = _brightnesses(*map(torch.from_numpy, (signal[None], pedestal, excess, weight[None])))
+        found = _least_squares_brightnesses(*map(torch.from_numpy, (signal[None], pedestal, excess, weight[None])))
         np.testing.assert_allclose([float(one) for one in found], wanted, atol=1e-9)
         zeros.add(tuple(wanted > 0.0))
     assert len(zeros) == 4
@@ -115,11 +122,13 @@ def test_brightnesses_are_those_of_non_negative_least_squares():
 
 def test_other_captures_judge_a_picture():
     """Independent estimates of one object prefer it to a wrong turn, each by what the noise model says."""
-    spectrum = window_smoothed(RIGHT).double()
+    spectrum = autocorrelate_windowed(RIGHT).double()
     spectrum = 0.3 + spectrum / spectrum.max()
-    captures = [read_measurement(draw_estimate(spectrum, 64.0, torch.Generator().manual_seed(seed)).float().numpy())
-                for seed in range(3)]
-    ahead = nats_over(MIRRORED_STEM.numpy(), RIGHT.numpy(), captures)
+    captures = [
+        read_measurement(draw_estimate(spectrum, 64.0, torch.Generator().manual_seed(seed)).float().numpy())
+        for seed in range(3)
+    ]
+    ahead = log_likelihood_leads(MIRRORED_STEM.numpy(), RIGHT.numpy(), captures)
     assert min(ahead) > 20.0
     both = torch.stack((RIGHT, MIRRORED_STEM))
     assert ahead == [pytest.approx(float(torch.sub(*log_likelihoods(both, capture)))) for capture in captures]

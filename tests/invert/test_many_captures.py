@@ -101,9 +101,12 @@ def test_what_is_a_capture(captures, tmp_path):
     files = [str(file) for file in sorted((captures / "day 1").iterdir())]
     assert [len(paths) for paths in find_captures(files, False).values()] == [2]
     assert list(find_captures(files, True)) == ["0", "1"]
-    for inputs, autocorrelation, words in (([files[0], str(captures)], False, "mixed"),
-                                           ([str(captures)] * 2, False, "day 1 twice"), ([files[0]] * 2, True, "0 twice"),
-                                           ([str(captures), "typo"], False, "no typo")):
+    for inputs, autocorrelation, words in (
+        ([files[0], str(captures)], False, "mixed"),
+        ([str(captures)] * 2, False, "day 1 twice"),
+        ([files[0]] * 2, True, "0 twice"),
+        ([str(captures), "typo"], False, "no typo"),
+    ):
         with pytest.raises(InputError, match=words):
             find_captures(inputs, autocorrelation)
     np.save(captures / "dark.npy", speckle(8))

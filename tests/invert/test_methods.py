@@ -8,19 +8,25 @@ import torch
 
 from invert.__main__ import parser
 from invert.albedo.metrics import aligned_pearson
-from invert.albedo.registration import centred, registered
+from invert.albedo.registration import crop_centred, register_images
+from invert.choices import BALANCED, BEST, CLASSICAL, FAST, METHODS, QUALITIES
 from invert.measure.spectrum import read_measurement
-from invert.methods import retrieve
-from invert.solvers.admm_tv import divergence, gradients, shrunk
+from invert.methods import reconstruct_measurement
+from invert.solvers.admm_tv import divergence, gradients, shrink_gradients
 from invert.solvers.base import box_support, modulus_residual
 from invert.solvers.error_reduction import ErrorReductionOptions, error_reduction
-from invert.solvers.registry import METHODS, QUALITIES, method_options
+from invert.solvers.registry import solver_of, solver_options
 from invert.solvers.taf import amplitude_gradient
 from invert.solvers.twf import full_intensity, poisson_gradient
-from radiometry.autocorrelation import autocorrelate, window_smooth
-from radiometry.noise.level import INDEPENDENT
+from radiometry.autocorrelation import autocorrelate, smooth_by_window
+from radiometry.noise.level import HALF_PLANE
 
-SOLVERS = {name: pair for name, pair in METHODS.items() if name != "classical"}
+SOLVERS = {
+    name: (solver_of(method), solver_options(method, BALANCED))
+    for name, method in METHODS.items()
+    if not method.is_network and method != CLASSICAL
+}
+CLASSICAL_METHODS = [name for name, method in METHODS.items() if not method.is_network]
 
 
 def strokes(rng: np.random.Generator, side: int = 64) -> np.ndarray:
@@ -78,20 +84,22 @@ def test_divergence_is_minus_the_adjoint_of_gradients(rng):
 
 def test_shrinking_is_the_proximal_map(rng):
     vector, threshold = torch.from_numpy(rng.standard_normal((2, 1, 1))), torch.tensor(0.4, dtype=torch.float64)
-    found = shrunk(vector, threshold)
+    found = shrink_gradients(vector, threshold)
 
     def objective(v: torch.Tensor) -> float:
         return float(0.5 * (v - vector).square().sum() + threshold * v.norm())
 
     for _ in range(50):
         assert objective(found) <= objective(found + 0.01 * torch.from_numpy(rng.standard_normal((2, 1, 1)))) + 1e-12
-    assert not shrunk(0.1 * vector / vector.norm(), threshold).any()
+    assert not shrink_gradients(0.1 * vector / vector.norm(), threshold).any()
 
 
 def test_error_reduction_never_raises_the_residual(rng):
     modulus = modulus_of(strokes(rng))
-    residuals = [float(error_reduction(modulus, 64, torch_rng(), ErrorReductionOptions(iterations=n, starts=1)).residual[0])
-                 for n in (1, 3, 10, 30, 100)]
+    residuals = [
+        float(error_reduction(modulus, 64, torch_rng(), ErrorReductionOptions(iterations=n, starts=1)).residual[0])
+        for n in (1, 3, 10, 30, 100)
+    ]
     assert residuals == sorted(residuals, reverse=True)
 
 
@@ -135,7 +143,7 @@ def test_exact_moduli_are_solved(name):
     found = solve(torch.stack([modulus_of(image) for image in images]), 64, torch_rng(), replace(options, starts=8))
     for index, image in enumerate(images):
         best = found.images[index, found.residual[index].argmin()]
-        assert aligned_pearson(centred(best).numpy(), image)[0] > 0.98
+        assert aligned_pearson(crop_centred(best).numpy(), image)[0] > 0.98
 
 
 @pytest.mark.slow
@@ -144,7 +152,7 @@ def test_twenty_windowed_estimates_of_k_1e6(name, wanted):
     """The patch window and an unknown zero lag stand between estimate and modulus. From exact moduli all three reach
     1.00; from estimates the plain methods, with their one best start and loose support, do not all reach 0.98."""
     rng = np.random.default_rng(3)
-    offset = (1.0 - np.abs(np.fft.fftfreq(128)))
+    offset = 1.0 - np.abs(np.fft.fftfreq(128))
     pearson = []
     for _ in range(20):
         image = strokes(rng)
@@ -152,17 +160,19 @@ def test_twenty_windowed_estimates_of_k_1e6(name, wanted):
         lags = np.roll(np.fft.ifft2(spectrum).real, (63, 63), (0, 1))[:127, :127]
         noise = rng.normal(1.0, 1e-3, lags.shape)
         noise = np.where(np.tri(127, 127, -1), noise, noise[::-1, ::-1])
-        result = retrieve(read_measurement((lags.clip(0.0) * noise).astype(np.float32)), name, "balanced", 0, "cpu")
+        result = reconstruct_measurement(
+            read_measurement((lags.clip(0.0) * noise).astype(np.float32)), name, "balanced", 0, "cpu"
+        )
         pearson.append(aligned_pearson(result.albedo, image)[0])
     assert np.mean(np.array(pearson) >= wanted) >= 0.95, np.round(pearson, 3)
 
 
 def gamma_estimate(rng: np.random.Generator, signal: np.ndarray, dof: float) -> np.ndarray:
     noise = rng.gamma(dof, 1.0 / dof, signal.shape)
-    return (signal * np.where(INDEPENDENT, noise, noise[::-1, ::-1])).astype(np.float32)
+    return (signal * np.where(HALF_PLANE, noise, noise[::-1, ::-1])).astype(np.float32)
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", CLASSICAL_METHODS)
 def test_extremes(rng, name):
     """Nothing, a delta, nothing above the floor, K of 1, and any unit: a finite picture, or none, never a wrong number."""
     zero = np.zeros((127, 127), np.float32)
@@ -171,18 +181,20 @@ def test_extremes(rng, name):
     below = gamma_estimate(rng, np.ones((127, 127)), 64.0)
     below[40:87, 40:87] *= 0.5
     for estimate in (zero, delta, zero + 1.0, below):
-        result = retrieve(read_measurement(estimate), name, "fast", 0, "cpu")
+        result = reconstruct_measurement(read_measurement(estimate), METHODS[name], FAST, 0, "cpu")
         assert not result.object_found
         assert not result.albedo.any()
-    signal = window_smooth(autocorrelate(strokes(rng)))
-    one = retrieve(read_measurement(gamma_estimate(rng, signal / signal.max() + 0.02, 1.0)), name, "fast", 0, "cpu")
+    signal = smooth_by_window(autocorrelate(strokes(rng)))
+    one = reconstruct_measurement(
+        read_measurement(gamma_estimate(rng, signal / signal.max() + 0.02, 1.0)), name, "fast", 0, "cpu"
+    )
     assert np.isfinite(one.albedo).all()
     estimate = gamma_estimate(rng, signal / signal.max() + 0.02, 64.0)
-    reference = retrieve(read_measurement(estimate), name, "fast", 0, "cpu")
+    reference = reconstruct_measurement(read_measurement(estimate), METHODS[name], FAST, 0, "cpu")
     assert reference.object_found
     # rounding grows along a chaotic iteration: the same object, not the same bits; powers of two round nothing
     for scale, limit in ((1e-30, 0.9), (1e30, 0.9), (2.0**-100, 0.99), (2.0**100, 0.99)):
-        scaled = retrieve(read_measurement(estimate * np.float32(scale)), name, "fast", 0, "cpu")
+        scaled = reconstruct_measurement(read_measurement(estimate * np.float32(scale)), METHODS[name], FAST, 0, "cpu")
         assert aligned_pearson(scaled.albedo, reference.albedo)[0] > limit, scale
 
 
@@ -190,23 +202,25 @@ def test_extremes(rng, name):
 @pytest.mark.parametrize("side", [8, 256])
 def test_grids_of_16_and_512(rng, name, side):
     """Recovered where there is a picture to recover, whatever the grid."""
-    solve, options = METHODS[name]
+    solve, options = solver_of(METHODS[name]), solver_options(METHODS[name], BALANCED)
     image = strokes(rng, side) if side > 8 else np.pad([[1.0, 0.2], [0.5, 0.9]], 3).astype(np.float32)
     found = solve(modulus_of(image), side, torch_rng(), replace(options, iterations=400, starts=4))
     best = found.images[found.residual.argmin()]
     assert best.shape == (2 * side, 2 * side)
-    aligned_image, correlation = registered(best[None], torch.nn.functional.pad(torch.from_numpy(image), (0, side, 0, side)))
+    aligned_image, correlation = register_images(
+        best[None], torch.nn.functional.pad(torch.from_numpy(image), (0, side, 0, side))
+    )
     assert torch.isfinite(aligned_image).all()
     assert float(correlation[0]) > (0.95 if side == 8 else 0.6)
 
 
 def test_the_command_offers_every_method_and_quality():
     offered = {action.dest: tuple(action.choices) for action in parser()._actions if action.choices}
-    assert (offered["method"], offered["quality"]) == (("unet", *METHODS), tuple(QUALITIES))
+    assert (offered["method"], offered["quality"]) == (tuple(METHODS), tuple(QUALITIES))
 
 
 def test_qualities_scale_every_method():
-    for name in METHODS:
-        fast, best = method_options(name, "fast"), method_options(name, "best")
-        assert (fast.starts, best.starts) == (QUALITIES["fast"][0], QUALITIES["best"][0])
+    for name in CLASSICAL_METHODS:
+        fast, best = (solver_options(METHODS[name], quality) for quality in (FAST, BEST))
+        assert (fast.starts, best.starts) == (FAST.solver_starts, BEST.solver_starts)
         assert fast.iterations < best.iterations

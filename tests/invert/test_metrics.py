@@ -5,7 +5,7 @@ import pytest
 from scipy import ndimage
 
 from invert.albedo.metrics import Scores, agreement, aligned, aligned_pearson, bootstrap_error, score
-from radiometry.autocorrelation import autocorrelate, window_smooth
+from radiometry.autocorrelation import autocorrelate, smooth_by_window
 
 
 @pytest.fixture
@@ -70,7 +70,7 @@ def test_agreement_is_deceived_and_pearson_is_not(truth):
     """A bright point beside a faint copy has nearly the object's autocorrelation: the reason why agreement is no evidence."""
     deceiver = 0.05 * truth
     deceiver[2, 60] = 3.0 * truth.sum() * 0.05
-    estimate = window_smooth(autocorrelate(truth)) + 2.0
+    estimate = smooth_by_window(autocorrelate(truth)) + 2.0
     assert agreement(truth, estimate, 2.0, 40) > 0.999
     assert agreement(np.rot90(truth), estimate, 2.0, 40) < 0.9
     assert score(deceiver, truth).pearson < 0.3

@@ -2,10 +2,10 @@
 
 import torch
 
-from invert.albedo.registration import registered
+from invert.albedo.registration import register_images
 from invert.network.features import PICTURES
-from invert.network.inference import AUGMENTATIONS, fuse, observation
-from invert.network.retrieval_summary import overview
+from invert.network.inference import AUGMENTATIONS, fuse, make_observation
+from invert.network.retrieval_summary import summarise_retrievals
 from invert.solvers.base import Candidates
 from tests.invert.steps import MIRRORED_STEM, RIGHT, noisy, steps
 
@@ -17,19 +17,18 @@ def padded(*pictures: torch.Tensor) -> torch.Tensor:
 def test_both_retrievals_are_shown_together():
     """Of each the mean of its starts and the start of least residual, laid over one another; how far starts agree."""
     turned, other = torch.roll(RIGHT.flip((0, 1)), (3, 2), (0, 1)), steps((20, 20, 3, 20), (40, 20, 3, 20))
-    found = Candidates(torch.stack((padded(RIGHT, turned), padded(other, RIGHT))),
-                       torch.tensor([[0.2, 0.1], [0.1, 0.2]]))
-    shown, agreement = overview(found)
+    found = Candidates(torch.stack((padded(RIGHT, turned), padded(other, RIGHT))), torch.tensor([[0.2, 0.1], [0.1, 0.2]]))
+    shown, agreement = summarise_retrievals(found)
     assert shown.shape == (PICTURES, 64, 64)
     assert float(shown.amax((-2, -1)).min()) == float(shown.max()) == 1.0
     for picture, object_ in zip(shown[[0, 1, 3]], (RIGHT, RIGHT, other), strict=True):
-        assert float(registered(padded(picture), padded(object_)[0])[1]) > 0.99
+        assert float(register_images(padded(picture), padded(object_)[0])[1]) > 0.99
     assert agreement[0] > 0.99 > agreement[1]
 
 
 def test_a_start_that_came_to_nothing_is_shown_as_nothing():
     images = torch.stack((padded(RIGHT, torch.zeros(64, 64)), padded(RIGHT, RIGHT)))
-    assert torch.isfinite(overview(Candidates(images, torch.tensor([[0.1, 1.0], [0.1, 0.1]])))[0]).all()
+    assert torch.isfinite(summarise_retrievals(Candidates(images, torch.tensor([[0.1, 1.0], [0.1, 0.1]])))[0]).all()
 
 
 class Copyist(torch.nn.Module):
@@ -40,7 +39,7 @@ class Copyist(torch.nn.Module):
 
 
 def test_looks_are_turned_back():
-    seen = observation([noisy()])
+    seen = make_observation([noisy()])
     shown = torch.stack((RIGHT, MIRRORED_STEM, RIGHT.mT, RIGHT, MIRRORED_STEM))[:, None].expand(-1, PICTURES, -1, -1)
     albedo, _ = fuse(Copyist(), seen, shown, len(AUGMENTATIONS))
     torch.testing.assert_close(albedo, shown[:, 0])

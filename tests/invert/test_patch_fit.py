@@ -35,7 +35,7 @@ def frames(lags: float) -> np.ndarray:
 
 def likeness(result, lags: float) -> float:
     """Registered correlation with the truth, three cells to a lag of automatic patches, over a square of 128 such lags."""
-    scale = AUTOMATIC / result.estimate.facts["patches"]["size"]
+    scale = AUTOMATIC / result.estimate.record.grid.size
     shown = resize(result.albedo, [round(64 * FINE * scale)] * 2, order=1)
     side = 128 * FINE
     shown = np.pad(shown, (0, max(side - len(shown), 0)))[:side, :side]
@@ -48,7 +48,7 @@ def likeness(result, lags: float) -> float:
 def test_small_objects_are_magnified_and_large_ones_held(lags, patch, gain):
     seen = frames(lags)
     plain, fitted = (reconstruct(seen, patch=given, quality="fast") for given in (None, "fit"))
-    size = fitted.estimate.facts["patches"]["size"]
+    size = fitted.estimate.record.grid.size
     assert size == patch if isinstance(patch, int) else patch[0] <= size <= patch[1]
     assert likeness(fitted, lags) > likeness(plain, lags) + gain
     assert any("wider than the lags" in warning for warning in plain.warnings) == (lags > 64)
@@ -56,7 +56,7 @@ def test_small_objects_are_magnified_and_large_ones_held(lags, patch, gain):
 
 
 def test_patches_that_suit_the_object_are_left_alone():
-    assert reconstruct(frames(36), patch="fit", quality="fast").estimate.facts["patches"]["size"] == AUTOMATIC
+    assert reconstruct(frames(36), patch="fit", quality="fast").estimate.record.grid.size == AUTOMATIC
 
 
 @pytest.mark.parametrize("patch", ["large", 126, 129.0, True])

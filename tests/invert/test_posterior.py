@@ -5,12 +5,12 @@ import pytest
 import torch
 
 from correlograph.errors import InputError
-from invert.albedo.posterior import Posterior, Spread, measured, posterior
+from invert.albedo.posterior import Samples, SizeStatistics, measure_size, register_samples
 from tests.invert.steps import MIRRORED_STEM, RIGHT
 
 
-def shown(*albedos: torch.Tensor) -> Posterior:
-    return posterior(torch.stack(albedos), RIGHT)
+def shown(*albedos: torch.Tensor) -> Samples:
+    return register_samples(torch.stack(albedos), RIGHT)
 
 
 def test_samples_are_laid_over_the_reconstruction():
@@ -31,7 +31,7 @@ def test_samples_follow_a_reconstruction_that_is_turned():
 def test_mean_spread_and_probability_of_light():
     wider = RIGHT.clone()
     wider[5, 10] = 1.0
-    drawn = Posterior(torch.stack((RIGHT, RIGHT, RIGHT, wider)).numpy())
+    drawn = Samples(torch.stack((RIGHT, RIGHT, RIGHT, wider)).numpy())
     assert drawn.mean[5, 10] == pytest.approx(0.25)
     assert drawn.bright[5, 10] == pytest.approx(0.25)
     assert drawn.deviation[5, 10] == pytest.approx((0.25 * 0.75) ** 0.5)
@@ -56,10 +56,10 @@ def test_sizes_and_their_intervals():
     for number, one in enumerate(samples):
         one[10:17, 20 : 30 + number] = 0.9
         one[40, 40] = 0.3  # too dark to count
-    assert [measured(samples[3], size) for size in ("width", "height", "area")] == [13.0, 7.0, 91.0]
-    assert Posterior(samples).interval("width", 0.5) == (15.0, 25.0)
-    assert Posterior(samples).interval("height", 0.95) == (7.0, 7.0)
-    assert measured(np.zeros((64, 64)), "width") == 0.0
+    assert [measure_size(samples[3], size) for size in ("width", "height", "area")] == [13.0, 7.0, 91.0]
+    assert Samples(samples).interval("width", 0.5) == (15.0, 25.0)
+    assert Samples(samples).interval("height", 0.95) == (7.0, 7.0)
+    assert measure_size(np.zeros((64, 64)), "width") == 0.0
 
 
 def test_an_unknown_size_or_probability_is_refused():
@@ -72,22 +72,30 @@ def test_an_unknown_size_or_probability_is_refused():
 
 def test_calibrated_intervals_hold_the_truth_as_often_as_they_say(rng):
     """Samples that are too much alike and too wide by a tenth: sizes of truths fall into their intervals all the same."""
-    def case() -> tuple[Posterior, float]:
+
+    def case() -> tuple[Samples, float]:
         wide = int(rng.integers(10, 30))
         seen = wide * 1.1 + rng.normal(0.0, 2.0)
         samples = np.zeros((12, 64, 64), np.float32)
         for one in samples:
             one[30:34, 5 : 5 + round(seen + rng.normal(0.0, 0.5))] = 1.0
-        return Posterior(samples), float(wide)
+        return Samples(samples), float(wide)
 
     def errors_of(cases) -> list[float]:
-        return [Spread.of(said.samples, "width").error(truth) for said, truth in cases]
+        return [SizeStatistics.of(said.samples, "width").error(truth) for said, truth in cases]
 
     known = {"width": np.quantile(errors_of([case() for _ in range(400)]), np.linspace(0.0, 1.0, 41)).tolist()}
     later = [case() for _ in range(400)]
     for probability in (0.5, 0.8, 0.95):
-        held, bare = (np.mean([low <= truth <= high for said, truth in later
-                               for low, high in [Posterior(said.samples, errors).interval("width", probability)]])
-                      for errors in (known, None))
+        held, bare = (
+            np.mean(
+                [
+                    low <= truth <= high
+                    for said, truth in later
+                    for low, high in [Samples(said.samples, errors).interval("width", probability)]
+                ]
+            )
+            for errors in (known, None)
+        )
         assert held == pytest.approx(probability, abs=0.08)
         assert bare < probability - 0.2

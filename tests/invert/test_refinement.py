@@ -3,42 +3,43 @@
 import pytest
 import torch
 
-from invert.albedo.registration import on_grid, registered
-from invert.likelihood.gamma import NoiseLikelihood, nats_over
-from invert.likelihood.refinement import refined
+from invert.albedo.registration import on_grid, register_images
+from invert.likelihood.gamma import NoiseLikelihood, log_likelihood_leads
+from invert.likelihood.refinement import refine_by_likelihood
 from invert.measure.spectrum import Measurement, read_measurement
-from radiometry.noise.model import draw_estimate, window_smoothed
+from radiometry.noise.model import autocorrelate_windowed, draw_estimate
 from tests.invert.steps import RIGHT
 
 
 def measured(floor: float, dof: float, seed: int) -> Measurement:
-    signal = window_smoothed(RIGHT.double())
+    signal = autocorrelate_windowed(RIGHT.double())
     estimate = draw_estimate(floor + signal / signal[63, 64], dof, torch.Generator().manual_seed(seed))
     return read_measurement(estimate.float().numpy())
 
 
 def likeness(albedo: torch.Tensor) -> float:
-    return float(registered(on_grid(RIGHT.numpy())[None], on_grid(albedo.numpy()))[1])
+    return float(register_images(on_grid(RIGHT.numpy())[None], on_grid(albedo.numpy()))[1])
 
 
 BLURRED = torch.nn.functional.avg_pool2d(torch.nn.functional.pad(RIGHT, (1, 1, 1, 1))[None], 3, 1)[0]
 
 
-@pytest.mark.parametrize(("floor", "dof", "gain"),
-                         [(0.02, 1e4, 0.03), (0.2, 1e4, 0.02), (0.02, 256.0, 0.01), (0.2, 256.0, -0.005)])
+@pytest.mark.parametrize(
+    ("floor", "dof", "gain"), [(0.02, 1e4, 0.03), (0.2, 1e4, 0.02), (0.02, 256.0, 0.01), (0.2, 256.0, -0.005)]
+)
 def test_where_noise_is_low_it_follows_the_data(floor, dof, gain):
     """A blurred start comes nearer to the object, and another capture of it becomes likelier."""
     start = BLURRED / BLURRED.max()
-    found = refined(start, measured(floor, dof, 0))
+    found = refine_by_likelihood(start, measured(floor, dof, 0))
     assert float(found.max()) == pytest.approx(1.0)
     assert likeness(found) > likeness(start) + gain
-    assert nats_over(start.numpy(), found.numpy(), [measured(floor, dof, 1)])[0] > 30.0
+    assert log_likelihood_leads(start.numpy(), found.numpy(), [measured(floor, dof, 1)])[0] > 30.0
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_where_noise_is_high_it_stays(seed):
     """From the object itself there is nothing to gain: what one half of the lags gains, the other half does not confirm."""
-    torch.testing.assert_close(refined(RIGHT, measured(4.0, 64.0, seed)), RIGHT)
+    torch.testing.assert_close(refine_by_likelihood(RIGHT, measured(4.0, 64.0, seed)), RIGHT)
 
 
 def test_slope_of_the_likelihood():

@@ -5,7 +5,15 @@ import pytest
 import torch
 
 from invert.albedo.metrics import aligned_pearson
-from invert.albedo.registration import centred, consensus, laid_over, on_grid, phase_retrieval_transfer, registered, turned
+from invert.albedo.registration import (
+    consensus,
+    crop_centred,
+    on_grid,
+    phase_retrieval_transfer,
+    register_groups,
+    register_images,
+    rotate_180,
+)
 from invert.evaluation.identification import identify
 from invert.measure.spectrum import GRID
 
@@ -20,8 +28,8 @@ def lopsided(rng) -> np.ndarray:
 @pytest.mark.parametrize("shift", [(0, 0), (5, -11), (63, 64)])
 def test_shift_and_turn_are_undone(rng, turn, shift):
     reference = on_grid(lopsided(rng))
-    moved = torch.roll(turned(reference) if turn else reference, shift, (0, 1))
-    back, correlation = registered(moved[None], reference)
+    moved = torch.roll(rotate_180(reference) if turn else reference, shift, (0, 1))
+    back, correlation = register_images(moved[None], reference)
     assert float(correlation[0]) == pytest.approx(1.0, abs=1e-4)
     np.testing.assert_allclose(back[0], reference, atol=1e-6)
 
@@ -29,11 +37,11 @@ def test_shift_and_turn_are_undone(rng, turn, shift):
 def test_each_image_is_laid_over_its_own_reference(rng):
     references = torch.stack([torch.from_numpy(lopsided(rng)), torch.from_numpy(lopsided(rng)).mT])
     moved = torch.stack([torch.roll(references[0].flip((0, 1)), (3, 4), (0, 1)), torch.roll(references[1], (-5, 2), (0, 1))])
-    back = laid_over(torch.stack((moved, 0.5 * moved.square()), 1), references)
+    back = register_groups(torch.stack((moved, 0.5 * moved.square()), 1), references)
     for (one, other), reference in zip(back, references, strict=True):
         assert np.corrcoef(one.ravel(), reference.ravel())[0, 1] > 0.99
         torch.testing.assert_close(other, 0.5 * one.square())  # the second goes where the first goes
-    assert not laid_over(torch.zeros(1, 2, 64, 64), references[:1]).any()
+    assert not register_groups(torch.zeros(1, 2, 64, 64), references[:1]).any()
 
 
 def test_mirrors_are_not_undone(rng):
@@ -48,21 +56,21 @@ def test_centred_keeps_a_wide_lopsided_object(rng):
     image[3:63, 100:103] = 1.0
     image[58:63, 70:103] = 2.0
     for shift in ((0, 0), (90, 40), (127, 127)):
-        window = centred(torch.roll(torch.from_numpy(image), shift, (0, 1)))
+        window = crop_centred(torch.roll(torch.from_numpy(image), shift, (0, 1)))
         assert float(window.sum()) == pytest.approx(float(image.sum()))
         rows = np.flatnonzero(window.numpy().sum(1))
         assert abs(rows[0] - (63 - rows[-1])) <= 2
-        pair = centred(torch.roll(torch.stack((torch.from_numpy(image), torch.zeros(GRID, GRID))), shift, (-2, -1)))
+        pair = crop_centred(torch.roll(torch.stack((torch.from_numpy(image), torch.zeros(GRID, GRID))), shift, (-2, -1)))
         torch.testing.assert_close(pair[0], window)
 
 
 def test_consensus_averages_what_agrees(rng):
     reference = on_grid(lopsided(rng))
-    good = [torch.roll(turned(reference) if i % 2 else reference, (i, -2 * i), (0, 1)) for i in range(4)]
+    good = [torch.roll(rotate_180(reference) if i % 2 else reference, (i, -2 * i), (0, 1)) for i in range(4)]
     bad = torch.rand(2, GRID, GRID, generator=torch.Generator().manual_seed(0))
     # the one of least residual is wrong: the others outvote it
     together = consensus(torch.stack([*bad, *good]), torch.tensor([0.05, 0.6, 0.1, 0.11, 0.12, 0.13]))
-    assert float(registered(together.image[None], reference)[1][0]) > 0.999
+    assert float(register_images(together.image[None], reference)[1][0]) > 0.999
     assert 0.35 < together.agreement < 0.7
 
 

@@ -32,8 +32,12 @@ def arguments(dataset: Path, output: Path) -> list[str]:
 def test_training_resumes_exactly_after_a_kill(tmp_path, dataset, part):
     whole, killed = tmp_path / "whole.safetensors", tmp_path / "killed.safetensors"
     train([*arguments(dataset, whole), "--part", part])
-    process = subprocess.Popen([sys.executable, "-m", "invert.train", *arguments(dataset, killed), "--part", part],
-                               cwd=Path(__file__).parents[2], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "invert.train", *arguments(dataset, killed), "--part", part],
+        cwd=Path(__file__).parents[2],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     checkpoint = tmp_path / "killed.checkpoint.safetensors"
     while not checkpoint.is_file() and process.poll() is None:
         time.sleep(0.02)
@@ -76,8 +80,23 @@ def test_training_learns_and_warm_starts_are_used(tmp_path, dataset, command):
     assert float((shown[:, 0] == shown[:, 1]).flatten(1).all(1).float().mean()) < 0.2
     again = tmp_path / "again.safetensors"
     for part, extra in (("sketch", []), ("sampler", []), ("fusion", ["--warm", store])):
-        code, _, err = command(train, dataset, "-o", again, "--width", 32, "--steps", 2, "--batch", 4, "--start-from", output,
-                               "--part", part, *extra)
+        code, _, err = command(
+            train,
+            dataset,
+            "-o",
+            again,
+            "--width",
+            32,
+            "--steps",
+            2,
+            "--batch",
+            4,
+            "--start-from",
+            output,
+            "--part",
+            part,
+            *extra,
+        )
         assert code == 0, err
         tensors, card = read_weights(again)
         assert card["run"]["start_from"]["run"]["steps"] == 60
@@ -89,8 +108,12 @@ def test_training_learns_and_warm_starts_are_used(tmp_path, dataset, command):
 
 
 def test_bad_training_arguments(tmp_path, command):
-    for extra, text in ((["--steps", 0], "--steps"), (["--width", 20], "--width"),
-                        (["--part", "sampler", "--batch", 1], "--batch"), ([], "none at")):
+    for extra, text in (
+        (["--steps", 0], "--steps"),
+        (["--width", 20], "--width"),
+        (["--part", "sampler", "--batch", 1], "--batch"),
+        ([], "none at"),
+    ):
         code, _, err = command(train, tmp_path / "none.zarr", "-o", tmp_path / "w.safetensors", *extra)
         assert code == 2
         assert text in err

@@ -5,7 +5,7 @@ import pytest
 
 from correlograph.errors import InputError
 from correlograph.lags import LAGS
-from radiometry.autocorrelation import autocorrelate, automatic_patch_size, patch_grid, peak_of_cell_means, window_smooth
+from radiometry.autocorrelation import autocorrelate, automatic_patch_size, patch_grid, peak_of_cell_means, smooth_by_window
 from radiometry.estimation.whole_frames import estimate_autocorrelation
 
 
@@ -89,7 +89,7 @@ def test_window_smoothing_matches_the_spectrum_of_windowed_noise(rng):
     albedo = np.zeros((64 * cells, 64 * cells))
     albedo[:, : int(bar * cells)] = 1.0
     rows = autocorrelate(albedo)[64 * cells - 1] / (64 * cells * cells)
-    smoothed = window_smooth(np.outer(np.eye(1023)[511], rows), cells)
+    smoothed = smooth_by_window(np.outer(np.eye(1023)[511], rows), cells)
     smoothed /= smoothed[LAGS, LAGS] / periodogram[0]
     np.testing.assert_allclose(smoothed[LAGS, LAGS : LAGS + 12], periodogram, rtol=2e-3, atol=2e-3 * periodogram[0])
 
@@ -98,7 +98,7 @@ def test_window_smoothing_matches_the_spectrum_of_windowed_noise(rng):
 def test_window_smoothing_keeps_the_level(cells):
     flat = np.ones((255 * cells, 255 * cells) if cells % 2 else (255 * cells + 1,) * 2)
     # what the sinc^2 tails beyond 127 lags would add is left
-    assert window_smooth(flat, cells)[LAGS, LAGS] == pytest.approx(1.0, abs=0.005)
+    assert smooth_by_window(flat, cells)[LAGS, LAGS] == pytest.approx(1.0, abs=0.005)
 
 
 def test_peak_of_cell_means_restores_the_cusp():

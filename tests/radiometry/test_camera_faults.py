@@ -5,10 +5,10 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
-from radiometry.autocorrelation import autocorrelate, patch_grid, window_smooth
-from radiometry.estimation.illumination import evened_out, is_uneven
+from radiometry.autocorrelation import autocorrelate, patch_grid, smooth_by_window
+from radiometry.estimation.illumination import flatten_illumination, is_uneven
 from radiometry.estimation.pixel_faults import repair
-from radiometry.estimation.spectral_lines import find_lines, without_waves
+from radiometry.estimation.spectral_lines import find_lines, subtract_waves
 from radiometry.estimation.whole_frames import AutocorrelationEstimator, estimate_autocorrelation
 from radiometry.noise.level import RING
 from tests.light import wall_texture
@@ -84,10 +84,12 @@ def test_saturation_is_seen(rng):
     assert repair(torch.from_numpy(np.minimum(frame, limit)))[1].saturated == pytest.approx(0.03, abs=0.003)
 
 
-FALL = {"Gaussian": lambda row, column: np.exp(-14.0 * (row**2 + 0.6 * (column + 0.1) ** 2)),
-        "corner": lambda row, column: np.exp(-6.0 * ((row - 0.3) ** 2 + (column + 0.2) ** 2)),
-        "vignetting": lambda row, column: np.cos(np.arctan(1.2 * np.hypot(row, column))) ** 4,
-        "gradient": lambda row, column: 1.0 + 1.6 * row}
+FALL = {
+    "Gaussian": lambda row, column: np.exp(-14.0 * (row**2 + 0.6 * (column + 0.1) ** 2)),
+    "corner": lambda row, column: np.exp(-6.0 * ((row - 0.3) ** 2 + (column + 0.2) ** 2)),
+    "vignetting": lambda row, column: np.cos(np.arctan(1.2 * np.hypot(row, column))) ** 4,
+    "gradient": lambda row, column: 1.0 + 1.6 * row,
+}
 
 
 @pytest.mark.parametrize("kind", FALL)
@@ -99,7 +101,7 @@ def test_illumination_is_divided_out(rng, kind, photons):
     light = speckle(rng, photons=1e4) / 1e4
     frame = torch.from_numpy(rng.poisson(photons * light * fall).astype(np.float32))
     assert is_uneven(frame, (PATCH, PATCH))
-    flat = evened_out(frame, (PATCH, PATCH))
+    flat = flatten_illumination(frame, (PATCH, PATCH))
     blocks = flat.reshape(5, PATCH, 6, PATCH).mean((1, 3)) / flat.mean()
     assert abs(blocks - 1.0).max() < 0.2
     lags, even = (estimate_autocorrelation([frame], patch_grid(SHAPE, PATCH), "pooled")[0] for frame in (flat.numpy(), light))
@@ -115,7 +117,7 @@ def test_frames_of_many_patches_and_negative_light(rng):
     fall = FALL["vignetting"](row, column) * 100.0
     frame = torch.from_numpy(rng.poisson(fall).astype(np.float32))
     assert is_uneven(frame, (128, 128))
-    flat = evened_out(frame, (128, 128))
+    flat = flatten_illumination(frame, (128, 128))
     assert float(flat.mean()) == pytest.approx(fall.mean(), rel=1e-3)
     assert float(abs(torch.nn.functional.adaptive_avg_pool2d(flat[None], 32) / flat.mean() - 1.0).max()) < 0.1
     assert not is_uneven(torch.from_numpy((fall - 0.8 * fall.mean()).astype(np.float32)), (128, 128))
@@ -131,8 +133,9 @@ def test_frames_of_one_capture_are_evened_out_alike(rng):
         sloping = [one + slope * share * row for one, share in zip(counts, (1.0, 0.9), strict=True)]
         return [torch.from_numpy(frame.astype(np.float32)) for frame in sloping]
 
-    slope = next(slope for slope in np.arange(-30.0, 30.0, 0.1)
-                 if len({is_uneven(frame, (PATCH, PATCH)) for frame in seen(slope)}) == 2)
+    slope = next(
+        slope for slope in np.arange(-30.0, 30.0, 0.1) if len({is_uneven(frame, (PATCH, PATCH)) for frame in seen(slope)}) == 2
+    )
     estimate, _ = estimate_autocorrelation(seen(slope), patch_grid(SHAPE, PATCH))
     assert estimate[62, 63] < 30.0 * np.median(estimate)  # evened out one by one: some 400 times
 
@@ -163,7 +166,7 @@ def test_waves_are_found_and_subtracted(rng, down, right):
     lines = find_lines(spectrum_power(frame + wave), PER_LAG)
     assert len(lines) in (1, 2)
     padded = (SHAPE[0] + PATCH, SHAPE[1] + PATCH)
-    left = without_waves(torch.from_numpy(frame + wave), lines, padded).numpy() - frame
+    left = subtract_waves(torch.from_numpy(frame + wave), lines, padded).numpy() - frame
     assert left.var() < 0.01 * wave.var()
 
 
@@ -197,8 +200,9 @@ def test_third_moment_tells_speckle_from_texture(rng, photons):
     grid = patch_grid(SHAPE, PATCH)
     frames = {"speckle": [speckle(rng, photons=photons) for _ in range(4)]}
     level = gaussian_filter(np.abs(np.fft.rfft2(frames["speckle"][0] - photons)) ** 2, 3)
-    frames["texture"] = [rng.poisson(photons * np.clip(3.0 + 0.3 * textured(rng, level), 0.0, None)).astype(np.float32)
-                         for _ in range(4)]
+    frames["texture"] = [
+        rng.poisson(photons * np.clip(3.0 + 0.3 * textured(rng, level), 0.0, None)).astype(np.float32) for _ in range(4)
+    ]
     found = {}
     for kind, group in frames.items():
         estimator = AutocorrelationEstimator(grid)
@@ -207,7 +211,7 @@ def test_third_moment_tells_speckle_from_texture(rng, photons):
         lags = estimator.estimate()
         floor = float(np.median(lags))
         signal = lags - floor
-        known = window_smooth(autocorrelate(albedo))
+        known = smooth_by_window(autocorrelate(albedo))
         power = float((weight * signal).sum() / (weight * known).sum())
         found[kind] = estimator.filtered_frames().likeness(albedo, weight, np.ones_like(weight), signal, floor, power)
     ratio, error = found["speckle"]

@@ -90,9 +90,9 @@ def test_the_expectation_is_that_of_patches_side_by_side(rng):
 
 def test_speckle_that_is_new_in_each_frame_is_left_whole(rng):
     estimate, estimator = estimator_of(speckle(rng, 2))
-    assert estimator.facts["fixed_pattern_lags"] == 0.0
-    assert not estimator.facts["uneven_illumination"]
-    assert abs(estimator.facts["frames_correlate"]) < 0.05
+    assert estimator.background.fixed_pattern_lags == 0.0
+    assert not estimator.background.uneven_illumination
+    assert abs(estimator.background.frames_correlate) < 0.05
     np.testing.assert_array_equal(estimate, estimate[::-1, ::-1])
 
 
@@ -106,9 +106,12 @@ def test_what_is_no_speckle_is_found_and_taken_out(rng, kind):
     low = np.exp(-((np.fft.fftfreq(SHAPE[0] + 8)[:, None] / 0.08) ** 2) - (np.fft.rfftfreq(SHAPE[1])[None] / 0.05) ** 2)
     texture = np.fft.irfft2(white * low, s=(SHAPE[0] + 8, SHAPE[1]))
     texture *= 12.0 / texture.std()
-    patterns = {"texture": [texture[4:-4]] * 2, "fringes": [15.0 * np.sin(2 * np.pi * (0.11 * row + 0.04 * column))] * 2,
-                "texture and drift": [40.0 + texture[4:-4], 1.08 * (40.0 + texture[4:-4])],
-                "moved texture": [texture[4:-4], texture[2:-6]]}
+    patterns = {
+        "texture": [texture[4:-4]] * 2,
+        "fringes": [15.0 * np.sin(2 * np.pi * (0.11 * row + 0.04 * column))] * 2,
+        "texture and drift": [40.0 + texture[4:-4], 1.08 * (40.0 + texture[4:-4])],
+        "moved texture": [texture[4:-4], texture[2:-6]],
+    }
     if kind == "vignetting":
         shade = np.exp(-(((row - 200) / 600) ** 2) - ((column - 500) / 700) ** 2)
         seen = [frame * shade / shade.mean() for frame in frames]
@@ -123,10 +126,11 @@ def test_what_is_no_speckle_is_found_and_taken_out(rng, kind):
 
     assert excess(pooled) > 1.0
     assert excess(ours) < 0.35
-    assert estimator.facts["uneven_illumination"] == (kind == "vignetting")
+    assert estimator.background.uneven_illumination == (kind == "vignetting")
     if kind == "moved texture":
-        assert estimator.facts["shift_pixels"] == pytest.approx((-2.0, 0.0), abs=0.3) or (
-            estimator.facts["shift_pixels"] == pytest.approx((2.0, 0.0), abs=0.3))
+        assert estimator.background.shift_pixels == pytest.approx((-2.0, 0.0), abs=0.3) or (
+            estimator.background.shift_pixels == pytest.approx((2.0, 0.0), abs=0.3)
+        )
 
 
 def test_copies_of_a_frame_are_refused_and_one_frame_needs_two_patches(rng):

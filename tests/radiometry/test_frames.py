@@ -46,8 +46,9 @@ def test_truncated_files_are_one_clear_error(tmp_path, rng, capfd, keep):
 
 def test_colour_is_refused(tmp_path):
     plane = np.zeros((8, 8), np.float32)
-    OpenEXR.File({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage},
-                 {"R": plane, "G": plane, "B": plane}).write(str(tmp_path / "rgb.exr"))
+    OpenEXR.File(
+        {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}, {"R": plane, "G": plane, "B": plane}
+    ).write(str(tmp_path / "rgb.exr"))
     with pytest.raises(InputError, match="one channel"):
         read_frame(tmp_path / "rgb.exr")
 

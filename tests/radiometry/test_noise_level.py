@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from correlograph.lags import LAGS
-from radiometry.autocorrelation import autocorrelate, window_smooth
-from radiometry.noise.level import INDEPENDENT, UNREAD_DOF, extrapolated_peak, fit_known_signal, read_noise_level
+from radiometry.autocorrelation import autocorrelate, smooth_by_window
+from radiometry.noise.level import ASSUMED_DOF, HALF_PLANE, extrapolated_peak, fit_known_signal, read_noise_level
 
 
 def albedo() -> np.ndarray:
@@ -19,9 +19,9 @@ def albedo() -> np.ndarray:
 def gamma_estimate(rng, floor: float, dof: float) -> np.ndarray:
     """Centro-symmetric Gamma noise around the window-smoothed r*r of `albedo`, peak scaled to 1."""
     lags = autocorrelate(albedo())
-    mean = window_smooth(lags) / lags.max() + floor
+    mean = smooth_by_window(lags) / lags.max() + floor
     noise = rng.gamma(dof, 1.0 / dof, mean.shape)
-    return (mean * np.where(INDEPENDENT, noise, noise[::-1, ::-1])).astype(np.float32)
+    return (mean * np.where(HALF_PLANE, noise, noise[::-1, ::-1])).astype(np.float32)
 
 
 @pytest.mark.parametrize(("floor", "dof"), [(0.005, 64.0), (0.05, 64.0), (0.5, 16.0), (3.0, 64.0), (0.2, 1.0), (0.1, 1000.0)])
@@ -35,7 +35,7 @@ def test_floor_and_dof_are_read_back(rng, floor, dof):
 def test_a_known_signal_gives_the_gain_whatever_the_floor(rng, floor):
     estimate = gamma_estimate(rng, floor, 64.0)
     lags = autocorrelate(albedo())
-    gain, fitted = fit_known_signal(estimate, window_smooth(lags))
+    gain, fitted = fit_known_signal(estimate, smooth_by_window(lags))
     assert fitted == pytest.approx(floor, rel=0.02)
     assert gain * lags.max() == pytest.approx(1.0, rel=0.1)
 
@@ -63,8 +63,9 @@ def test_the_peak_is_extrapolated_without_zero_lag(rng):
 
 
 def test_the_peaks_error_is_its_scatter(rng):
-    peaks, errors = np.transpose([extrapolated_peak(e, read_noise_level(e)) for e in
-                                  (gamma_estimate(rng, 0.1, 64.0) for _ in range(60))])
+    peaks, errors = np.transpose(
+        [extrapolated_peak(e, read_noise_level(e)) for e in (gamma_estimate(rng, 0.1, 64.0) for _ in range(60))]
+    )
     assert peaks.mean() == pytest.approx(1.0, rel=0.1)
     assert errors.mean() == pytest.approx(peaks.std(), rel=0.35)
 
@@ -72,8 +73,8 @@ def test_the_peaks_error_is_its_scatter(rng):
 @pytest.mark.parametrize("floor", [0.3, 1.0])
 def test_noise_that_rounding_hides_is_not_taken_for_none(rng, floor):
     """Floors of a grey level or less: K cannot be read, and is assumed instead of endless."""
-    lags = window_smooth(autocorrelate(np.pad(np.ones((9, 23)), ((20, 35), (10, 31)))))
+    lags = smooth_by_window(autocorrelate(np.pad(np.ones((9, 23)), ((20, 35), (10, 31)))))
     picture = np.round(254.0 * lags / lags.max() + floor * rng.gamma(64.0, 1 / 64.0, lags.shape))
     noise = read_noise_level(picture, 1.0)
-    assert (noise.dof, noise.dof_read) == (UNREAD_DOF, False)
+    assert (noise.dof, noise.dof_read) == (ASSUMED_DOF, False)
     assert read_noise_level(picture, 0.0).dof_read

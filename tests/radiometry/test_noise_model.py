@@ -67,8 +67,10 @@ def test_expected_spectrum_filters_the_signal_and_not_the_floor():
 
 
 def test_terms_add_and_scale_with_exposure():
-    short, long = (NoiseTerms(signal=0.08 * t, grain_pixels=300.0, ambient=0.2 * t, dark=0.01 * t, read=4.0,
-                              detector_grain_pixels=0.8) for t in (1.0, 10.0))
+    short, long = (
+        NoiseTerms(signal=0.08 * t, grain_pixels=300.0, ambient=0.2 * t, dark=0.01 * t, read=4.0, detector_grain_pixels=0.8)
+        for t in (1.0, 10.0)
+    )
     for name, power in (("signal", 1), ("ambient", 1), ("dark", 1), ("read", 2), ("detector_speckle", 0)):
         assert short.over_peak()[name] / long.over_peak()[name] == pytest.approx(10.0**power)
     assert short.floor_over_peak() == pytest.approx(sum(short.over_peak().values()))

@@ -10,10 +10,25 @@ from radiometry.photons import grain_area, photon_rate
 from radiometry.throughput import LightPath, closed_form
 
 LAB = LightPath(
-    wavelength_m=532e-9, power_w=0.3, source_albedo=1.0, source_cosine=1.0, source_to_object_m=0.5, object_cosine_in=1.0,
-    object_albedo_area_m2=0.2e-4, object_cosine_out=1.0, object_to_detector_m=1.0, detector_cosine_in=1.0, detector_albedo=1.0,
-    detector_cosine_out=1.0, detector_to_pupil_m=0.54, pupil_diameter_m=0.18 / 3.5, pupil_cosine=1.0,
-    transmission=1.0, quantum_efficiency=1.0, pixel_area_m2=6.9e-6**2, pixels=2056 * 2464,
+    wavelength_m=532e-9,
+    power_w=0.3,
+    source_albedo=1.0,
+    source_cosine=1.0,
+    source_to_object_m=0.5,
+    object_cosine_in=1.0,
+    object_albedo_area_m2=0.2e-4,
+    object_cosine_out=1.0,
+    object_to_detector_m=1.0,
+    detector_cosine_in=1.0,
+    detector_albedo=1.0,
+    detector_cosine_out=1.0,
+    detector_to_pupil_m=0.54,
+    pupil_diameter_m=0.18 / 3.5,
+    pupil_cosine=1.0,
+    transmission=1.0,
+    quantum_efficiency=1.0,
+    pixel_area_m2=6.9e-6**2,
+    pixels=2056 * 2464,
 )
 
 
@@ -33,11 +48,21 @@ def test_laser_photons():
     assert photon_rate(1.0, 1.0) == pytest.approx(1.0 / (6.62607015e-34 * 299792458.0))
 
 
-@pytest.mark.parametrize(("name", "factor", "gain"), [
-    ("source_to_object_m", 0.5, 4.0), ("object_to_detector_m", 0.5, 4.0), ("detector_to_pupil_m", 0.5, 4.0),
-    ("object_albedo_area_m2", 0.5, 0.5), ("source_albedo", 0.5, 0.5), ("detector_albedo", 0.25, 0.25),
-    ("pupil_diameter_m", 0.5, 0.25), ("quantum_efficiency", 0.6, 0.6), ("object_cosine_in", 0.97, 0.97), ("power_w", 2.0, 1.0),
-])
+@pytest.mark.parametrize(
+    ("name", "factor", "gain"),
+    [
+        ("source_to_object_m", 0.5, 4.0),
+        ("object_to_detector_m", 0.5, 4.0),
+        ("detector_to_pupil_m", 0.5, 4.0),
+        ("object_albedo_area_m2", 0.5, 0.5),
+        ("source_albedo", 0.5, 0.5),
+        ("detector_albedo", 0.25, 0.25),
+        ("pupil_diameter_m", 0.5, 0.25),
+        ("quantum_efficiency", 0.6, 0.6),
+        ("object_cosine_in", 0.97, 0.97),
+        ("power_w", 2.0, 1.0),
+    ],
+)
 def test_scaling(name, factor, gain):
     changed = closed_form(replace(LAB, **{name: getattr(LAB, name) * factor}))
     assert changed.per_pixel / closed_form(LAB).per_pixel == pytest.approx(gain, rel=0.01)
@@ -60,8 +85,16 @@ def test_a_black_object_is_dark_and_legal():
     assert budget.as_dict()["per_frame_db"] is None
 
 
-@pytest.mark.parametrize(("name", "value"), [("power_w", -1.0), ("source_to_object_m", 0.0), ("wavelength_m", float("nan")),
-                                             ("source_albedo", 1.5), ("object_cosine_in", -0.1)])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("power_w", -1.0),
+        ("source_to_object_m", 0.0),
+        ("wavelength_m", float("nan")),
+        ("source_albedo", 1.5),
+        ("object_cosine_in", -0.1),
+    ],
+)
 def test_impossible_paths_are_refused(name, value):
     with pytest.raises(InputError, match=name):
         replace(LAB, **{name: value})

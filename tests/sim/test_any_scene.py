@@ -1,6 +1,5 @@
 """Light and speckle of scenes that are not the flat letter: against closed forms, and a path tracer that shares no code."""
 
-
 import numpy as np
 import pytest
 
@@ -9,9 +8,9 @@ mi = pytest.importorskip("mitsuba")
 import sim  # noqa: E402
 from correlograph.errors import InputError  # noqa: E402
 from correlograph.lags import LAGS  # noqa: E402
-from radiometry.autocorrelation import PatchGrid, autocorrelate, window_smooth  # noqa: E402
+from radiometry.autocorrelation import PatchGrid, autocorrelate, smooth_by_window  # noqa: E402
 from radiometry.estimation.whole_frames import estimate_autocorrelation  # noqa: E402
-from radiometry.noise.level import INDEPENDENT, RING  # noqa: E402
+from radiometry.noise.level import HALF_PLANE, RING  # noqa: E402
 from radiometry.throughput import light_budget  # noqa: E402
 from scenes import scene_path  # noqa: E402
 from sim.frame import Simulation  # noqa: E402
@@ -30,7 +29,7 @@ HIDDEN = '<shape type="rectangle" id="hidden_object">'
 
 def wrapped(simulation: Simulation, frames: int = 6) -> tuple[float, float]:
     """Correlation of a frame's first and last columns, and of its rows."""
-    images = [simulation.expected(2, number).numpy() - simulation.mean_photoelectrons for number in range(frames)]
+    images = [simulation.expected_frame(2, number).numpy() - simulation.mean_photoelectrons for number in range(frames)]
     columns = np.mean([(image[:, 0] * image[:, -1]).mean() / image.var() for image in images])
     rows = np.mean([(image[0] * image[-1]).mean() / image.var() for image in images])
     return float(columns), float(rows)
@@ -49,11 +48,11 @@ def test_a_whole_frame_as_one_patch_shows_the_window_smoothed_autocorrelation(sc
     height, width = geometry.frame_shape
     grid = PatchGrid(height, 1, 1, geometry.frame_shape, width)
     frames = 60
-    estimate, dof = estimate_autocorrelation((simulation.expected(4, number) for number in range(frames)), grid)
+    estimate, dof = estimate_autocorrelation((simulation.expected_frame(4, number) for number in range(frames)), grid)
     pitches = grid.lag_pitches_m(geometry.wavelength_m, geometry.distance_m, geometry.seen_pitch_m)
     albedo = geometry.hidden_object.sample((pitches[0] / 4, pitches[1] / 4), (512, 512)).albedo
-    known = window_smooth(autocorrelate(albedo), 4)
-    shown = INDEPENDENT & (RING > 2) & (RING < LAGS) & (known > 0.05 * known.max())
+    known = smooth_by_window(autocorrelate(albedo), 4)
+    shown = HALF_PLANE & (RING > 2) & (RING < LAGS) & (known > 0.05 * known.max())
     ratio = estimate[shown] / known[shown]
     gain = np.median(ratio)
     # Gamma noise of K = dof at each lag: its mean over the lags is known to a percent.
@@ -63,8 +62,10 @@ def test_a_whole_frame_as_one_patch_shows_the_window_smoothed_autocorrelation(sc
 
 def plates(first: str, second: str) -> tuple[str, str]:
     """Two plates of 3 mm in place of the letter, each with a transform of its own."""
-    plate = ('<shape type="rectangle" id="hidden_object_{}"><transform name="to_world"><scale value="0.0015"/>{}</transform>'
-             '<bsdf type="diffuse"><spectrum name="reflectance" value="0.8"/></bsdf></shape>')
+    plate = (
+        '<shape type="rectangle" id="hidden_object_{}"><transform name="to_world"><scale value="0.0015"/>{}</transform>'
+        '<bsdf type="diffuse"><spectrum name="reflectance" value="0.8"/></bsdf></shape>'
+    )
     return HIDDEN, plate.format(1, first) + plate.format(2, second) + HIDDEN.replace("hidden_object", "letter")
 
 
@@ -92,8 +93,11 @@ def test_parts_at_two_depths_are_as_bright_as_their_distances_say(scene):
 @NEW_LLVM
 def test_a_sphere_s_light_is_its_integral(scene):
     """15 mm across, against a sum over its surface in numpy; the flat closed form is a decibel off."""
-    ball = (HIDDEN, '<shape type="sphere" id="hidden_object"><float name="radius" value="0.0075"/><bsdf type="diffuse">'
-            '<spectrum name="reflectance" value="0.6"/></bsdf></shape><shape type="rectangle" id="letter">')
+    ball = (
+        HIDDEN,
+        '<shape type="sphere" id="hidden_object"><float name="radius" value="0.0075"/><bsdf type="diffuse">'
+        '<spectrum name="reflectance" value="0.6"/></bsdf></shape><shape type="rectangle" id="letter">',
+    )
     far = ('<rotate z="1" angle="180"/>', '<rotate z="1" angle="180"/><translate x="0.5" z="-3"/>')
     geometry = scene(ball, far)
     polar, azimuth = np.meshgrid((np.arange(800) + 0.5) / 800 * np.pi, (np.arange(800) + 0.5) / 400 * np.pi, indexing="ij")
@@ -112,7 +116,7 @@ def test_a_sphere_s_light_is_its_integral(scene):
 def grain_widths(geometry) -> list[float]:
     """Pixels down and right at which the speckle's covariance has fallen to half."""
     simulation = Simulation(geometry, Settings(effects=QUIET))
-    images = [simulation.expected(1, number).numpy() - simulation.mean_photoelectrons for number in range(8)]
+    images = [simulation.expected_frame(1, number).numpy() - simulation.mean_photoelectrons for number in range(8)]
     covariance = np.fft.ifft2(sum(np.abs(np.fft.fft2(image)) ** 2 for image in images)).real
     lines = (covariance[:, 0], covariance[0])
     return [float(np.interp(0.5, (line / line[0])[12::-1], np.arange(12, -1, -1))) for line in lines]
@@ -135,9 +139,11 @@ def test_a_camera_at_sixty_degrees_sees_twice_as_many_photons_and_grains_half_as
 
 def test_clutter_in_the_laser_s_light_shows(scene):
     """A plate beside the letter brings as much light as it would as a second object; an even share is a closed form."""
-    plate = ('<shape type="rectangle" id="{}"><transform name="to_world"><scale x="0.003" y="0.004"/>'
-             '<translate x="0.013" z="0.001"/></transform><bsdf type="diffuse"><spectrum name="reflectance" value="0.7"/>'
-             "</bsdf></shape></scene>")
+    plate = (
+        '<shape type="rectangle" id="{}"><transform name="to_world"><scale x="0.003" y="0.004"/>'
+        '<translate x="0.013" z="0.001"/></transform><bsdf type="diffuse"><spectrum name="reflectance" value="0.7"/>'
+        "</bsdf></shape></scene>"
+    )
     alone, both = scene(), scene(("</scene>", plate.format("hidden_object_2")))
     cluttered = scene(("</scene>", plate.format("clutter")))
     expected = both.hidden_object.throughput / alone.hidden_object.throughput - 1.0
@@ -145,19 +151,27 @@ def test_clutter_in_the_laser_s_light_shows(scene):
     assert alone.other_light_share < 1e-5
     simulation = Simulation(cluttered, Settings(effects=(("shot_noise", False),)))
     assert simulation.effects["other_light"].modelled
-    frames = np.stack([simulation.expected(0, number).numpy() for number in range(12)])
+    frames = np.stack([simulation.expected_frame(0, number).numpy() for number in range(12)])
     assert frames.mean() / simulation.mean_photoelectrons == pytest.approx(1.0 + cluttered.other_light_share, rel=0.03)
     dark = Simulation(cluttered, Settings(effects=(("other_light", False),)))
     assert any("other_light" in warning for warning in make_plan(cluttered, 2, dark.settings)["warnings"])
 
 
-@pytest.mark.parametrize(("surface", "word"), [
-    ('<bsdf type="dielectric"/>', "transmits"), ('<bsdf type="thindielectric"/>', "mirror"),
-    ('<bsdf type="conductor"/>', "mirror"), ('<bsdf type="plastic"/>', "mirror"),
-    ('<bsdf type="diffuse"/><medium type="homogeneous" name="interior"/>', "medium")])
+@pytest.mark.parametrize(
+    ("surface", "word"),
+    [
+        ('<bsdf type="dielectric"/>', "transmits"),
+        ('<bsdf type="thindielectric"/>', "mirror"),
+        ('<bsdf type="conductor"/>', "mirror"),
+        ('<bsdf type="plastic"/>', "mirror"),
+        ('<bsdf type="diffuse"/><medium type="homogeneous" name="interior"/>', "medium"),
+    ],
+)
 def test_what_is_not_modelled_is_refused_by_name(scene, surface, word):
-    pane = (f'<shape type="rectangle" id="pane"><transform name="to_world"><scale value="0.01"/><translate x="0.3" z="0.2"/>'
-            f"</transform>{surface}</shape></scene>")
+    pane = (
+        f'<shape type="rectangle" id="pane"><transform name="to_world"><scale value="0.01"/><translate x="0.3" z="0.2"/>'
+        f"</transform>{surface}</shape></scene>"
+    )
     with pytest.raises(InputError, match=rf"^pane: .*{word}"):
         scene(("</scene>", pane))
 
@@ -209,12 +223,14 @@ def test_thirty_scenes_drawn_at_random_agree_with_mitsuba_s_path_tracer():
         geometry = simulation.geometry
         budget = geometry.hidden_object.throughput * geometry.light_path.pixels
         sampled = estimate_throughput(loaded, 2**18)
-        frames = [float(simulation.expected(0, number).mean()) / simulation.mean_photoelectrons for number in range(40)]
+        frames = [float(simulation.expected_frame(0, number).mean()) / simulation.mean_photoelectrons for number in range(40)]
         mean, spread = budget * np.mean(frames), budget * np.std(frames, ddof=1) / np.sqrt(40)
         own = 3e-3 * budget  # of the budget's own samples
-        scores = [(budget - expected) / np.hypot(error, own),
-                  (sampled.per_frame - expected) / np.hypot(error, sampled.standard_error),
-                  (mean - expected) / np.sqrt(error**2 + own**2 + spread**2)]
+        scores = [
+            (budget - expected) / np.hypot(error, own),
+            (sampled.per_frame - expected) / np.hypot(error, sampled.standard_error),
+            (mean - expected) / np.sqrt(error**2 + own**2 + spread**2),
+        ]
         if max(map(abs, scores)) > 3.0:
             off.append((scene.told, np.round(scores, 1)))
     assert refused <= 3

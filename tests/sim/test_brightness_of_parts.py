@@ -15,9 +15,9 @@ import pytest
 pytest.importorskip("mitsuba")
 
 import sim
-from radiometry.autocorrelation import autocorrelate, window_smooth
+from radiometry.autocorrelation import autocorrelate, smooth_by_window
 from radiometry.estimation.whole_frames import estimate_autocorrelation
-from radiometry.noise.level import INDEPENDENT
+from radiometry.noise.level import HALF_PLANE
 from radiometry.prediction import patches_of
 from scenes import scene_path
 from sim.frame import Simulation
@@ -66,8 +66,10 @@ def joined(*parts: Surface) -> Surface:
 
 
 def rectangle(name: str, half: tuple[float, float], placed: str, surface: str) -> str:
-    return (f'<shape type="rectangle" id="{name}"><transform name="to_world"><scale x="{half[0]}" y="{half[1]}"/>{placed}'
-            f"</transform>{surface}</shape>")
+    return (
+        f'<shape type="rectangle" id="{name}"><transform name="to_world"><scale x="{half[0]}" y="{half[1]}"/>{placed}'
+        f"</transform>{surface}</shape>"
+    )
 
 
 def diffuse(albedo: float) -> str:
@@ -76,8 +78,10 @@ def diffuse(albedo: float) -> str:
 
 def deep() -> tuple[str, Surface]:
     near, far = (-0.004, 0.001, 0.1), (0.003, -0.002, -0.1)
-    xml = [rectangle(f"hidden_object_{k}", (0.0015, 0.002), f'<translate x="{x}" y="{y}" z="{z}"/>', diffuse(0.8))
-           for k, (x, y, z) in enumerate((near, far))]
+    xml = [
+        rectangle(f"hidden_object_{k}", (0.0015, 0.002), f'<translate x="{x}" y="{y}" z="{z}"/>', diffuse(0.8))
+        for k, (x, y, z) in enumerate((near, far))
+    ]
     full = np.full((1, 1), 0.8)
     return "".join(xml), joined(plate((0.0015, 0.002), near, 0.0, full), plate((0.0015, 0.002), far, 0.0, full))
 
@@ -92,8 +96,10 @@ def tilted() -> tuple[str, Surface]:
 
     texture = np.random.default_rng(5).choice([0.0, 0.2, 0.9], (6, 5)).astype(np.float32)
     mi.Bitmap(texture[..., None]).write("texture.exr")
-    surface = ('<bsdf type="diffuse"><texture type="bitmap" name="reflectance"><string name="filename" value="texture.exr"/>'
-               '<boolean name="raw" value="true"/><string name="filter_type" value="nearest"/></texture></bsdf>')
+    surface = (
+        '<bsdf type="diffuse"><texture type="bitmap" name="reflectance"><string name="filename" value="texture.exr"/>'
+        '<boolean name="raw" value="true"/><string name="filter_type" value="nearest"/></texture></bsdf>'
+    )
     xml = rectangle("hidden_object", (0.006, 0.004), '<rotate y="1" angle="-55"/>', surface)
     return xml, plate((0.006, 0.004), (0.0, 0.0, 0.0), -55.0, texture)
 
@@ -101,8 +107,9 @@ def tilted() -> tuple[str, Surface]:
 def masked() -> tuple[str, Surface]:
     """A veil of opacity .3 before a plain plate, which it half covers: its shadow and what is seen through it count .7 each."""
     veil = f'<bsdf type="mask"><float name="opacity" value="0.3"/>{diffuse(0.8)}</bsdf>'
-    xml = (rectangle("hidden_object_1", (0.002, 0.003), '<translate x="-0.002" z="0.002"/>', veil)
-           + rectangle("hidden_object_2", (0.002, 0.003), '<translate y="0.001"/>', diffuse(0.8)))
+    xml = rectangle("hidden_object_1", (0.002, 0.003), '<translate x="-0.002" z="0.002"/>', veil) + rectangle(
+        "hidden_object_2", (0.002, 0.003), '<translate y="0.001"/>', diffuse(0.8)
+    )
     front = plate((0.002, 0.003), (-0.002, 0.0, 0.002), 0.0, np.full((1, 1), 0.24))
     back = plate((0.002, 0.003), (0.0, 0.001, 0.0), 0.0, np.full((1, 1), 0.8))
     through = back.albedo.copy()
@@ -116,23 +123,33 @@ def masked() -> tuple[str, Surface]:
 def known_autocorrelation(geometry: Geometry, surface: Surface, *, shaded: bool = True) -> np.ndarray:
     """Window-smoothed r*r (127, 127) of a surface's light: mean over the patches, each of which sees it from its own place."""
     grid, _ = patches_of(geometry)
-    rows, columns = ((np.arange(n) - 0.5 * (n - 1)) * size
-                     for n, size in zip((grid.rows, grid.columns), grid.patch_shape, strict=True))
-    lags = [_known_in_patch(geometry, surface, grid.patch_shape, geometry.pixel_pitch_m * np.array([row, column]), shaded)
-            for row in rows for column in columns]
-    return window_smooth(np.mean(lags, axis=0), CELLS)
+    rows, columns = (
+        (np.arange(n) - 0.5 * (n - 1)) * size for n, size in zip((grid.rows, grid.columns), grid.patch_shape, strict=True)
+    )
+    lags = [
+        _known_in_patch(geometry, surface, grid.patch_shape, geometry.pixel_pitch_m * np.array([row, column]), shaded)
+        for row in rows
+        for column in columns
+    ]
+    return smooth_by_window(np.mean(lags, axis=0), CELLS)
 
 
-def _known_in_patch(geometry: Geometry, surface: Surface, patch_shape: tuple[int, int], offset_m: np.ndarray,
-                    shaded: bool) -> np.ndarray:
+def _known_in_patch(
+    geometry: Geometry, surface: Surface, patch_shape: tuple[int, int], offset_m: np.ndarray, shaded: bool
+) -> np.ndarray:
     place = geometry.detector_centre + offset_m[0] * geometry.down + offset_m[1] * geometry.right
     way = surface.position - place
     to_wall, to_spot = -way, geometry.spot.centre - surface.position
     seen = (surface.normal * to_wall).sum(1) / np.linalg.norm(to_wall, axis=1)
     lit = (surface.normal * to_spot).sum(1) / np.linalg.norm(to_spot, axis=1)
     # The two walls are Lambertian and far away: their cosines, which change with depth, belong to the light as well.
-    walls = (-to_spot @ geometry.spot.normal / np.linalg.norm(to_spot, axis=1)
-             * (way @ wall_normal(geometry)) / np.linalg.norm(way, axis=1))
+    walls = (
+        -to_spot
+        @ geometry.spot.normal
+        / np.linalg.norm(to_spot, axis=1)
+        * (way @ wall_normal(geometry))
+        / np.linalg.norm(way, axis=1)
+    )
     light = surface.albedo * surface.area * np.clip(seen, 0, None) * np.clip(lit, 0, None)
     light *= walls / ((to_spot**2).sum(1) * (way**2).sum(1))
     if not shaded:
@@ -154,14 +171,13 @@ def wall_normal(geometry: Geometry) -> np.ndarray:
 
 def distance(estimate: np.ndarray, known: np.ndarray) -> float:
     """Relative L2 distance over the lags but zero, after one gain."""
-    a, b = estimate[INDEPENDENT].astype(np.float64), known[INDEPENDENT]
+    a, b = estimate[HALF_PLANE].astype(np.float64), known[HALF_PLANE]
     a = a * ((a * b).sum() / (a * a).sum())
     return float(np.linalg.norm(a - b) / np.linalg.norm(b))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", [pytest.param(sphere, marks=NEW_LLVM), deep, tilted,
-                                  pytest.param(masked, marks=NEW_LLVM)])
+@pytest.mark.parametrize("make", [pytest.param(sphere, marks=NEW_LLVM), deep, tilted, pytest.param(masked, marks=NEW_LLVM)])
 def test_noise_free_frames_show_the_autocorrelation_of_the_surface_s_light(make, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     xml, surface = make()
@@ -173,7 +189,7 @@ def test_noise_free_frames_show_the_autocorrelation_of_the_surface_s_light(make,
     geometry = sim.load(tmp_path / "scene.xml").geometry
     simulation = Simulation(geometry, Settings(effects=BARE))
     grid, _ = patches_of(geometry)
-    estimate, dof = estimate_autocorrelation((simulation.expected(6, number) for number in range(FRAMES)), grid)
+    estimate, dof = estimate_autocorrelation((simulation.expected_frame(6, number) for number in range(FRAMES)), grid)
     known, flat = known_autocorrelation(geometry, surface), known_autocorrelation(geometry, surface, shaded=False)
     # Every lag has the variance signal^2 / K.
     print(distance(estimate, known) * dof**0.5, distance(estimate, flat) * dof**0.5)

@@ -28,7 +28,7 @@ DEPOLARISING = (HEIGHT, f'<boolean name="depolarising" value="true"/>{HEIGHT}')
 
 
 def contrast(simulation: Simulation, frames: int = 6) -> float:
-    images = [simulation.expected(11, number) for number in range(frames)]
+    images = [simulation.expected_frame(11, number) for number in range(frames)]
     return float(np.mean([float(image.std() / image.mean()) for image in images]))
 
 
@@ -84,7 +84,7 @@ def test_too_broad_a_laser_is_refused():
 def test_source_grain_can_be_left_out(scene):
     grainy = Simulation(scene(), Settings(effects=BARE))
     even = Simulation(scene(), Settings(effects=(*BARE, ("source_grain", False))))
-    assert not np.allclose(grainy.expected(1, 0), even.expected(1, 0))
+    assert not np.allclose(grainy.expected_frame(1, 0), even.expected_frame(1, 0))
     assert contrast(even) == pytest.approx(1.0, abs=0.03)
 
 
@@ -112,8 +112,8 @@ def test_effects_forced_off_and_on(scene):
     exposure = '<float name="exposure" value="$exposure"/>'
     noisy = scene((exposure, f'{exposure}<float name="read_noise" value="30"/>'))
     quiet = Simulation(noisy, Settings(effects=(("read_noise", False), ("shot_noise", False))))
-    torch.testing.assert_close(quiet.frame(0, 0), quiet.expected(0, 0))
-    assert float((Simulation(noisy).frame(0, 0) - quiet.expected(0, 0)).std()) == pytest.approx(30.0, rel=0.05)
+    torch.testing.assert_close(quiet.frame(0, 0), quiet.expected_frame(0, 0))
+    assert float((Simulation(noisy).frame(0, 0) - quiet.expected_frame(0, 0)).std()) == pytest.approx(30.0, rel=0.05)
     with pytest.raises(InputError, match="read_noise"):
         Simulation(scene(), Settings(effects=(("read_noise", True),)))
     for text in ("read_noise", "gravity=on", "read_noise=maybe"):
@@ -126,14 +126,16 @@ def test_effects_forced_off_and_on(scene):
 
 def test_ambient_light_has_its_closed_form(scene):
     """A point source before the wall: I cos / d^2, and its photoelectrons on top of the speckle, shot noise included."""
-    lamp = ('<emitter type="point"><point name="position" x="0.02" y="0.01" z="0.8"/>'
-            '<spectrum name="intensity" value="4e-9"/></emitter>')
+    lamp = (
+        '<emitter type="point"><point name="position" x="0.02" y="0.01" z="0.8"/>'
+        '<spectrum name="intensity" value="4e-9"/></emitter>'
+    )
     geometry = scene(("</scene>", f"{lamp}</scene>"))
     way = np.array([0.02, 0.01, -0.2])
     expected = 4e-9 * 0.2 / np.linalg.norm(way) ** 3
     assert geometry.ambient_irradiance.mean() == pytest.approx(expected, rel=0.02)
     bright, dark = Simulation(geometry), Simulation(geometry, Settings(effects=(("ambient", False),)))
-    gained = float((bright.expected(0, 0) - dark.expected(0, 0)).mean())
+    gained = float((bright.expected_frame(0, 0) - dark.expected_frame(0, 0)).mean())
     path = geometry.light_path
     photons = expected * path.pixel_area_m2 * path.wavelength_m / (6.62607015e-34 * 299792458.0) * 0.125
     pupil = np.sin(np.arctan(0.5 * path.pupil_diameter_m / path.detector_to_pupil_m)) ** 2
@@ -179,11 +181,11 @@ def test_the_specular_share_of_a_smooth_wall(scene, rng, height_rms_m):
 def test_light_that_a_smooth_wall_does_not_scatter_misses_the_object(scene):
     """In the reference geometry the specular direction leads elsewhere: the object gets what is scattered, 1 - exp(-g)."""
     rough = Simulation(scene())
-    mean = float(np.mean([float(rough.expected(2, n).mean()) for n in range(4)]))
+    mean = float(np.mean([float(rough.expected_frame(2, n).mean()) for n in range(4)]))
     for height_rms_m in (0.0, 3e-8):
         geometry = scene(smooth_source(height_rms_m))
         smooth = Simulation(geometry)
-        scattered = float(np.mean([float(smooth.expected(2, n).mean()) for n in range(4)]))
+        scattered = float(np.mean([float(smooth.expected_frame(2, n).mean()) for n in range(4)]))
         assert scattered / mean == pytest.approx(1.0 - specular_share(geometry), abs=0.03)
         assert any("specular" in warning for warning in make_plan(geometry, 2)["warnings"])
 

@@ -38,8 +38,14 @@ def test_the_reference_scene_is_the_papers_lab(letter_simulation):
     assert path.object_albedo_area_m2 == pytest.approx(0.2e-4, rel=0.04)
     assert geometry.pixel_pitch_m == pytest.approx(6.9e-6)
     assert geometry.frame_shape == (2056, 2464)
-    for name in ("source_cosine", "object_cosine_in", "object_cosine_out", "detector_cosine_in", "detector_cosine_out",
-                 "pupil_cosine"):
+    for name in (
+        "source_cosine",
+        "object_cosine_in",
+        "object_cosine_out",
+        "detector_cosine_in",
+        "detector_cosine_out",
+        "pupil_cosine",
+    ):
         assert getattr(path, name) >= 0.97
     budget = closed_form(path)
     assert budget.per_pixel_db == pytest.approx(-182.0, abs=1.5)
@@ -96,18 +102,20 @@ def test_a_beam_that_misses_and_a_blocked_camera_are_errors(tmp_path):
 def test_an_occluder_darkens_the_object(tmp_path, letter_simulation):
     whole = letter_simulation("F").geometry.light_path.object_albedo_area_m2
     # a plate half way to the wall hides whatever lies on one side of the axis
-    plate = '<shape type="rectangle" id="clutter"><transform name="to_world"><scale x="0.02" y="0.02"/>' \
-            '<translate x="0.02" z="0.3"/></transform></shape></scene>'
+    plate = (
+        '<shape type="rectangle" id="clutter"><transform name="to_world"><scale x="0.02" y="0.02"/>'
+        '<translate x="0.02" z="0.3"/></transform></shape></scene>'
+    )
     part = read_geometry(edited(tmp_path, ("</scene>", plate))).light_path.object_albedo_area_m2
     assert 0.1 * whole < part < 0.9 * whole
 
 
 def test_light_straight_from_the_source_is_reported(tmp_path, letter_simulation):
-    assert letter_simulation("F").geometry.baffled
+    assert letter_simulation("F").geometry.is_direct_path_blocked
     assert make_plan(letter_simulation("F").geometry, 2)["warnings"] == []
     no_baffle = (r'<shape type="rectangle" id="baffle">.*?</shape>', "")
     open_scene = read_geometry(edited(tmp_path, no_baffle))
-    assert not open_scene.baffled
+    assert not open_scene.is_direct_path_blocked
     assert any("baffle" in warning for warning in make_plan(open_scene, 2)["warnings"])
     looks_at = '<lookat origin="0.1039558, 0, 0.4890738" target='
     facing = (looks_at + '"0, 0, 0"', looks_at + '"0, 0.6, 0.62"')
@@ -123,15 +131,21 @@ def test_what_a_scene_holds_in_vain_is_reported(tmp_path):
         assert any(word in warning for warning in warnings), word
 
 
-@pytest.mark.parametrize(("old", "new", "name"), [
-    ('name="spot_diameter" value="5e-3"', 'name="spot_diameter" value="0.1"', "edge of the laser beam"),
-    ('name="width" value="2464"', 'name="width" value="100"', "film"),
-    ('name="width" value="2464"/>', 'name="width" value="2464"/><integer name="crop_width" value="256"/>', "film"),
-    ('<texture type="bitmap".*?</texture>', '<spectrum name="reflectance" value="2"/>', "albedo of at most 1"),
-    ('<scale x="0.005" y="0.005"/>', '<scale x="0" y="0.005"/>', "hidden_object"),
-    ('<float name="magnification"',
-     '<float name="bits" value="1.5"/><float name="full_well" value="9"/><float name="magnification"', "bits"),
-])
+@pytest.mark.parametrize(
+    ("old", "new", "name"),
+    [
+        ('name="spot_diameter" value="5e-3"', 'name="spot_diameter" value="0.1"', "edge of the laser beam"),
+        ('name="width" value="2464"', 'name="width" value="100"', "film"),
+        ('name="width" value="2464"/>', 'name="width" value="2464"/><integer name="crop_width" value="256"/>', "film"),
+        ('<texture type="bitmap".*?</texture>', '<spectrum name="reflectance" value="2"/>', "albedo of at most 1"),
+        ('<scale x="0.005" y="0.005"/>', '<scale x="0" y="0.005"/>', "hidden_object"),
+        (
+            '<float name="magnification"',
+            '<float name="bits" value="1.5"/><float name="full_well" value="9"/><float name="magnification"',
+            "bits",
+        ),
+    ],
+)
 def test_impossible_scenes_are_refused(tmp_path, old, new, name):
     with pytest.raises(InputError, match=name):
         read_geometry(edited(tmp_path, (old, new)))

@@ -10,9 +10,20 @@ from radiometry.prediction import predict
 from radiometry.throughput import light_budget
 from sim.gradients import expected_autocorrelation, mean_photoelectrons, setup_of, throughput
 
-STEPS = {"tilt_right": 1e-5, "tilt_down": 1e-5, "shift_right_m": 1e-6, "shift_down_m": 1e-6, "source_m": 1e-6,
-         "detector_m": 1e-6, "source_angle": 1e-5, "power_w": 1e-6, "wavelength_m": 1e-13, "pixel_pitch_m": 1e-12,
-         "pupil_diameter_m": 1e-7, "exposure_s": 1e-6}
+STEPS = {
+    "tilt_right": 1e-5,
+    "tilt_down": 1e-5,
+    "shift_right_m": 1e-6,
+    "shift_down_m": 1e-6,
+    "source_m": 1e-6,
+    "detector_m": 1e-6,
+    "source_angle": 1e-5,
+    "power_w": 1e-6,
+    "wavelength_m": 1e-13,
+    "pixel_pitch_m": 1e-12,
+    "pupil_diameter_m": 1e-7,
+    "exposure_s": 1e-6,
+}
 
 
 @pytest.fixture(scope="module")
@@ -61,8 +72,13 @@ def test_gradients_by_albedo(lab):
         shifted = [base.albedo.clone() for _ in range(2)]
         shifted[0][cell] += 1e-4
         shifted[1][cell] -= 1e-4
-        numeric = sum(sign * float((expected_autocorrelation(base.with_(albedo=one)) * weight).sum())
-                      for sign, one in zip((1.0, -1.0), shifted, strict=True)) / 2e-4
+        numeric = (
+            sum(
+                sign * float((expected_autocorrelation(base.with_(albedo=one)) * weight).sum())
+                for sign, one in zip((1.0, -1.0), shifted, strict=True)
+            )
+            / 2e-4
+        )
         assert float(albedo.grad[cell]) == pytest.approx(numeric, rel=1e-3)
 
 

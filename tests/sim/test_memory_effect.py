@@ -23,7 +23,8 @@ def test_light_and_contrast(letter, rng):
     # The same solid angle through a smaller stop.
     through = (letter.aperture_m / 0.0514286) ** 2
     assert letter.photoelectrons_per_pixel_s * np.prod(letter.frame_shape) == pytest.approx(
-        budget.photoelectrons_per_pixel_s * 2056 * 2464 * through, rel=0.03)
+        budget.photoelectrons_per_pixel_s * 2056 * 2464 * through, rel=0.03
+    )
     bright = 1e7
     frames = [replace(letter, decorrelation=(0.0, 0.0)).frame(bright, rng) for _ in range(3)]
     mean = np.mean([frame.mean() for frame in frames])

@@ -48,8 +48,9 @@ def test_a_solid_letter_shows_its_front_the_right_way_round(tmp_path):
         assert np.corrcoef(seen.ravel(), wrong.ravel())[0, 1] < 0.7
 
 
-@pytest.mark.parametrize("name", ["tilted_letter", "occluded_letter", "two_depths", "glyph_mesh", "strong_ambient",
-                                  "long_standoff"])
+@pytest.mark.parametrize(
+    "name", ["tilted_letter", "occluded_letter", "two_depths", "glyph_mesh", "strong_ambient", "long_standoff"]
+)
 def test_every_scene_can_be_planned(name):
     from sim.plan_report import make_plan
 

@@ -102,10 +102,13 @@ METER = """<shape type="disk" id="pupil"><transform name="to_world"><scale value
 def test_mitsubas_path_tracer_agrees_on_an_enlarged_scene():
     """The lit spot becomes a small area light that emits the same power as the Lambertian wall would;
     paths of exactly two reflections that reach the pupil are the difference of two maximum depths."""
-    rough = '<bsdf type="phase_screen"><float name="height_rms" value="1e-6"/><float name="correlation_length" value="1e-5"/>' \
-            '<bsdf type="diffuse"><spectrum name="reflectance" value="1"/></bsdf></bsdf>'
-    ours = mi.load_string(ENLARGED.format(integrator="speckle", source=0.1, source_bsdf=rough, camera=CAMERA, rest=LASER),
-                          optimize=False)
+    rough = (
+        '<bsdf type="phase_screen"><float name="height_rms" value="1e-6"/><float name="correlation_length" value="1e-5"/>'
+        '<bsdf type="diffuse"><spectrum name="reflectance" value="1"/></bsdf></bsdf>'
+    )
+    ours = mi.load_string(
+        ENLARGED.format(integrator="speckle", source=0.1, source_bsdf=rough, camera=CAMERA, rest=LASER), optimize=False
+    )
     estimate = estimate_throughput(ours, samples=2**21)
 
     by_two, error = two_reflections()

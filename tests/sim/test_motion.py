@@ -7,7 +7,7 @@ pytest.importorskip("mitsuba")
 
 from correlograph.errors import InputError
 from radiometry.estimation.whole_frames import estimate_autocorrelation
-from radiometry.noise.level import INDEPENDENT, fit_known_signal, read_noise_level
+from radiometry.noise.level import HALF_PLANE, fit_known_signal, read_noise_level
 from radiometry.prediction import predict
 from scenes import scene_path
 from sim.frame import Simulation
@@ -15,8 +15,10 @@ from sim.optics.motion import correlation, lost_variance, sub_exposures
 from sim.plan import Settings
 
 SPOT = '<float name="spot_diameter" value="5e-3"/>'
-SCREEN = 'id="hidden_object">\n        <transform name="to_world">\n            <scale x="0.005" y="0.005"/>\n' \
-         '            <rotate z="1" angle="180"/>\n        </transform>\n        <bsdf type="phase_screen">'
+SCREEN = (
+    'id="hidden_object">\n        <transform name="to_world">\n            <scale x="0.005" y="0.005"/>\n'
+    '            <rotate z="1" angle="180"/>\n        </transform>\n        <bsdf type="phase_screen">'
+)
 BARE = Settings(effects=(("pupil_and_pixel", False), ("motion", True)))
 
 
@@ -25,7 +27,7 @@ def moving(x: float, y: float) -> tuple[str, str]:
 
 
 def contrast_squared(simulation: Simulation, frames: int = 8) -> float:
-    images = np.stack([simulation.expected(5, number).numpy() for number in range(frames)])
+    images = np.stack([simulation.expected_frame(5, number).numpy() for number in range(frames)])
     return float(np.mean([image.var() / image.mean() ** 2 for image in images]))
 
 
@@ -69,7 +71,7 @@ def test_frames_at_stated_times_show_the_same_speckle_moved(scene):
     timed = f'<float name="frame_interval" value="{interval}"/>{camera}'
     geometry = scene(moving(-way / interval, 0.0), (SPOT, step), (camera, timed))
     simulation = Simulation(geometry, BARE)
-    first, second = (simulation.expected(3, number).numpy() for number in (0, 1))
+    first, second = (simulation.expected_frame(3, number).numpy() for number in (0, 1))
 
     def likeness(columns: int) -> float:
         return float(np.corrcoef(first[:, 20:-20].ravel(), np.roll(second, -columns, 1)[:, 20:-20].ravel())[0, 1])
@@ -115,12 +117,13 @@ def test_floor_degrees_of_freedom_and_brightness_of_each_lag_are_as_predicted(tm
     assert read_noise_level(estimate).dof == pytest.approx(prediction.dof(frames), rel=0.1)
     assert prediction.dof(frames) == dof
     if grains:  # the lags of a scene at rest, fitted as well as can be, do not explain the estimate
+
         def misfit(signal: np.ndarray) -> float:
             a, b = fit_known_signal(estimate, signal)
             return float(np.mean((estimate / (a * signal + b) - 1.0)[shown] ** 2) * dof)
 
         at_rest = predict(still).signal
-        shown = INDEPENDENT & (at_rest > 0.05)
+        shown = HALF_PLANE & (at_rest > 0.05)
         assert misfit(prediction.signal) < 1.2
         assert misfit(at_rest) > 1.25 * misfit(prediction.signal)
 

@@ -79,14 +79,14 @@ def test_the_object_is_lit_by_grains_of_lambda_d_over_spot(letter_simulation):
 
 def test_energy_is_the_closed_form_s(letter_simulation):
     simulation = letter_simulation("7", exposure="1")
-    frames = [float(simulation.expected(5, number).mean()) for number in range(4)]
+    frames = [float(simulation.expected_frame(5, number).mean()) for number in range(4)]
     assert np.mean(frames) == pytest.approx(simulation.mean_photoelectrons, rel=0.02)
     assert simulation.mean_photoelectrons * 2056 * 2464 == pytest.approx(simulation.budget.photoelectrons_per_frame_s)
 
 
 def test_frames_of_a_capture_are_independent_and_reproducible(letter_simulation):
     simulation = letter_simulation("F", exposure="1")
-    first, second = simulation.expected(3, 0).numpy(), simulation.expected(3, 1).numpy()
+    first, second = simulation.expected_frame(3, 0).numpy(), simulation.expected_frame(3, 1).numpy()
     assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.02
     assert np.array_equal(simulation.frame(3, 1).numpy(), simulation.frame(3, 1).numpy())
     assert not np.array_equal(simulation.frame(3, 0).numpy(), simulation.frame(4, 0).numpy())

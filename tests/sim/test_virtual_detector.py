@@ -39,10 +39,12 @@ def test_exact_and_gamma_roughness_agree_on_rendered_frames(scene):
     forced = (("detector_roughness", True),)
     exact = Simulation(scene(), Settings("field", 1e-2, "fresnel", None, forced))
     short = Simulation(scene(), Settings("statistical", 1e-2, "auto", None, forced))
-    variances = [np.mean([float(simulation.expected(3, n).var() / simulation.expected(3, n).mean() ** 2) for n in range(5)])
-                 for simulation in (exact, short)]
+    variances = [
+        np.mean([float(simulation.expected_frame(3, n).var() / simulation.expected_frame(3, n).mean() ** 2) for n in range(5)])
+        for simulation in (exact, short)
+    ]
     assert variances[0] == pytest.approx(variances[1], rel=0.08)
-    images = [Simulation(scene()).expected(11, number) for number in range(6)]
+    images = [Simulation(scene()).expected_frame(11, number) for number in range(6)]
     plain = np.mean([float(image.std() / image.mean()) for image in images]) ** 2
     assert variances[0] > plain + 0.2
 
@@ -66,18 +68,22 @@ def test_the_wall_s_own_albedo_shows_under_the_speckle(scene, tmp_path, settings
     text = scene_path("corner_letter").read_text()
     wall = text[text.index('id="virtual_detector"') :]
     old = wall[: wall.index("<sensor")]
-    paint = ('<texture type="bitmap" name="reflectance"><string name="filename" value="paint.png"/><boolean name="raw" '
-             'value="true"/><string name="filter_type" value="nearest"/></texture>')
+    paint = (
+        '<texture type="bitmap" name="reflectance"><string name="filename" value="paint.png"/><boolean name="raw" '
+        'value="true"/><string name="filter_type" value="nearest"/></texture>'
+    )
     assert plain in old
     geometry = scene((old, old.replace('<spectrum name="reflectance" value="1"/>', paint)))
     # Columns run along the rectangle's u; rows down, against its v, along which bitmaps are laid from their first row.
     albedo = np.round(255 * quarters[::-1]) / 255
     assert geometry.light_path.detector_albedo == pytest.approx(albedo.mean(), rel=1e-5)
-    simulation, even = Simulation(geometry, settings), Simulation(geometry, replace(settings, effects=(
-        *settings.effects, ("detector_texture", False))))
+    simulation, even = (
+        Simulation(geometry, settings),
+        Simulation(geometry, replace(settings, effects=(*settings.effects, ("detector_texture", False)))),
+    )
     assert simulation.effects["detector_texture"].modelled
     assert even.effects["detector_texture"].predicted_error == pytest.approx(albedo.std() ** 2 / albedo.mean() ** 2, rel=1e-4)
-    painted, bare = (sum(one.expected(4, number) for number in range(2)).numpy() for one in (simulation, even))
+    painted, bare = (sum(one.expected_frame(4, number) for number in range(2)).numpy() for one in (simulation, even))
     for row, rows in enumerate((slice(20, 237), slice(277, 494))):
         for column, columns in enumerate((slice(20, 288), slice(328, 596))):
             gain = painted[rows, columns].sum() / bare[rows, columns].sum()
@@ -98,7 +104,9 @@ def test_saturation_is_predicted_and_clips(scene):
 
 
 def test_a_camera_that_sees_past_the_wall_is_refused(scene):
-    pole = ('<shape type="rectangle" id="pole"><transform name="to_world"><scale x="0.0002" y="0.02"/>'
-            '<rotate y="1" angle="180"/><translate x="-0.003" z="0.99"/></transform><bsdf type="diffuse"/></shape>')
+    pole = (
+        '<shape type="rectangle" id="pole"><transform name="to_world"><scale x="0.0002" y="0.02"/>'
+        '<rotate y="1" angle="180"/><translate x="-0.003" z="0.99"/></transform><bsdf type="diffuse"/></shape>'
+    )
     with pytest.raises(InputError, match="% of them see something else"):
         scene(("</scene>", f"{pole}</scene>"))

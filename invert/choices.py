@@ -1,0 +1,87 @@
+"""Methods and qualities: what a user can choose, defined once. This module imports neither torch nor a solver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from correlograph.errors import InputError
+
+MeanModel = Literal["auto", "pooled", "fixed", "published"]
+"""Background models of the estimator; see `radiometry.estimation.whole_frames`."""
+
+MEAN_MODELS: tuple[MeanModel, ...] = ("auto", "pooled", "fixed", "published")
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to reconstruct an albedo from a measurement.
+
+    Attributes:
+        is_network: whether a trained network is used; the solvers of the other methods are in `invert.solvers.registry`.
+    """
+
+    name: str
+    is_network: bool = False
+
+    def __str__(self) -> str:
+        return self.name
+
+
+@dataclass(frozen=True)
+class Quality:
+    """A trade of time for accuracy.
+
+    Attributes:
+        solver_starts: random starts of a classical method.
+        solver_iterations: fraction of a classical method's published number of iterations.
+        network_starts: random starts of the phase retrieval before and after denoising.
+        augmentations: test-time augmentations of the denoiser and of the fusion.
+        samples: posterior samples; 0 leaves the posterior sampler out.
+        rounds: re-noising rounds of each sample.
+    """
+
+    name: str
+    solver_starts: int
+    solver_iterations: float
+    network_starts: int
+    augmentations: int
+    samples: int = 0
+    rounds: int = 0
+
+    def __str__(self) -> str:
+        return self.name
+
+
+UNET = Method("unet", is_network=True)
+CLASSICAL = Method("classical")
+METHODS = {
+    method.name: method
+    for method in (UNET, CLASSICAL, *map(Method, ("hio", "raar", "er", "altmin", "twf", "taf", "mtwf", "admm-tv")))
+}
+
+FAST = Quality("fast", 4, 0.3, network_starts=6, augmentations=1)
+BALANCED = Quality("balanced", 16, 1.0, network_starts=16, augmentations=4, samples=12, rounds=8)
+BEST = Quality("best", 64, 1.0, network_starts=32, augmentations=4, samples=32, rounds=12)
+QUALITIES = {quality.name: quality for quality in (FAST, BALANCED, BEST)}
+
+
+def method_named(method: str | Method) -> Method:
+    """Return the method of a name. Raises InputError for another name."""
+    return method if isinstance(method, Method) else _entry("method", method, METHODS)
+
+
+def quality_named(quality: str | Quality) -> Quality:
+    """Return the quality of a name. Raises InputError for another name."""
+    return quality if isinstance(quality, Quality) else _entry("quality", quality, QUALITIES)
+
+
+def check_mean_model(mean_model: str) -> MeanModel:
+    """Return the name of a background model. Raises InputError for another name."""
+    return _entry("mean_model", mean_model, {name: name for name in MEAN_MODELS})
+
+
+def _entry(name, found, entries):  # type: ignore[no-untyped-def]
+    if not isinstance(found, str) or found not in entries:
+        raise InputError(name, f"one of {', '.join(entries)}", f"{found!r}", f"select a {name} from this list")
+    return entries[found]

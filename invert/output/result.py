@@ -1,0 +1,149 @@
+"""Result of a reconstruction: albedo, confidence, warnings, with figures, files and a summary for JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from correlograph.errors import InputError
+from invert.albedo.posterior import Samples
+from invert.assess.speckle_test import SpeckleTest
+from invert.measure.estimate import Estimate
+from invert.measure.spectrum import Measurement, read_measurement
+from invert.methods import Reconstruction
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Names of method and quality, and the seed."""
+
+    method: str
+    quality: str
+    seed: int
+
+
+@dataclass(frozen=True)
+class Result:
+    """A reconstruction with the estimate and the measurement that it is based on.
+
+    Attributes:
+        measurement: noise level and Fourier modulus read from the estimate.
+        seconds: duration of reading, autocorrelation and retrieval.
+        speckle_test: consistency of the light with speckle of this object; None if no object was found.
+        warnings: observations about the frames, and reasons for a low confidence.
+    """
+
+    estimate: Estimate
+    measurement: Measurement
+    reconstruction: Reconstruction
+    settings: Settings
+    seconds: dict[str, float]
+    speckle_test: SpeckleTest | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def albedo(self) -> np.ndarray:
+        """float32 (64, 64), one pixel per lag, maximum 1; zero if no object was found."""
+        return self.reconstruction.albedo
+
+    @property
+    def confidence(self) -> float:
+        """0 to 1; see `Reconstruction.confidence`."""
+        return self.reconstruction.confidence
+
+    @property
+    def object_found(self) -> bool:
+        """Whether an object was found."""
+        return self.reconstruction.object_found
+
+    @property
+    def samples(self) -> Samples | None:
+        """Samples of the posterior; None for classical methods and for `fast`."""
+        return self.reconstruction.posterior
+
+    @property
+    def seconds_total(self) -> float:
+        """Duration of all steps."""
+        return sum(self.seconds.values())
+
+    def __repr__(self) -> str:
+        found = "object found" if self.object_found else "no object found"
+        method = f"{self.settings.method}:{self.settings.quality}"
+        warned = f", {len(self.warnings)} warnings" if self.warnings else ""
+        return f"Result({found}, confidence {self.confidence:.2f}, {method}, {self.seconds_total:.1f} s{warned})"
+
+    def _repr_html_(self) -> str:
+        from invert.output.report import figure_as_html
+
+        return figure_as_html(self.plot(), repr(self))
+
+    def plot(self, truth: np.ndarray | None = None) -> Figure:
+        """Return the report as a matplotlib figure.
+
+        Args:
+            truth: known albedo (64, 64) to plot next to the registered reconstruction.
+        """
+        from invert.output.report import draw_report
+
+        return draw_report(self, truth)
+
+    def show(self, truth: np.ndarray | None = None) -> None:
+        """Open the report in a window, or below a notebook cell."""
+        from correlograph.files.figures import show_figure
+
+        show_figure(self.plot(truth))
+
+    def save(self, folder: str | Path, truth: np.ndarray | None = None, request_sha256: str | None = None) -> dict[str, Any]:
+        """Write the files that `python -m invert` writes; return the content of result.json.
+
+        Args:
+            truth: known albedo (64, 64) to compare with.
+            request_sha256: digest of everything that the result depends on; a later run recognises the result by it.
+        """
+        from correlograph.files.output import output_folder
+        from invert.output.result_files import write_result
+
+        return write_result(output_folder(folder), self, truth, request_sha256)
+
+    @classmethod
+    def load(cls, folder: str | Path) -> Result:
+        """Load a saved result. Its measurement is read from the saved autocorrelation, without the camera's transfer.
+
+        Raises InputError for a folder without a complete result.
+        """
+        path = Path(folder)
+        try:
+            summary = json.loads((path / "result.json").read_text())
+            albedo, lags = (np.load(path / name, allow_pickle=False) for name in ("albedo.npy", "autocorrelation.npy"))
+            file = path / "samples.npy"
+            samples = Samples(np.load(file, allow_pickle=False)) if file.is_file() else None
+            pitches = summary["pitches_m"]
+            estimate = Estimate(summary["input"], lags, pitches_m=None if pitches is None else (pitches[0], pitches[1]))
+            reconstruction = Reconstruction(
+                albedo,
+                summary["object_found"],
+                summary["confidence"],
+                summary["residual"],
+                tuple(summary["phase_retrieval_transfer"]),
+                samples,
+            )
+            test = SpeckleTest.from_dict(summary["speckle_test"])
+            settings = Settings(*(summary[name] for name in ("method", "quality", "seed")))
+            warnings = tuple(summary["warnings"])
+            seconds = dict(summary["seconds"])
+        except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+            found = f"{type(error).__name__} in {path}"
+            raise InputError("result", "a folder that python -m invert wrote", found, "check the path") from None
+        return cls(estimate, read_measurement(lags), reconstruction, settings, seconds, test, warnings)
+
+    def settings_as_dict(self) -> dict[str, Any]:
+        """Return method, quality, seed, warnings and speckle test for JSON."""
+        test = None if self.speckle_test is None else self.speckle_test.as_dict()
+        return asdict(self.settings) | {"warnings": list(self.warnings), "speckle_test": test}
