@@ -50,7 +50,9 @@ def memory_bytes() -> float:
 
 
 def check_device(device: str) -> None:
-    """Refuse `cuda` where torch has no GPU to use."""
+    """Refuse another device than `cpu` and `cuda`, and `cuda` if torch finds no GPU."""
+    if device not in ("cpu", "cuda"):
+        raise InputError("--device", "cpu or cuda", repr(device), "use one of these")
     if device == "cuda":
         import torch  # heavy, and wanted only here
 

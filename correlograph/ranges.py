@@ -31,7 +31,7 @@ class Range:
     def check(self, name: str, value: float) -> float:
         """The value, if it lies in the range; InputError otherwise, NaN and text included."""
         if not self._holds(value):
-            raise InputError(name, str(self), f"{value!s:.40}", "choose another")
+            raise InputError(name, str(self), f"{value!s:.40}", "use a value in this range")
         return value
 
     def _holds(self, value: Any) -> bool:
@@ -53,5 +53,7 @@ FRAMES = Range(1, 10**6)
 WORKERS = Range(1, 256)
 SI = Range(SI_MIN, SI_MAX)
 """Bounds that no physical quantity in SI units leaves."""
+WAVELENGTH = Range(1e-11, 1e-2)
+"""Wavelengths in metres, from X-rays to microwaves; a value in nanometres lies outside."""
 BLUR = Range(0.0, 1e4)
 """Standard deviation of a blur in pixels."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError, check_device
-from correlograph.ranges import BLUR, SEED, SI, WORKERS
+from correlograph.ranges import BLUR, SEED, SI, WAVELENGTH, WORKERS
 from correlograph.workers import check_scheduler, check_workers
 from invert.choices import MEAN_MODELS, METHODS, QUALITIES, UNET
 
@@ -28,7 +28,7 @@ def parser() -> ArgumentParser:
     p.add_argument("--quality", choices=tuple(QUALITIES), default="balanced")
     p.add_argument("--autocorrelation", action="store_true", help="inputs are estimates of 127 x 127 lags, one result each")
     p.add_argument("--pixel-pitch-m", type=SI, help="pixel pitch on the relay wall in metres; optional; sets the scale")
-    p.add_argument("--wavelength-m", type=SI, help="wavelength in metres, for example 532e-9")
+    p.add_argument("--wavelength-m", type=WAVELENGTH, help="wavelength in metres, for example 532e-9")
     p.add_argument("--distance-m", type=SI, help="distance from the hidden object to the relay wall in metres")
     p.add_argument(
         "--patch",

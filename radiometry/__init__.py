@@ -1,24 +1,19 @@
-"""Radiometry: photons, the light budget, frames and the autocorrelation estimate with its noise.
+"""Radiometry: photons, light budget, autocorrelation estimate, and noise of the estimate.
 
-    photons.py          photon rates, coherence area, ideal noise floor
-    throughput.py       light budget, one row a factor; its closed form for flat, Lambertian scenes
-    scene_budget.py     light budget and prediction of a scene in one call
-    autocorrelation.py  patches and their lags, and what a patch window does to r*r
-    estimation/         frames -> estimate; faults of cameras and lamps; whether the light is speckle
+    photons.py          photon rate, coherence area
+    throughput.py       light budget, one row per factor; closed form for flat, Lambertian scenes
+    scene_budget.py     light budget and prediction of a scene: the public functions
+    autocorrelation.py  patches and their lags; effect of the patch window on r*r
+    estimation/         frames -> estimate; camera and lamp artefacts; third moment
     transfer.py         H: pupil and pixel
-    motion.py           what motion leaves of the speckle
+    motion.py           reduction of the speckle by motion
     noise/              noise of the estimate: model, level, budget
-    prediction.py       all of these for a scene
-    exposure_planner.py how to divide a photon budget (command: plan.py)
+    prediction.py       prediction of the estimate and its noise for a scene
+    exposure_planner.py division of an exposure into frames
     safety.py           laser safety of the spot
-    files/              frames, captures, pictures, results
-    validate.py         rendered and lab noise against prediction (validation/)
-    errors.py           InputError: name, expected, found, remedy
-    ranges.py           ranges of numbers, for options and arguments alike
-    workers.py          Dask workers, here or on a cluster
-    cli.py              the `correlograph` command (doctor.py: what a machine lacks)
+    validation/         published lab series and figures of the noise validation
 
-Everything else builds on this package; but for its commands (__main__.py, plan.py, validate.py) it imports none of the others.
+Of the project, this package imports only the foundation in `correlograph`.
 """
 
 from typing import TYPE_CHECKING

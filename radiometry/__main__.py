@@ -1,4 +1,4 @@
-"""`python -m radiometry`: a scene's light budget and noise; the command is `correlograph.commands.light_budget`."""
+"""`python -m radiometry`: print the light budget and the noise of a scene (`correlograph.commands.light_budget`)."""
 
 from correlograph.command import run_module
 

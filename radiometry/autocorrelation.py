@@ -1,4 +1,4 @@
-"""Patches and their lags, the autocorrelation of an albedo, and what a patch's window makes of it."""
+"""Patches and their lags, the autocorrelation of an albedo, and the effect of the patch window on it."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from correlograph.lags import LAG_SIDE, LAGS
 
 @dataclass(frozen=True)
 class PatchGrid:
-    """How a frame is cut: `rows` x `columns` patches, evenly spread, none overlapping.
+    """Division of a frame into `rows` x `columns` patches that are equidistant and do not overlap.
 
     Attributes:
-        size: rows of pixels in a patch; columns, too, unless `width` says otherwise.
-        width: columns of pixels in a patch, where a camera at an angle sees the wall foreshortened.
+        size: rows of pixels per patch; also its columns, unless `width` is given.
+        width: columns of pixels per patch, for a camera at an angle that sees the wall foreshortened.
     """
 
     size: int
@@ -33,15 +33,15 @@ class PatchGrid:
 
     @property
     def patch_shape(self) -> tuple[int, int]:
-        """Pixels of a patch (rows, columns)."""
+        """Pixels per patch (rows, columns)."""
         return self.size, self.width or self.size
 
     def lag_pitch_m(self, wavelength_m: float, distance_m: float, pixel_pitch_m: float) -> float:
-        """Object distance that one lag along the rows' axis stands for: lambda z / (N pitch)."""
+        """Return the object distance of one lag along the row axis: lambda z / (N pitch)."""
         return wavelength_m * distance_m / (self.size * pixel_pitch_m)
 
     def lag_pitches_m(self, wavelength_m: float, distance_m: float, pixel_pitch_m: tuple[float, float]) -> tuple[float, float]:
-        """The same (down, right), for distances of rows and of columns as the object sees them."""
+        """Return the object distances of one lag (rows, columns), for the row and column pitches as the object sees them."""
         down, right = (n * pitch for n, pitch in zip(self.patch_shape, pixel_pitch_m, strict=True))
         return wavelength_m * distance_m / down, wavelength_m * distance_m / right
 
@@ -54,10 +54,10 @@ class PatchGrid:
 
 
 def patch_grid(frame_shape: tuple[int, int], size: int | tuple[int, int]) -> PatchGrid:
-    """Grid of `size`-pixel patches for a frame; one side holds a whole multiple of the other's count.
+    """Return a grid of `size`-pixel patches for a frame; the count along one side is a multiple of the other.
 
-    A 2056 x 2464 frame and 257 pixels give the paper's 8 x 8. Raises InputError when not even one
-    patch fits or when a patch is too small to hold all 127 lags.
+    A 2056 x 2464 frame and 257 pixels give the 8 x 8 patches of Metzler et al. 2020. Raises InputError if no patch fits, or if a
+    patch is too small for 127 lags.
     """
     height, width = (size, size) if isinstance(size, int) else size
     if not (LAG_SIDE <= height <= frame_shape[0] and LAG_SIDE <= width <= frame_shape[1]):
@@ -74,7 +74,7 @@ def patch_grid(frame_shape: tuple[int, int], size: int | tuple[int, int]) -> Pat
 
 
 SQUARE_ENOUGH = 1.05
-"""Patches stay square where a camera's angle stretches the wall by less: lags then differ by as little down and right."""
+"""Maximum ratio of the two pixel pitches for square patches; the lag pitches then differ by at most this ratio."""
 
 
 def automatic_patch_size(
@@ -82,13 +82,13 @@ def automatic_patch_size(
     geometry: tuple[float, float, float | tuple[float, float]] | None = None,
     pitch_m: float = 300e-6,
 ) -> int | tuple[int, int]:
-    """Patch size whose lag pitch is nearest to `pitch_m`, or an eighth of the frame when the geometry is unknown.
+    """Return the patch size whose lag pitch is closest to `pitch_m`, or an eighth of the frame if the geometry is unknown.
 
-    Kept between 127 pixels (all lags fit) and half the shorter side (four patches at least). A number for square patches,
-    (rows, columns) where the two pixel pitches differ by more than `SQUARE_ENOUGH`.
+    The size lies between 127 pixels (all lags fit) and half of the shorter side (at least four patches). It is a number for square
+    patches and (rows, columns) if the pixel pitches differ by more than `SQUARE_ENOUGH`.
 
     Args:
-        geometry: (wavelength_m, distance_m, pixel_pitch_m), or None; a pair of pitches is that of rows and of columns.
+        geometry: (wavelength_m, distance_m, pixel_pitch_m), or None; a pair of pitches belongs to rows and columns.
     """
 
     def kept(wanted: int, side: int) -> int:
@@ -106,7 +106,7 @@ def automatic_patch_size(
 
 
 def autocorrelate(albedo: np.ndarray) -> np.ndarray:
-    """Linear autocorrelation r*r of a real image (n, n), float64 (2n - 1, 2n - 1), zero lag in the middle."""
+    """Return the linear autocorrelation r*r of a real image (n, n), float64 (2n - 1, 2n - 1), zero lag in the middle."""
     n = albedo.shape[0]
     spectrum = np.fft.rfft2(albedo.astype(np.float64), s=(2 * n, 2 * n))
     lags = np.fft.fftshift(np.fft.irfft2(np.abs(spectrum) ** 2, s=(2 * n, 2 * n)))
@@ -114,11 +114,11 @@ def autocorrelate(albedo: np.ndarray) -> np.ndarray:
 
 
 def peak_of_cell_means(albedo_autocorrelation: np.ndarray) -> float:
-    """(r*r)(0) of the albedo itself, from the autocorrelation of its cell means.
+    """Return (r*r)(0) of the albedo, from the autocorrelation of its cell means.
 
-    Averaging over cells rounds off the cusp of r*r at zero lag: for edges along an axis, where r*r
-    falls by c per lag, means lose c / 3 at zero lag and nothing at one lag, so half the difference
-    of the two per axis restores it. Within 5 % for letters four cells thick, oblique edges included.
+    Averaging over cells rounds off the cusp of r*r at zero lag. For edges along an axis, r*r falls by c per lag, and the means lose
+    c / 3 at zero lag and nothing at a lag of one. Half of the difference of the two per axis therefore restores the peak. The error
+    is below 5 % for letters four cells thick, oblique edges included.
     """
     middle = albedo_autocorrelation.shape[0] // 2
     peak = albedo_autocorrelation[middle, middle]
@@ -126,16 +126,16 @@ def peak_of_cell_means(albedo_autocorrelation: np.ndarray) -> float:
 
 
 def smooth_by_window(albedo_autocorrelation: np.ndarray, cells_per_lag: int = 1) -> np.ndarray:
-    """What a boxcar patch makes of r*r: convolved with sinc^2 per axis, sampled at whole lags.
+    """Convolve r*r with sinc^2 along each axis, as a boxcar patch does, and sample it at whole lags.
 
     r*r of an image of square cells is bilinear between cell lags, so the convolution is exact.
 
     Args:
         albedo_autocorrelation: odd square array of lags one cell apart, zero lag in the middle.
-        cells_per_lag: whole number of cells in one lag.
+        cells_per_lag: whole number of cells per lag.
 
     Returns:
-        float64 (127, 127); as large as the input's lags reach, zero-padded beyond.
+        float64 (127, 127); zero beyond the lags of the input.
     """
     kernel = window_kernel(albedo_autocorrelation.shape[0] // 2, cells_per_lag)
     return kernel @ albedo_autocorrelation @ kernel.T
@@ -143,7 +143,7 @@ def smooth_by_window(albedo_autocorrelation: np.ndarray, cells_per_lag: int = 1)
 
 @lru_cache(maxsize=8)
 def window_kernel(reach: int = LAGS, cells_per_lag: int = 1) -> np.ndarray:
-    """What a boxcar patch does to r*r of square cells along one axis (bilinear, then sinc^2); (127, 2 reach + 1)."""
+    """Return the effect of a boxcar patch on r*r of square cells along one axis (bilinear, then sinc^2); (127, 2 reach + 1)."""
     fine = 64
     position = (np.arange(-fine, fine) + 0.5) / fine
     hat = (1.0 - np.abs(position)) / fine

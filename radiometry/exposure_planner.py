@@ -1,7 +1,7 @@
-"""How to spend a photon budget: into how many frames and patches, for the least error of the estimate.
+"""Division of an exposure into frames and patches for the lowest error of the estimate.
 
-The paper's section 4.B ("Goldilocks zone"): few long exposures leave too few samples (K small), many short
-ones bury each in shot noise (floor over peak large). Patches trade resolution against samples.
+Metzler et al. 2020, section 4.B ("Goldilocks zone"): a few long exposures give too few samples (small K), and many short ones
+hide each in shot noise (high floor over peak). Patches trade resolution for samples.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from radiometry.noise.level import HALF_PLANE, fit_known_signal
 from radiometry.prediction import Prediction, predict
 
 FRAME_COUNTS = (2, 3, 4, 5, 7, *(round(10 * 2 ** (half / 2)) for half in range(34)))
-"""Half-octave steps up to a million."""
+"""Numbers of frames in half octaves, up to a million."""
 
 RELATIVE_TOLERANCE = 0.02
-"""Among plans within this much of the least error, the one with the fewest frames is chosen."""
+"""Relative tolerance of the error; among plans within it, the one with the fewest frames is chosen."""
 
 
 @dataclass(frozen=True)
 class Division:
-    """One way to spend the budget, with the predicted relative L2 error of the floor-subtracted estimate."""
+    """One division of the exposure, with the predicted relative L2 error of the estimate after subtraction of the floor."""
 
     frames: int
     exposure_s: float
@@ -38,7 +38,7 @@ class Division:
 
 
 def error_of(prediction: Prediction, frames: int, floor: float) -> float:
-    """Predicted relative error over all 127 x 127 lags."""
+    """Return the predicted relative error over all 127 x 127 lags."""
     signal = prediction.signal
     return estimate_error(float(signal.sum()), float((signal**2).sum()), signal.size, floor, prediction.dof(frames))
 
@@ -46,16 +46,16 @@ def error_of(prediction: Prediction, frames: int, floor: float) -> float:
 def divide(
     geometry: Any, budget_s: float, resolution_m: float = 300e-6, counts: tuple[int, ...] = FRAME_COUNTS
 ) -> list[Division]:
-    """Ways to divide `budget_s` seconds of exposure into `counts` frames, fewest first.
+    """Return divisions of `budget_s` seconds of exposure into `counts` frames, fewest first.
 
     Args:
-        geometry: of the scene; its own exposure plays no part.
-        resolution_m: lag pitch wanted; patches are the size nearest to it.
+        geometry: of the scene; its own exposure is ignored.
+        resolution_m: required lag pitch; the patch size with the closest pitch is used.
 
-    The virtual detector's own speckle is left out, as the simulator leaves it out: it does not depend on the division,
-    but for its share of the longest exposures.
+    The subjective speckle of the virtual detector is excluded, because it does not depend on the division, except in the longest
+    exposures.
 
-    Raises InputError for a budget that is not positive, a scene without light, or an object wider than 64 lags.
+    Raises InputError for an exposure that is not positive, a scene without light, or an object wider than 64 lags.
     """
     check_positive("--budget-s", budget_s)
     check_positive("--resolution-m", resolution_m)
@@ -108,13 +108,13 @@ def divide(
 
 
 def best(divisions: list[Division]) -> Division:
-    """The fewest frames whose error is within 2 % of the least."""
+    """Return the division with the fewest frames whose error is within 2 % of the lowest."""
     least = min(division.error for division in divisions)
     return next(division for division in divisions if division.error <= (1.0 + RELATIVE_TOLERANCE) * least)
 
 
 def measured_error(estimate: np.ndarray, prediction: Prediction) -> float:
-    """Relative error of an estimate against the known r*r, gain and floor fitted, scaled to the same lags."""
+    """Return the relative error of an estimate against the known r*r, with fitted gain and floor, over the same lags."""
     gain, floor = fit_known_signal(estimate, prediction.signal)
     residual = estimate - floor - gain * prediction.signal
     return float(np.sqrt((residual[HALF_PLANE] ** 2).sum() / ((gain * prediction.signal[HALF_PLANE]) ** 2).sum()))

@@ -1,12 +1,12 @@
-"""How motion during the exposure reduces the speckle, in closed form.
+"""Reduction of the speckle by motion during the exposure, in closed form.
 
-A frame is the mean intensity over its exposure. Fringes of lag l travel over the wall by `waves(l)` of their own periods and
-decorrelate on the way, so the estimate at that lag is multiplied by
+A frame is the mean intensity over its exposure. The fringes of lag l move over the wall by `waves(l)` of their own periods and
+decorrelate at the same time. The estimate at that lag is therefore multiplied by
 
     M(l) = 2 int_0^1 (1 - t) c(t) cos(2 pi t waves(l)) dt
 
-(the time-integrated speckle of Goodman, Speckle Phenomena in Optics, section 5.7, lag by lag). c(t) is the correlation of the
-intensity after a share t of the exposure, at the place that the speckle has travelled to.
+(the time-integrated speckle of Goodman, Speckle Phenomena in Optics, section 5.7, for each lag). c(t) is the correlation of the
+intensity after a fraction t of the exposure, at the position to which the speckle has moved.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ _SHARES = (np.arange(512) + 0.5) / 512
 
 @dataclass(frozen=True)
 class Motion:
-    """What moves during one exposure.
+    """Motion during one exposure.
 
     Attributes:
-        spot_way: way of the laser's spot over the wall, in diameters of the spot.
-        object_way_m: way of the object along its axes (down, right), across the line of sight.
-        grain_m: of the illumination on the object, lambda d1 / D.
-        fringes_per_m2: turns of phase that a displacement of one metre brings to a sample one metre off the object's centre,
+        spot_way: displacement of the laser spot on the wall, in spot diameters.
+        object_way_m: displacement of the object along its axes (rows, columns), across the line of sight.
+        grain_m: grain of the illumination on the object, lambda d1 / D.
+        fringes_per_m2: phase turns per metre of displacement and per metre of distance from the object's centre,
             (1 / d1 + 1 / z) / lambda.
     """
 
@@ -41,17 +41,18 @@ class Motion:
         return bool(self.spot_way or any(self.object_way_m))
 
     def correlation(self, share: float | np.ndarray) -> np.ndarray:
-        """Correlation c of the speckle's intensity with that a share of the exposure later, where it has travelled to."""
+        """Return the correlation c of the speckle intensity after a fraction of the exposure, at the position to which
+        it has moved."""
         share = np.asarray(share, np.float64)
         field = disc_overlap(self.spot_way * share) * airy(np.pi * np.hypot(*self.object_way_m) * share / self.grain_m)
         return field**2
 
     def waves(self, row_m: np.ndarray, column_m: np.ndarray) -> np.ndarray:
-        """Periods by which the fringes of lags (broadcast) travel during the exposure."""
+        """Return the number of periods by which the fringes of lags (broadcast) move during the exposure."""
         return (row_m * self.object_way_m[0] + column_m * self.object_way_m[1]) * self.fringes_per_m2
 
     def transfer(self, row_m: np.ndarray, column_m: np.ndarray) -> np.ndarray:
-        """M at lags of so many metres on the object, broadcast; 1 where nothing moves."""
+        """Return M at lags given in metres on the object (broadcast); 1 without motion."""
         waves = self.waves(row_m, column_m)
         weight = 2.0 * (1.0 - _SHARES) * self.correlation(_SHARES) / len(_SHARES)
         found, index = np.unique(np.abs(waves), return_inverse=True)
@@ -59,12 +60,12 @@ class Motion:
 
 
 def disc_overlap(shift: float | np.ndarray) -> np.ndarray:
-    """Area that two equal discs share, over that of one; `shift` in their diameters."""
+    """Return the area shared by two equal discs in units of one; `shift` in diameters."""
     shift = np.minimum(shift, 1.0)
     return 2.0 / np.pi * (np.arccos(shift) - shift * np.sqrt(1.0 - shift**2))
 
 
 def airy(argument: float | np.ndarray) -> np.ndarray:
-    """2 J1(x) / x, the field of a uniform disc (Goodman, Introduction to Fourier Optics, Eq. 4-31)."""
+    """Return 2 J1(x) / x, the field of a uniform disc (Goodman, Introduction to Fourier Optics, Eq. 4-31)."""
     safe = np.maximum(np.abs(argument), 1e-6)
     return np.where(np.abs(argument) > 1e-6, 2.0 * j1(safe) / safe, 1.0)

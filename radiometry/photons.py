@@ -1,4 +1,4 @@
-"""Photon rate of a laser, and the coherence area of the speckle on the wall."""
+"""Photon rate of a laser, and coherence area of the speckle on the virtual detector."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from scipy.constants import Planck, speed_of_light
 
 
 def photon_rate(power_w: float, wavelength_m: float) -> float:
-    """Photons per second in `power_w` watts at `wavelength_m`."""
+    """Return the photons per second of `power_w` watts at `wavelength_m`."""
     return power_w * wavelength_m / (Planck * speed_of_light)
 
 
 def decibel(ratio: float) -> float:
-    """10 log10(ratio); minus infinity for zero."""
+    """Return 10 log10(ratio); minus infinity for zero."""
     return 10.0 * math.log10(ratio) if ratio > 0.0 else -math.inf
 
 
 def grain_area(
     albedo: np.ndarray, cell_area_m2: float, wavelength_m: float, distance_m: float, square_sum: float | None = None
 ) -> float:
-    """Coherence area of the speckle on the wall, in m^2.
+    """Return the coherence area of the speckle on the virtual detector in m^2.
 
-    (lambda z)^2 (integral r^2) / (integral r)^2, the integral of the squared degree of coherence
-    (Goodman, Speckle Phenomena in Optics, 2007, Eq. 4-75, with van Cittert-Zernike).
+    (lambda z)^2 (integral r^2) / (integral r)^2, the integral of the squared degree of coherence (Goodman, Speckle Phenomena in
+    Optics, 2007, Eq. 4-75, with van Cittert-Zernike).
 
     Args:
         albedo: power reflectance r on a grid, any shape.
         cell_area_m2: area of one grid cell on the object.
-        square_sum: sum of r^2 before averaging over cells, which lowers it at edges; that of `albedo` where None.
+        square_sum: sum of r^2 before averaging over cells, which lowers it at edges; the sum of `albedo`^2 if None.
     """
     power = float(albedo.sum(dtype=np.float64)) * cell_area_m2
     if power == 0.0:

@@ -1,4 +1,4 @@
-"""`python -m radiometry.plan`: divide an exposure into frames; the command is `correlograph.commands.exposure_plan`."""
+"""`python -m radiometry.plan`: divide an exposure into frames (`correlograph.commands.exposure_plan`)."""
 
 from correlograph.command import run_module
 

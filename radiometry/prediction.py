@@ -1,6 +1,6 @@
-"""What a scene's frames will show: noise terms, floor over peak, degrees of freedom, known r*r.
+"""Prediction for a scene: noise terms, floor over peak, degrees of freedom, known r*r.
 
-Takes a `sim.geometry.Geometry`, without importing the simulator.
+It takes a `sim.geometry.Geometry` without an import of the simulator.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from radiometry.throughput import light_budget
 from radiometry.transfer import lag_transfer
 
 CELLS_PER_LAG = 4
-"""Fineness of the albedo from which the known r*r is made."""
+"""Cells per lag of the albedo from which the known r*r is computed."""
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class Prediction:
     """Expected estimate of a scene, for patches of `grid`.
 
     Attributes:
-        pitches_m: object distance of one lag down and right.
-        signal: H (r*r), window-smoothed, (127, 127), in units of (r*r)(0).
-        transfer: H per lag (127, 127), times the factor M of motion at each lag over that at zero lag.
-        cells: the albedo (64, 64), one cell a lag; zero for an object wider than that.
-        polarisations: incoherent patterns that share the light.
+        pitches_m: object distance of one lag along rows and columns.
+        signal: H (r*r), smoothed by the window, (127, 127), in units of (r*r)(0).
+        transfer: H per lag (127, 127), times the factor M of motion at each lag in units of that at zero lag.
+        cells: the albedo (64, 64), one cell per lag; zero for a wider object.
+        polarisations: number of incoherent patterns that share the light.
         shot_floor_over_peak: one over the photoelectrons per coherence area; None without light.
     """
 
@@ -55,7 +55,7 @@ class Prediction:
 
     @property
     def pitch_m(self) -> float:
-        """Object distance of one lag along the rows' axis, down."""
+        """Object distance of one lag along the row axis."""
         return self.pitches_m[0]
 
     @property
@@ -63,18 +63,18 @@ class Prediction:
         return self.terms.over_peak()["signal"]
 
     def dof(self, frames: int) -> float:
-        """K of an estimate from so many frames without a fixed pattern."""
+        """Return K of an estimate from a number of frames without static pattern."""
         return degrees_of_freedom(frames, self.grid.frame_shape, self.grid.patch_shape)
 
     def with_exposure(self, factor: float) -> Prediction:
-        """The same with exposures longer by a factor."""
+        """Return the prediction for exposures longer by a factor."""
         terms = self.terms
         longer = replace(terms, signal=terms.signal * factor, dark=terms.dark * factor, ambient=terms.ambient * factor)
         return replace(self, terms=longer)
 
     def third_moment_signal_to_noise(self, frames: int) -> float | None:
-        """Third moment of filtered frames over its standard error, by which `invert` tells speckle from texture; None where no
-        lag holds a fifth of signal."""
+        """Return the third moment of filtered frames over its standard error, which limits how well `invert`
+        distinguishes speckle from texture; None if no lag contains a fifth of signal."""
         floor = self.terms.floor_over_peak()
         if floor is None:
             return None
@@ -98,7 +98,8 @@ class Prediction:
         return max(0.0, mean) / deviation * patches**0.5
 
     def signal_to_noise(self, frames: int) -> float | None:
-        """Signal over standard deviation, averaged (by signal) over the lags of the object; None without light."""
+        """Return the ratio of signal and standard deviation, averaged by signal over the lags of the object; None
+        without light."""
         floor = self.terms.floor_over_peak()
         if floor is None:
             return None
@@ -107,22 +108,24 @@ class Prediction:
 
 
 def noise_terms(geometry: Any, albedo: np.ndarray, cell_area_m2: float, square_sum: float | None = None) -> NoiseTerms:
-    """Noise terms of one frame of a scene.
+    """Return the noise terms of one frame of a scene.
 
     Args:
-        albedo: the object's effective albedo on cells of `cell_area_m2` across the line of sight.
+        albedo: effective albedo of the object on cells of `cell_area_m2` across the line of sight.
         square_sum: see `grain_area`.
     """
     electronics = geometry.electronics
     grain = grain_area(albedo, cell_area_m2, geometry.wavelength_m, geometry.distance_m, square_sum)
     ambient = geometry.ambient_photoelectrons_per_pixel_s
-    # Subjective grain of the wall behind a circular pupil: (lambda z)^2 / A (Goodman, Speckle Phenomena, Eq. 4-75).
+    # Subjective grain of the virtual detector behind a circular pupil: (lambda z)^2 / A (Goodman, Speckle Phenomena, Eq. 4-75).
     pupil_area = 0.25 * math.pi * geometry.pupil_diameter_m**2
     subjective_grain = (geometry.wavelength_m * geometry.pupil_distance_m) ** 2 / pupil_area
     signal = light_budget(geometry.light_path).photoelectrons_per_pixel_s * electronics.exposure_s
-    # What two incoherent polarisations, and motion, leave of the speckle's variance.
+    # Fraction of the speckle variance that remains with two incoherent polarisations and with motion.
     kept = (0.5 if geometry.is_depolarised else 1.0) * float(geometry.motion.transfer(np.zeros(1), np.zeros(1))[0])
-    other = geometry.other_light_share * signal if geometry.other_light_share > 1e-3 else 0.0  # less is not modelled
+    other = (
+        geometry.other_light_share * signal if geometry.other_light_share > 1e-3 else 0.0
+    )  # a smaller fraction is not modelled
     return NoiseTerms(
         signal=signal,
         grain_pixels=grain / geometry.seen_pixel_area_m2 * kept,
@@ -130,15 +133,15 @@ def noise_terms(geometry: Any, albedo: np.ndarray, cell_area_m2: float, square_s
         dark=electronics.dark_current * electronics.exposure_s,
         read=electronics.read_noise**2,
         quantisation=electronics.step**2 / 12.0,
-        # The mean square falls from 2 to 1 + kept, and the wall's own speckle keeps as much of its variance.
+        # The mean square falls from 2 to 1 + kept; the subjective speckle of the virtual detector keeps the same fraction of its variance.
         detector_grain_pixels=subjective_grain / geometry.pixel_pitch_m**2 * 0.5 * (1.0 + kept) * kept,
     )
 
 
 def patches_of(geometry: Any, patch: int | None = None) -> tuple[PatchGrid, tuple[float, float]]:
-    """How frames of a scene are cut into patches of `patch` pixels (None: as `invert` would), and the lag pitches in metres.
+    """Return the division of a scene's frames into patches of `patch` pixels (None: as in `invert`), and the lag pitches in metres.
 
-    The pitches are those down and right.
+    The pitches belong to rows and columns.
     """
     facts = (geometry.wavelength_m, geometry.distance_m, geometry.seen_pitch_m)
     grid = patch_grid(geometry.frame_shape, patch or automatic_patch_size(geometry.frame_shape, facts))
@@ -146,7 +149,7 @@ def patches_of(geometry: Any, patch: int | None = None) -> tuple[PatchGrid, tupl
 
 
 def predict(geometry: Any, patch: int | None = None) -> Prediction:
-    """Predict what frames of a scene will show, cut into patches of `patch` pixels (None: as `invert` would)."""
+    """Predict the estimate of a scene's frames with patches of `patch` pixels (None: as in `invert`)."""
     grid, pitches_m = patches_of(geometry, patch)
     hidden = geometry.hidden_object
     cell = (pitches_m[0] / CELLS_PER_LAG, pitches_m[1] / CELLS_PER_LAG)
@@ -170,6 +173,6 @@ def predict(geometry: Any, patch: int | None = None) -> Prediction:
     terms = noise_terms(geometry, albedo, cell[0] * cell[1] * hidden.axes.cell, peak)
     middle = [slice(size // 2 - 32 * CELLS_PER_LAG, size // 2 + 32 * CELLS_PER_LAG) for size in albedo.shape]
     cells = albedo[tuple(middle)].reshape(64, CELLS_PER_LAG, 64, CELLS_PER_LAG).mean((1, 3))
-    if cells.sum() * CELLS_PER_LAG**2 < 0.99 * albedo.sum():  # wider than lags can tell
+    if cells.sum() * CELLS_PER_LAG**2 < 0.99 * albedo.sum():  # the object is wider than the lags
         cells = np.zeros_like(cells)
     return Prediction(terms, grid, pitches_m, signal, transfer, cells, 2 if geometry.is_depolarised else 1)

@@ -1,4 +1,4 @@
-"""Laser safety of the spot: the limit that caps the power. IEC 60825-1, visible continuous wave."""
+"""Laser safety of the spot, which limits the power: IEC 60825-1, visible continuous wave."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ AVERSION_S = 0.25
 
 
 def maximum_permissible_exposure(wavelength_m: float, duration_s: float = AVERSION_S) -> float:
-    """Corneal irradiance limit in W/m^2 for a point source, 400-700 nm, 18 us to 10 s (where the editions agree).
+    """Return the corneal irradiance limit in W/m^2 for a point source, 400-700 nm, 18 us to 10 s (where the editions agree).
 
-    18 t^0.75 J/m^2 with C6 = 1, divided by t. Raises InputError outside the table's row.
+    18 t^0.75 J/m^2 with C6 = 1, divided by t. Raises InputError outside this range.
     """
     if not 400e-9 <= wavelength_m <= 700e-9:
         raise InputError(
@@ -28,10 +28,10 @@ def maximum_permissible_exposure(wavelength_m: float, duration_s: float = AVERSI
 
 
 def spot_safety(power_w: float, wavelength_m: float, spot_diameter_m: float, albedo: float = 1.0) -> dict[str, float]:
-    """Irradiance of the spot against the limit, and how near an eye may come to the diffusely lit spot.
+    """Return the irradiance of the spot in units of the limit, and the safe distance of an eye from the diffusely lit spot.
 
-    `hazard_distance_m` is where a Lambertian wall's light, P albedo / (pi d^2) on its normal, falls to
-    the limit; the beam itself is unsafe wherever `spot_over_limit` exceeds one.
+    `hazard_distance_m` is the distance at which the light of a Lambertian wall, P albedo / (pi d^2) on its normal, falls to the
+    limit. The beam itself is unsafe wherever `spot_over_limit` exceeds one.
     """
     limit = maximum_permissible_exposure(wavelength_m)
     area = 0.25 * math.pi * check_positive("spot_diameter", spot_diameter_m) ** 2

@@ -1,4 +1,4 @@
-"""Public API of the radiometry: the light budget of a scene, and what its frames will show."""
+"""Public functions of the radiometry: light budget and prediction of a scene."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from radiometry.throughput import light_budget as budget_of_path
 
 @dataclass(frozen=True)
 class Forecast:
-    """What the autocorrelation estimate of a capture will hold.
+    """Prediction of the autocorrelation estimate of a capture.
 
     Attributes:
-        signal: H (r*r), window-smoothed, (127, 127), in units of (r*r)(0).
+        signal: H (r*r), smoothed by the window, (127, 127), in units of (r*r)(0).
         floor_over_peak: noise floor in the same unit; None without light.
         dof: degrees of freedom K.
-        signal_to_noise: mean over the object's lags; None without light.
-        pitches_m: object distance of one lag, down and right.
+        signal_to_noise: mean over the lags of the object; None without light.
+        pitches_m: object distance of one lag along rows and columns.
     """
 
     signal: np.ndarray
@@ -32,16 +32,16 @@ class Forecast:
 
 
 def light_budget(scene: Any) -> Budget:
-    """The light budget that a scene's frames follow.
+    """Return the light budget of a scene.
 
     Args:
-        scene: from `sim.load`, or its geometry.
+        scene: from `correlograph.load`, or its geometry.
     """
     return budget_of_path(getattr(scene, "geometry", scene).light_path)
 
 
 def predict(scene: Any, frames: int = 2, patch: int | None = None) -> Forecast:
-    """What a capture of so many frames will show, cut into patches of `patch` pixels (None: as `invert` would)."""
+    """Predict the estimate of a capture with a number of frames and patches of `patch` pixels (None: as in `invert`)."""
     known = predict_geometry(getattr(scene, "geometry", scene), patch)
     terms = known.terms
     return Forecast(known.signal, terms.floor_over_peak(), known.dof(frames), known.signal_to_noise(frames), known.pitches_m)

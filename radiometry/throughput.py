@@ -1,8 +1,8 @@
 """Light budget: laser, virtual source, object, virtual detector, pupil, pixel.
 
-In the closed form every wall is Lambertian and every patch small against its distance, so each bounce multiplies by
-albedo cos cos A / (pi d^2); together P A_obj A_det A_pupil / (pi^3 d1^2 d2^2 d3^2) times the
-cosines and losses (the paper's section 6.B). Only the pupil is not that small: it takes sin^2.
+In the closed form every surface is Lambertian and small compared with its distance, so each reflection contributes a factor
+albedo cos cos A / (pi d^2). Together they give P A_obj A_det A_pupil / (pi^3 d1^2 d2^2 d3^2) times cosines and losses (Metzler et
+al. 2020, section 6.B). Only the pupil is not small; it contributes sin^2.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from radiometry.photons import decibel, photon_rate
 
 @dataclass(frozen=True)
 class LightPath:
-    """What the closed form needs. Lengths in metres, areas in m^2, angles as cosines, the rest ratios.
+    """Input of the closed form. Lengths in metres, areas in m^2, angles as cosines, the rest ratios.
 
     `object_albedo_area_m2` is the integral of the albedo over the object's own surface.
     """
@@ -41,7 +41,7 @@ class LightPath:
     pixel_area_m2: float
     pixels: int
     beyond_flat: float = 1.0
-    """Light that rays carry, over that of the closed form: curvature, depth, tilt and BSDFs that are not Lambertian."""
+    """Light of the traced rays in units of the closed form: curvature, depth, tilt and BSDFs that are not Lambertian."""
 
     def __post_init__(self) -> None:
         for name in (
@@ -75,7 +75,7 @@ class LightPath:
 
 @dataclass(frozen=True)
 class Budget:
-    """The light budget of one pixel: named factors whose product is its throughput."""
+    """Light budget of one pixel: named factors whose product is its throughput."""
 
     rows: tuple[tuple[str, float], ...]
     laser_photons_per_s: float
@@ -103,7 +103,8 @@ class Budget:
         return self.photoelectrons_per_pixel_s * self.pixels
 
     def as_dict(self) -> dict[str, object]:
-        """JSON-ready: `per_pixel_db`, `per_frame_db`, `photons_per_second`, `rows`. A dark path reads null."""
+        """Return the budget for JSON: `per_pixel_db`, `per_frame_db`, `photoelectrons_per_frame_s`, `rows`; null for a
+        dark path."""
 
         def finite(value: float) -> float | None:
             return value if math.isfinite(value) else None
@@ -111,28 +112,30 @@ class Budget:
         return {
             "per_pixel_db": finite(self.per_pixel_db),
             "per_frame_db": finite(self.per_frame_db),
-            "photons_per_second": self.photoelectrons_per_frame_s,
+            "photoelectrons_per_frame_s": self.photoelectrons_per_frame_s,
+            "photons_per_second": self.photoelectrons_per_frame_s,  # old name
             "rows": [{"name": name, "db": finite(decibel(factor))} for name, factor in self.rows],
         }
 
 
 def pupil_fraction(diameter_m: float, distance_m: float) -> float:
-    """Fraction of a Lambertian wall's light that a disc facing it catches: sin^2 of the half angle.
+    """Return the fraction of a Lambertian wall's light that falls on a disc facing it: sin^2 of the half angle.
 
-    A / (pi d^2) for a small pupil, 1 for one that catches everything.
+    A / (pi d^2) for a small pupil, 1 for a pupil that receives everything.
     """
     radius = 0.5 * diameter_m
     return radius**2 / (radius**2 + distance_m**2)
 
 
 def light_budget(path: LightPath) -> Budget:
-    """The budget of one pixel that frames follow: the closed form's rows, and what rays carry beyond it."""
+    """Return the light budget of one pixel that frames follow: the rows of the closed form, and the traced rays relative
+    to it."""
     flat = closed_form(path)
     return replace(flat, rows=(*flat.rows, ("shape and BSDFs, beyond flat and Lambertian", path.beyond_flat)))
 
 
 def closed_form(path: LightPath) -> Budget:
-    """The budget of one pixel if every surface were flat, small and Lambertian, one row per physical factor."""
+    """Return the light budget of one pixel for flat, small, Lambertian surfaces, one row per physical factor."""
     rows = (
         ("virtual source albedo", path.source_albedo),
         ("virtual source cosine", path.source_cosine),
@@ -152,7 +155,7 @@ def closed_form(path: LightPath) -> Budget:
 
 
 def detector_to_pixel(path: LightPath) -> float:
-    """Photoelectrons per photon that lands on a pixel's share of the virtual detector."""
+    """Return the photoelectrons per photon that lands on a pixel's footprint on the virtual detector."""
     return (
         path.detector_albedo
         * path.detector_cosine_out

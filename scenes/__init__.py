@@ -5,5 +5,10 @@ from pathlib import Path
 
 
 def scene_path(name: str) -> Path:
-    """Path of a shipped scene file."""
+    """Return the path of a shipped scene file."""
     return Path(str(files("scenes"))) / name / "scene.xml"
+
+
+def scene_names() -> list[str]:
+    """Return the names of the shipped scenes."""
+    return sorted(path.parent.name for path in Path(str(files("scenes"))).glob("*/scene.xml"))

@@ -1,23 +1,24 @@
-"""Coherent simulator: one Mitsuba scene file in, speckle frames out.
+"""Coherent simulator: one Mitsuba scene file to speckle frames.
 
-    scene.py         load, render, wall_field: the public face
-    scene_file.py    loads and checks a scene file, hashes what it is made of
-    libllvm.py variant.py  what Dr.Jit compiles with; the Mitsuba variant
-    plugins/         laser, phase_screen, speckle_camera: the scene vocabulary (table.py lists its numbers)
+    scene.py         public interface: load, render, wall_field
+    scene_drawing.py drawing of a scene to scale
+    scene_file.py    loading and checking of a scene file, digest of its content
+    libllvm.py variant.py  compiler of Dr.Jit; Mitsuba variant
+    plugins/         laser, phase_screen, speckle_camera: the scene vocabulary (table.py lists its parameters)
     integrators/     speckle, throughput: frames and light budget by mi.render
     scene_reader.py  scene -> Geometry, validated
-    geometry.py      distances, cosines, the light path
-    transport/       light as rays: surfaces, light budget, the object seen from the wall, Monte Carlo
+    geometry.py      distances, cosines, light path
+    transport/       light as rays: surfaces, light budget, object as seen from the virtual detector, Monte Carlo
     optics/          light as waves: illumination, motion, coherence, camera
-    propagation/     object -> virtual detector, one kernel a file
-    plan.py effects.py  what is modelled, what is left out and why, at which predicted error (plan_report.py: to read)
-    frame.py         the flow for one frame
+    propagation/     object -> virtual detector, one propagator per file
+    plan.py effects.py  selection of effects and propagator with predicted errors (plan_report.py: as text and JSON)
+    frame.py         simulation of one frame
     gradients.py     derivatives of the expectation, in torch
-    memory_effect.py the same scene as speckle correlation through the memory effect shows it
-    mesh.py          letters as meshes (command)
+    memory_effect.py the same scene by speckle correlation through the memory effect
+    mesh.py          conversion of meshes (command)
     __main__.py      the command
 
-Importing it sets a Mitsuba variant (unless one is set) and registers the plugins, so that
+The import sets a Mitsuba variant (unless one is set) and registers the plugins, so that
 `mi.load_file("scene.xml", optimize=False)` and `mi.render(scene, seed=1)` work.
 """
 

@@ -1,4 +1,4 @@
-"""`python -m sim`: a scene file to speckle frames."""
+"""`python -m sim`: render speckle frames of a scene file, or print the plan."""
 
 from __future__ import annotations
 
@@ -25,16 +25,23 @@ def parser() -> ArgumentParser:
     p.add_argument(
         "--plan",
         action="store_true",
-        help="print what would be modelled, and render nothing: a page on a terminal, JSON elsewhere",
+        help="print the modelled effects and predictions and render nothing: a page on a terminal, JSON elsewhere; "
+        "with -o, draw the scene as plan.png",
     )
-    p.add_argument("--json", action="store_true", help="print the plan as JSON on a terminal, too")
+    p.add_argument("--json", action="store_true", help="print the plan as JSON, also on a terminal")
     p.add_argument(
         "--truth-patch",
         type=int,
         metavar="PIXELS",
         help="patch size whose lags truth.npy is sampled at, for 'invert --patch' (default: as invert chooses)",
     )
-    p.add_argument("--mean", action="store_true", help="write expected photoelectrons, before any noise")
+    p.add_argument(
+        "--noise-free",
+        "--mean",
+        dest="noise_free",
+        action="store_true",
+        help="write expected photoelectrons: speckle without photon and camera noise",
+    )
     p.add_argument(
         "--accuracy",
         choices=("statistical", "field"),
@@ -57,7 +64,7 @@ def parser() -> ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Load, plan, render, write."""
+    """Load the scene, plan, render, write."""
     options = parser().parse_args(argv)
     _check(options)
     from sim import activate
@@ -76,6 +83,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     monte_carlo = scene.monte_carlo()
     content = as_json(plan, options.frames, monte_carlo)
     if options.plan:
+        if options.output is not None:
+            _draw_plan(scene, options.output)
         if sys.stdout.isatty() and not options.json:
             print(summary(plan, options.frames, monte_carlo))
             return
@@ -87,6 +96,15 @@ def main(argv: Sequence[str] | None = None) -> None:
     _render(scene, plan, content, options)
 
 
+def _draw_plan(scene, output: str) -> None:
+    from correlograph.files.figures import save_figure
+    from correlograph.files.output import output_folder
+
+    path = output_folder(output) / "plan.png"
+    save_figure(path, scene.draw())
+    print(f"drawing of the scene: {path}", file=sys.stderr)
+
+
 def _check(options) -> None:
     if options.output is None and not options.plan:
         raise InputError("-o", "an output folder", "none", "add -o DIR, or --plan to render nothing")
@@ -94,7 +112,8 @@ def _check(options) -> None:
 
 
 def _render(scene, plan, content, options) -> None:
-    """Draw every frame into a hidden folder, then move all at once: a stopped run leaves an older capture whole."""
+    """Render each frame into a hidden folder, then move all frames at once, so that a stopped run leaves an earlier
+    capture intact."""
     from tqdm import tqdm
 
     from correlograph.files.capture_folder import frame_path, replace_capture, stage_capture
@@ -107,7 +126,7 @@ def _render(scene, plan, content, options) -> None:
     truth, pitches_m = lag_grid_albedo(plan.geometry, options.truth_patch)
     write_s = saturated = 0.0
     with stage_capture(folder) as staging:
-        drawn = draw(plan, options.frames, options.seed, mean=options.mean, device=options.device)
+        drawn = draw(plan, options.frames, options.seed, mean=options.noise_free, device=options.device)
         prepared = time.perf_counter()
         for number, frame in enumerate(tqdm(drawn, total=options.frames, desc="frames", unit="frame", disable=None)):
             started = time.perf_counter()
@@ -125,7 +144,7 @@ def _render(scene, plan, content, options) -> None:
                 options.seed,
                 options.frames,
                 pitches_m,
-                mean=options.mean,
+                mean=options.noise_free,
                 saturated=saturated,
                 seconds=seconds,
             ),
@@ -133,7 +152,7 @@ def _render(scene, plan, content, options) -> None:
         replace_capture(staging, folder)
     if saturated > SATURATION_WORTH_A_WARNING:
         print(f"warning: full_well: {100 * saturated:.3g} % of the pixels are saturated", file=sys.stderr)
-    print(f"{options.frames} frames: {folder}")
+    print(f"{options.frames} frames, {time.perf_counter() - begin:.1f} s: {folder}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Which effects a scene needs: each modelled where omitting it would cost more than the tolerance, unless it is forced."""
+"""Selection of the effects of a scene: an effect is modelled if its omission would exceed the tolerance, or if it is forced."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ELECTRONIC = {
     "full_well": "full_well",
     "quantisation": "bits",
 }
-"""Effects that a parameter of the speckle_camera switches on, and that parameter."""
+"""Effects that a parameter of the speckle_camera enables, and that parameter."""
 
 OPTICAL = (
     "source_grain",
@@ -47,8 +47,8 @@ class Effect:
     """One line of the plan.
 
     Attributes:
-        predicted_error: what leaving it out (or modelling it this way) costs, as relative error of the expected
-            autocorrelation or as floor over peak.
+        predicted_error: error of the omission (or of the model), as relative error of the expected autocorrelation or as floor
+            over peak.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Effect:
 
 
 def parse_effects(texts: Iterable[str]) -> tuple[tuple[str, bool], ...]:
-    """`--effect NAME=on|off|auto` options as (name, on) of those that are not auto; InputError for any other."""
+    """Parse `--effect NAME=on|off|auto` options into (name, on) of those that are not auto. Raises InputError for any other."""
     forced: dict[str, bool] = {}
     for text in texts:
         name, _, value = text.partition("=")
@@ -74,9 +74,9 @@ def parse_effects(texts: Iterable[str]) -> tuple[tuple[str, bool], ...]:
 def decide(
     geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced: tuple[tuple[str, bool], ...], tolerance: float
 ) -> dict[str, Effect]:
-    """All effects of a scene, modelled or left out and why.
+    """Decide for each effect of a scene whether it is modelled, and why.
 
-    Raises InputError where one is forced on that the scene gives no parameter for.
+    Raises InputError if an effect is forced that needs a missing parameter of the scene.
     """
     source, electronics = geometry.spot, geometry.electronics
     phase_rms = 4.0 * math.pi * source.height_rms_m / geometry.wavelength_m
@@ -165,10 +165,10 @@ def decide(
 
 
 def remaining_electronics(electronics: Electronics, decided: dict[str, Effect]) -> Electronics:
-    """The camera without the effects that are left out."""
+    """Return the camera parameters without the omitted effects."""
     off = {parameter: 0 for name, parameter in ELECTRONIC.items() if not decided[name].modelled}
     if electronics.bits and "full_well" in off and not electronics.gain:
-        off["bits"] = 0  # the converter's range is gone
+        off["bits"] = 0  # without the range of the ADC
     if off.get("bits") == 0:
         off["gain"] = 0.0
     return replace(electronics, **off)

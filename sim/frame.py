@@ -1,4 +1,4 @@
-"""One frame, from geometry to photoelectrons: the coherent flow in a few named steps."""
+"""Simulation of one frame, from geometry to photoelectrons."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from sim.propagation.sampling import kernel, middle, phasor
 
 
 class Simulation:
-    """Everything about a scene that all its frames share; `frame(seed, number)` draws one.
+    """State that all frames of a scene share; `frame(seed, number)` simulates one frame.
 
-    Raises InputError when the object or the wall cannot be modelled as the settings ask.
+    Raises InputError if the object or the virtual detector cannot be modelled with these settings.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Simulation:
         return self.effects[effect].modelled
 
     def with_object(self, cells: np.ndarray, pitch_m: float | tuple[float, float]) -> Simulation:
-        """The same simulation with a flat object of albedo cells (n, n) in place of the scene's own."""
+        """Return the same simulation with a flat object of albedo cells (n, n) instead of the object of the scene."""
         other = copy(self)
         other._follow(Plan.of(self.geometry.with_object(cells, pitch_m), self.settings))
         return other
@@ -68,15 +68,15 @@ class Simulation:
         oversampling: int = 1,
         progress: Callable[[int], object] = lambda parts: None,
     ) -> torch.Tensor:
-        """Complex field on the wall of one coherent mode of a frame, its mean square the samples' brightness.
+        """Return the complex field of one coherent mode on the virtual detector; its mean square is the brightness of the samples.
 
         Args:
-            polarisation: 0 or 1, each with random phases of its own.
-            offset_hz: of a spectral line from the laser's frequency.
+            polarisation: 0 or 1, each with independent random phases.
+            offset_hz: offset of a spectral line from the laser frequency.
             oversampling: samples per pixel and axis.
 
         Returns:
-            complex64 (oversampling H, oversampling W); complex128 where the kernel works in double precision.
+            complex64 (oversampling H, oversampling W); complex128 if the propagator works in double precision.
         """
         height, width = self.geometry.frame_shape
         pose = self._poses(number)[0]
@@ -93,7 +93,7 @@ class Simulation:
         pose: Pose,
         progress: Callable[[int], object] = lambda parts: None,
     ) -> torch.Tensor:
-        """The same with a border around it for the camera's blur."""
+        """Return the field with a border around it for the blur of the camera."""
         samples, option = self._samples, self.propagator
         height, width = samples.wall.shape
         wall = replace(
@@ -124,9 +124,9 @@ class Simulation:
         return chosen.propagate(scatterers, wall, terms)
 
     def _kernel_gain(self, visible: Visibility | None) -> np.ndarray:
-        """Factors (n,) that cancel each sample's amplitude in the kernel, on average over the frame.
+        """Return factors (n,) that cancel the mean amplitude of each sample in the propagator over the frame.
 
-        The samples' light already includes distances and occlusion.
+        The light of the samples already includes distances and occlusion.
         """
         if self._gain is None:
             samples = self._samples
@@ -142,9 +142,9 @@ class Simulation:
         return self._gain
 
     def expected_frame(self, seed: int, number: int) -> torch.Tensor:
-        """Expected photoelectrons of one frame's speckle, before any noise: float32 (H, W).
+        """Return the expected photoelectrons of one frame's speckle without photon and camera noise: float32 (H, W).
 
-        Incoherent sum over polarisations, spectral lines and the sub-exposures of a motion.
+        It is the incoherent sum over polarisations, spectral lines and the sub-exposures of a motion.
         """
         if len(self._samples.amplitude) == 0:
             return self._ambient().expand(self.geometry.frame_shape).clone().cpu()
@@ -164,7 +164,7 @@ class Simulation:
             if texture is not None:
                 wall = wall * texture
             if exact:
-                # One wall for all lines of a polarisation.
+                # one rough wall for all lines of a polarisation
                 image = exact_image(wall, factor, self.geometry, _stream(seed, number, 3 + 2 * polarisation))
             else:
                 image = wall.real.square() + wall.imag.square()
@@ -183,7 +183,8 @@ class Simulation:
         return poses(self.geometry, number, self._modes.sub_exposures, moving=self._models("motion"))
 
     def _texture(self, factor: int) -> torch.Tensor:
-        """Amplitude factor of the wall's own albedo, its mean square 1, on `factor` samples per pixel and axis."""
+        """Return the amplitude factor of the albedo of the virtual detector, mean square 1, on `factor` samples per
+        pixel and axis."""
         texture = torch.from_numpy(self.geometry.detector_texture).to(self.device).sqrt()
         height, width = self.geometry.canvas_shape
         down, right = ((n - m) // 2 for n, m in zip((height, width), texture.shape, strict=True))
@@ -191,7 +192,7 @@ class Simulation:
         return texture.repeat_interleave(factor, 0).repeat_interleave(factor, 1)
 
     def _ambient(self) -> torch.Tensor:
-        """Photoelectrons of other emitters, (H, W) or a single zero."""
+        """Return the photoelectrons from other emitters, (H, W) or a single zero."""
         rate = self.geometry.ambient_photoelectrons_per_pixel_s
         if rate is None or not self._models("ambient"):
             return torch.zeros(1, 1, device=self.device)
@@ -200,10 +201,10 @@ class Simulation:
         return smooth[0, 0].to(self.device)
 
     def frame(self, seed: int, number: int) -> torch.Tensor:
-        """One stored frame in electrons, float32 (H, W).
+        """Return one recorded frame in electrons, float32 (H, W).
 
-        Frame `number` of a capture lights another spot of the virtual source, at least a spot diameter away unless the
-        laser's `scan_step` is less, so its speckle is independent; so is its noise.
+        Frame `number` of a capture illuminates another spot of the virtual source, at least one spot diameter away unless the
+        laser's `scan_step` is smaller. Its speckle and its noise are therefore independent of other frames.
         """
         noise = expose(
             self.expected_frame(seed, number).numpy(), self._electronics, _stream(seed, number, 1), self._models("shot_noise")
@@ -212,10 +213,10 @@ class Simulation:
 
 
 def _stream(seed: int, number: int, purpose: int) -> np.random.Generator:
-    """Random stream of one purpose of one frame.
+    """Return the random stream of one purpose of one frame.
 
-    0 and 2: phase screens of either polarisation; 1: photons and electronics; 3 and 5: the virtual detector's roughness;
-    4: light by other ways.
+    0 and 2: phase screens of either polarisation; 1: photons and electronics; 3 and 5: roughness of the virtual detector; 4: stray
+    light.
     """
     if seed < 0:
         raise InputError("seed", "zero or a positive whole number", seed, "choose another --seed")

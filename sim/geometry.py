@@ -1,4 +1,4 @@
-"""What the simulator knows of a scene: where the light goes, in float64."""
+"""Scene geometry and light path, in float64."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ class Spot:
     beam: np.ndarray
     """Direction of the laser's light."""
     normal: np.ndarray
-    """Of the wall, towards the light."""
+    """Normal of the wall, towards the light."""
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """What the simulator needs to know of a scene. Lengths in metres, vectors in world axes (3,).
+    """Geometry of a scene. Lengths in metres, vectors in world axes (3,).
 
-    `right` and `down` are the steps on the wall from a pixel to the next, per metre of `pixel_pitch_m`, as the camera sees
-    them: longer than 1 where the camera looks at the wall at an angle.
+    `right` and `down` are the steps on the wall between adjacent pixels per metre of `pixel_pitch_m`, as the camera sees them. They
+    are longer than 1 if the camera sees the wall at an angle.
     """
 
     spot: Spot
@@ -57,30 +57,30 @@ class Geometry:
     is_direct_path_blocked: bool
     """Whether a shape stands on the straight line from the virtual source to the virtual detector."""
     direct_light: float
-    """Fraction of the laser's light that one square metre of the virtual detector receives straight
-    from the virtual source: zero when a baffle, or the walls' own facing, blocks it."""
+    """Fraction of the laser light per square metre of the virtual detector that arrives directly from the virtual
+    source; zero if a baffle or the orientation of the walls blocks it."""
     linewidth_hz: float
     is_depolarised: bool
     """Whether light has lost its polarisation before it reaches the virtual detector."""
     detector_height_rms_m: float | None
-    """Roughness of the virtual detector; None where no phase_screen tells it."""
+    """Roughness of the virtual detector; None without a phase_screen."""
     detector_texture: np.ndarray | None
-    """Albedo of the virtual detector under each pixel over its mean, float32 (H, W); None where it is the same everywhere."""
+    """Albedo of the virtual detector under each pixel in units of its mean, float32 (H, W); None if it is uniform."""
     ambient_irradiance: np.ndarray | None
-    """Light of other emitters on the frame in W/m^2, a coarse map (see `ambient.py`); None without any."""
+    """Irradiance of the frame by other emitters in W/m^2, a coarse map (see `ambient.py`); None without any."""
     object_velocity_m_s: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """Of the hidden object, in world axes (3,)."""
+    """Velocity of the hidden object in world axes (3,)."""
     frame_interval_s: float = 0.0
-    """From the beginning of one frame to that of the next; the exposure if that is longer."""
+    """Time between the starts of two frames; the exposure if that is longer."""
     other_light: OtherLight | None = None
-    """The laser's light by way of clutter or of several reflections; None for an object shown in place of the scene's."""
+    """Stray laser light, by clutter or several reflections; None for a flat object in place of the scene's."""
 
     def with_exposure(self, exposure_s: float) -> Geometry:
-        """The same scene at another exposure."""
+        """Return the same scene at another exposure."""
         return replace(self, electronics=replace(self.electronics, exposure_s=exposure_s))
 
     def with_object(self, cells: np.ndarray, pitch_m: float | tuple[float, float]) -> Geometry:
-        """The same scene with a flat object of albedo cells (n, n) in place of its own, `pitch_m` apart (down, right)."""
+        """Return the same scene with a flat object of albedo cells (n, n) in its place, `pitch_m` apart (rows, columns)."""
         pitches = pitch_m if isinstance(pitch_m, tuple) else (pitch_m, pitch_m)
         shown = FlatObject(cells, pitches, self.hidden_object)
         path = replace(self.light_path, object_albedo_area_m2=shown.albedo_area_m2(), beyond_flat=1.0)
@@ -96,19 +96,19 @@ class Geometry:
 
     @property
     def distance_m(self) -> float:
-        """Object to virtual detector."""
+        """Distance from the object to the virtual detector."""
         return self.light_path.object_to_detector_m
 
     @property
     def other_light_share(self) -> float:
-        """The laser's light by other ways over the hidden object's."""
+        """Stray laser light in units of the hidden object's light."""
         if self.other_light is None or self.hidden_object.throughput == 0.0:
             return 0.0
         return self.other_light.total.per_frame / (self.hidden_object.throughput * self.light_path.pixels)
 
     @property
     def ambient_photoelectrons_per_pixel_s(self) -> np.ndarray | None:
-        """Photoelectrons of ambient light, a coarse map over the frame; None without any."""
+        """Photoelectrons from ambient light, a coarse map over the frame; None without any."""
         if self.ambient_irradiance is None:
             return None
         path = self.light_path
@@ -117,13 +117,13 @@ class Geometry:
 
     @property
     def object_speed_m_s(self) -> tuple[float, float]:
-        """Across the line of sight along the object's axes (down, right)."""
+        """Speed across the line of sight along the object's axes (rows, columns)."""
         down, right = self.hidden_object.axes.coordinates(self.object_velocity_m_s)
         return float(down), float(right)
 
     @property
     def motion(self) -> Motion:
-        """What moves during one exposure."""
+        """Motion during one exposure."""
         exposure_s, (down, right) = self.electronics.exposure_s, self.object_speed_m_s
         return Motion(
             self.spot.scan_speed_m_s * exposure_s / self.spot.diameter_m,
@@ -134,7 +134,8 @@ class Geometry:
 
     @property
     def seen_pitch_m(self) -> tuple[float, float]:
-        """Distance of neighbouring rows and columns as the object sees them: a lag is lambda z over pixels times this."""
+        """Distances of neighbouring rows and columns as the object sees them; a lag is lambda z over pixels times this
+        distance."""
         stretch = self.hidden_object.axes.stretch
         return self.pixel_pitch_m / stretch[0], self.pixel_pitch_m / stretch[1]
 
@@ -146,7 +147,7 @@ class Geometry:
 
     @property
     def canvas_shape(self) -> tuple[int, int]:
-        """Pixels (rows, columns) of which the field is computed: the frame and a border for the camera's blur."""
+        """Pixels (rows, columns) on which the field is computed: the frame and a border for the blur of the camera."""
         return canvas(self.frame_shape)
 
     @property

@@ -1,9 +1,9 @@
-"""Derivatives of what frames show: light budget, mean and expected autocorrelation as functions that torch differentiates.
+"""Derivatives of the expected frames: light budget, mean and expected autocorrelation as differentiable torch functions.
 
-A flat, rough object of given albedo, at a pose and distances of its own, lit and seen as in a scene. The expected
-autocorrelation is H (r*r) under the patch window, with r the light that each cell of the object carries, placed where the
-frame's centre sees it: smooth in every parameter, so that autograd gives its gradient (the paper's Eqs. 5 to 8 in
-expectation).
+The object is flat and rough with a given albedo; its pose and the distances are parameters; light and camera are those of a scene.
+The expected autocorrelation is H (r*r) under the patch window. Here r is the light of each cell of the object, at the position
+where the frame centre sees it. It is smooth in every parameter, so that autograd gives its gradient (Metzler et al. 2020, Eqs. 5
+to 8, in expectation).
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ Tensor = torch.Tensor
 
 @dataclass(frozen=True)
 class Setup:
-    """Everything that the expectation depends on; float64 scalars with or without gradient.
+    """Input of the expectation; float64 scalars with or without gradient.
 
     Attributes:
         albedo: power reflectance of the object's cells (n, n), rows down.
-        cell_m: side of a cell on the object's own surface.
-        tilt_right, tilt_down: turns of the object about the frame's down axis and about its right axis, radians.
-        shift_right_m, shift_down_m: of the object's centre, across the line of sight.
-        source_m, detector_m: from the object's centre to the spot and to the frame's centre.
-        source_angle: of the spot off the line of sight, about the down axis, radians; positive to the right.
+        cell_m: side of a cell on the object's surface.
+        tilt_right, tilt_down: rotations of the object about the frame's column axis and about its row axis, radians.
+        shift_right_m, shift_down_m: displacement of the object's centre across the line of sight.
+        source_m, detector_m: distances from the object's centre to the spot and to the frame centre.
+        source_angle: angle between spot and line of sight, about the column axis, radians; positive to the right.
         exposure_s, power_w, wavelength_m, pixel_pitch_m, pupil_diameter_m, pupil_m: laser and camera.
-        losses: albedos of both walls, their cosines, transmission and quantum efficiency, multiplied.
-        patch: pixels of a patch, a side.
-        stretch: (down, right): how much closer than `pixel_pitch_m` the object sees neighbouring rows and columns.
+        losses: product of the albedos of both walls, their cosines, transmission and quantum efficiency.
+        patch: pixels along the side of a patch.
+        stretch: (rows, columns): ratio of `pixel_pitch_m` to the distance of neighbouring rows and columns as the object sees them.
     """
 
     albedo: Tensor
@@ -57,12 +57,12 @@ class Setup:
     stretch: tuple[float, float] = (1.0, 1.0)
 
     def with_(self, **values: Any) -> Setup:
-        """The same with other values; numbers become float64 tensors."""
+        """Return a copy with other values; numbers become float64 tensors."""
         return replace(self, **{name: torch.as_tensor(value, dtype=torch.float64) for name, value in values.items()})
 
 
 def setup_of(geometry: Any, cells: int = 48, patch: int | None = None) -> Setup:
-    """The setup of a scene whose object is flat and faces the wall, its albedo on `cells` a side."""
+    """Return the setup of a scene with a flat object that faces the wall; its albedo has `cells` cells along a side."""
     from radiometry.prediction import patches_of
 
     hidden, path, camera = geometry.hidden_object, geometry.light_path, geometry.electronics
@@ -109,16 +109,17 @@ def setup_of(geometry: Any, cells: int = 48, patch: int | None = None) -> Setup:
 
 
 def parameters(setup: Setup) -> list[str]:
-    """Names of all differentiable parameters."""
+    """Return the names of all differentiable parameters."""
     return [field.name for field in fields(setup) if field.name not in ("patch", "stretch")]
 
 
 def cell_light(setup: Setup) -> tuple[Tensor, Tensor]:
-    """Photoelectrons that each cell brings to a pixel (m,), and where the frame's centre sees it, (m, 2) down and right."""
+    """Return the photoelectrons of each cell in a pixel (m,) and its position as seen from the frame centre, (m, 2),
+    rows and columns."""
     n = setup.albedo.shape[0]
     index = (torch.arange(n, dtype=torch.float64) - 0.5 * (n - 1)) * setup.cell_m
     down, right = (part.reshape(-1) for part in torch.meshgrid(index, index, indexing="ij"))
-    # Coordinates (down, right, towards the wall); the object turns about its centre.
+    # Coordinates (down, right, towards the wall); the object rotates about its centre.
     cos_r, sin_r, cos_d, sin_d = (f(angle) for angle in (setup.tilt_right, setup.tilt_down) for f in (torch.cos, torch.sin))
     x = torch.stack(
         [
@@ -153,27 +154,27 @@ def cell_light(setup: Setup) -> tuple[Tensor, Tensor]:
 
 
 def mean_photoelectrons(setup: Setup) -> Tensor:
-    """Expected photoelectrons of one pixel."""
+    """Return the expected photoelectrons of one pixel."""
     return cell_light(setup)[0].sum()
 
 
 def throughput(setup: Setup) -> Tensor:
-    """Photoelectrons in one pixel per laser photon."""
+    """Return the photoelectrons in one pixel per laser photon."""
     photons = setup.power_w * setup.wavelength_m / (Planck * speed_of_light) * setup.exposure_s
     return mean_photoelectrons(setup) / photons
 
 
 def expected_autocorrelation(setup: Setup) -> Tensor:
-    """Expected estimate without its floor, (127, 127), in photoelectrons squared: H times the windowed r*r.
+    """Return the expected estimate without its floor, (127, 127), in photoelectrons squared: H times r*r smoothed by the window.
 
-    r*r of cells at any places is a sum of waves over the patch, whose power under the patch's triangle, transformed to
-    lags, is what the estimator computes on average.
+    r*r of cells at arbitrary positions is a sum of waves over the patch. Its power under the patch triangle, transformed to lags, is
+    the expectation of the estimator.
     """
     light, place = cell_light(setup)
     n = setup.patch
     offset = torch.arange(-(n - 1), n, dtype=torch.float64)
     turns = offset * setup.pixel_pitch_m / (setup.wavelength_m * setup.detector_m)
-    # The speckle's field correlates like the transform of the light; light and places factor per cell.
+    # The field of the speckle is correlated like the transform of the light; light and positions factorise per cell.
     phases = [2.0 * math.pi / setup.stretch[axis] * torch.outer(turns, place[:, axis]) for axis in (0, 1)]
     waves = [torch.polar(torch.ones_like(phase), phase) for phase in phases]
     field = (waves[0] * light.to(torch.complex128)) @ waves[1].T
@@ -185,7 +186,7 @@ def expected_autocorrelation(setup: Setup) -> Tensor:
 
 
 def _transfer(setup: Setup, lags: Tensor) -> Tensor:
-    """H per lag; see `radiometry/transfer.py`."""
+    """Return H per lag; see `radiometry/transfer.py`."""
     frequency = lags / (setup.patch * setup.pixel_pitch_m)
     cutoff = setup.pupil_diameter_m / (setup.wavelength_m * setup.pupil_m)
     reduced = (torch.hypot(frequency[:, None], frequency[None] + 1e-12) / cutoff).clamp(1e-9, 1.0 - 1e-9)

@@ -1,4 +1,4 @@
-"""Which libLLVM Dr.Jit compiles with: the newest on the machine, unless DRJIT_LIBLLVM_PATH names one."""
+"""Selection of the libLLVM that Dr.Jit loads: the newest one, unless DRJIT_LIBLLVM_PATH names another."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _PLACES = (
 
 
 def version_of(path: str) -> int | None:
-    """Major version in a library's name, with links followed; None where it has none."""
+    """Return the major version in the name of a library, links followed; None without one."""
     for name in (os.path.basename(path), os.path.basename(os.path.realpath(path)), os.path.realpath(path)):
         found = re.search(r"libLLVM[-.](?:so\.)?(\d+)|llvm[-@](\d+)", name)
         if found:
@@ -34,7 +34,7 @@ def version_of(path: str) -> int | None:
 
 
 def newest() -> tuple[str, int] | None:
-    """Path and major version of the newest libLLVM in the usual places; None without any."""
+    """Return path and major version of the newest installed libLLVM; None without any."""
     found = [(version_of(path), path) for place in _PLACES for path in glob.glob(place) if os.path.isfile(path)]
     versions = sorted((version, path) for version, path in found if version is not None)
     return (versions[-1][1], versions[-1][0]) if versions else None

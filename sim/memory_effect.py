@@ -1,16 +1,16 @@
-"""The same hidden scene through the memory effect, to compare with: speckle correlation of an incoherently lit object.
+"""Speckle correlation through the memory effect of an incoherently illuminated object, for comparison with correlography.
 
-Katz et al., Nature Photonics 8, 784 (2014), doi:10.1038/nphoton.2014.189. The laser's speckle on the object is averaged out, so
-its cells send light that does not interfere; the camera is focused at infinity, where each cell shows one speckle pattern of
-the wall, moved by the cell's direction. The frame is the object convolved with that pattern, and its autocovariance is r*r
-times contrast squared. What limits it:
+Katz et al., Nature Photonics 8, 784 (2014), doi:10.1038/nphoton.2014.189. The laser speckle on the object is averaged, so its
+cells emit light that does not interfere. The camera is focused at infinity, where each cell shows one speckle pattern of the
+wall, displaced by the direction of the cell. The frame is the object convolved with that pattern, and its autocovariance is r*r
+times the squared contrast. Three limits apply:
 
 - resolution: a grain of the pattern, lambda z / D on the object;
-- contrast: of n resolved, lit cells 1 / sqrt(n), where correlography has 1;
-- field of view: a cell's pattern comes from phases k h (cos i + cos o) of the wall's heights h. Moving the cell by an angle a
-  changes the cosines by q.a, q = tan o - tan i as vectors along the wall, so patterns of two cells correlate by
-  exp(-(k s q.a)^2) for heights of rms s (Goodman, Speckle Phenomena in Optics, section 5.3); those of a diffusing layer of
-  thickness L by (k L a / sinh k L a)^2 (Freund et al., Phys. Rev. Lett. 61, 2328, doi:10.1103/PhysRevLett.61.2328).
+- contrast: 1 / sqrt(n) for n resolved cells; 1 in correlography;
+- field of view: the pattern of a cell results from phases k h (cos i + cos o) of the wall's heights h. A displacement of the cell
+  by an angle a changes the cosines by q.a, with q = tan o - tan i as vectors along the wall. The patterns of two cells therefore
+  correlate by exp(-(k s q.a)^2) for heights of rms s (Goodman, Speckle Phenomena in Optics, section 5.3). Those of a diffusing
+  layer of thickness L correlate by (k L a / sinh k L a)^2 (Freund et al., Phys. Rev. Lett. 61, 2328, doi:10.1103/PhysRevLett.61.2328).
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from radiometry.throughput import light_budget
 from sim.geometry import Geometry
 
 OVERSAMPLING = 2
-"""Pixels a grain."""
+"""Pixels per grain."""
 
 
 @dataclass(frozen=True)
 class MemoryEffect:
-    """A scene as the memory effect shows it, stopped down until a grain is one lag of the correlograph's estimate.
+    """A scene imaged by the memory effect, with a stop that makes a grain one lag of the correlography estimate.
 
     Attributes:
-        cells: object's albedo, one cell a grain, (64, 64), its sum 1.
+        cells: albedo of the object, one cell per grain, (64, 64), sum 1.
         pitch_m: grain on the object.
-        aperture_m: of the stop.
-        frame_shape: pixels, `OVERSAMPLING` to a grain; the solid angle is that of the scene's frame.
+        aperture_m: diameter of the stop.
+        frame_shape: pixels, `OVERSAMPLING` per grain; the solid angle is that of the scene's frame.
         photoelectrons_per_pixel_s: mean over the frame.
         decorrelation: k s q along rows and columns, per radian.
     """
@@ -53,9 +53,9 @@ class MemoryEffect:
 
     @classmethod
     def of(cls, geometry: Geometry) -> MemoryEffect:
-        """The scene's own camera, refocused and stopped down.
+        """Return the scene's own camera, refocused and stopped down.
 
-        Raises InputError where the virtual detector has no roughness of its own.
+        Raises InputError if the virtual detector has no roughness.
         """
         if geometry.detector_height_rms_m is None:
             raise InputError(
@@ -84,27 +84,27 @@ class MemoryEffect:
 
     @property
     def contrast(self) -> float:
-        """Of the frame, for grains of the object's own cells: 1 / sqrt(number of lit cells)."""
+        """Contrast of the frame for grains of the size of the object's cells: 1 / sqrt(number of bright cells)."""
         return float(np.sqrt((self.cells**2).sum()))
 
     @property
     def field_of_view_m(self) -> float:
-        """Distance on the object over which the pattern's correlation falls to 1 / e."""
+        """Distance on the object at which the correlation of the pattern falls to 1 / e."""
         return self.distance_m / max(float(np.hypot(*self.decorrelation)), 1e-12)
 
     def signal_to_noise(self, seconds: float) -> float:
-        """Autocovariance at small lags over its standard deviation by shot noise, in one frame of so many seconds."""
+        """Return the autocovariance at small lags over its standard deviation by shot noise, in one frame of a duration."""
         mean = self.photoelectrons_per_pixel_s * seconds
         return float(mean * self.contrast**2 * np.sqrt(np.prod(self.frame_shape)))
 
     def frame(self, seconds: float, rng: np.random.Generator) -> np.ndarray:
-        """One noisy frame of a new place of the wall, (H, W)."""
+        """Return one noisy frame of another position on the wall, (H, W)."""
         side = next_fast_len(max(self.frame_shape) + 64 * OVERSAMPLING)
-        across = side // OVERSAMPLING  # of the aperture: a grain is then so many pixels
+        across = side // OVERSAMPLING  # diameter of the aperture in pixels of the grain
         place = (np.arange(across) + 0.5) / across - 0.5
         stop = torch.from_numpy((np.hypot(place[:, None], place) <= 0.5).astype(np.float32))
         phase = torch.from_numpy(rng.uniform(0.0, 2.0 * np.pi, stop.shape).astype(np.float32))
-        heights = torch.from_numpy(rng.standard_normal(stop.shape).astype(np.float32))  # over their rms
+        heights = torch.from_numpy(rng.standard_normal(stop.shape).astype(np.float32))  # normalised to their rms
         height, width = self.frame_shape
         image = torch.zeros(self.frame_shape)
         for row, column in np.argwhere(self.cells > 1e-3 * self.cells.max()).tolist():
@@ -116,12 +116,12 @@ class MemoryEffect:
         return rng.poisson(image.double().numpy() * self.photoelectrons_per_pixel_s * seconds).astype(np.float64)
 
     def within(self, thickness_m: float, wavelength_m: float) -> float:
-        """Field of view where the wall is a diffusing layer: (k L a / sinh k L a)^2 is 1 / e at k L a = 1.817."""
+        """Return the field of view of a diffusing layer: (k L a / sinh k L a)^2 is 1 / e at k L a = 1.817."""
         return self.distance_m * 1.817 * wavelength_m / (2.0 * np.pi * thickness_m)
 
 
 def _decorrelation(geometry: Geometry) -> tuple[float, float]:
-    """k s q along the object's axes (down, right)."""
+    """Return k s q along the object's axes (rows, columns)."""
     normal = np.cross(geometry.down, geometry.right)
     normal *= np.sign(normal @ (geometry.hidden_object.centre - geometry.detector_centre)) / np.linalg.norm(normal)
     slopes = []
@@ -134,7 +134,7 @@ def _decorrelation(geometry: Geometry) -> tuple[float, float]:
 
 
 def autocovariance(frames: list[np.ndarray]) -> np.ndarray:
-    """Autocovariance of frames at lags of one grain, each over its number of pixel pairs; (127, 127)."""
+    """Return the autocovariance of frames at lags of one grain, each per pixel pair; (127, 127)."""
     total = np.zeros((127, 127))
     for frame in frames:
         height, width = (n // OVERSAMPLING * OVERSAMPLING for n in frame.shape)

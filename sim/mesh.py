@@ -1,6 +1,6 @@
-"""`python -m sim.mesh INPUT OUTPUT.ply`: any mesh that trimesh reads (STL, OBJ, PLY, GLB) as a PLY for a scene.
+"""`python -m sim.mesh INPUT OUTPUT.ply`: convert a mesh that trimesh reads (STL, OBJ, PLY, GLB) to PLY for a scene.
 
-Mitsuba reads no STL; and scenes want flat faces in metres.
+Mitsuba does not read STL, and scenes need flat faces in metres.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     try:
         mesh = trimesh.load(options.input, force="mesh")
         mesh.apply_scale(options.unit_m)
-    except Exception as error:  # every loader raises its own kinds
+    except Exception as error:  # every loader raises its own exceptions
         raise InputError(
             "input", "a mesh that can be read", f"{options.input} ({type(error).__name__})", "export it again"
         ) from None

@@ -1,4 +1,4 @@
-"""What a scene needs to be modelled, decided once: the simulation runs by it, and `sim.json` records it."""
+"""Plan of a scene: decided once, followed by the simulation, recorded in `sim.json`."""
 
 from __future__ import annotations
 
@@ -24,11 +24,12 @@ from sim.propagation.sampling import Scatterers
 
 @dataclass(frozen=True)
 class Settings:
-    """What is asked of the propagation.
+    """Settings of the propagation.
 
     Attributes:
-        accuracy: what `tolerance` bounds: `statistical`, the expected autocorrelation; `field`, this realisation's field.
-        propagator: a kernel's name, or `auto`.
+        accuracy: quantity that `tolerance` bounds: `statistical`, the expected autocorrelation; `field`, the field of this
+            realisation.
+        propagator: name of a propagator, or `auto`.
         precision: `float32`, `float64`, or None for either.
         effects: (name, on) of effects that are forced.
     """
@@ -42,12 +43,12 @@ class Settings:
 
 @dataclass(frozen=True)
 class Modes:
-    """What a frame sums over, each with a wall field of its own.
+    """Modes of a frame, which add incoherently; each has its own field on the wall.
 
     Attributes:
-        exact_roughness: whether the virtual detector's roughness is imaged, not drawn from its statistics.
-        oversampling: samples of the field per pixel and axis, 1 but for exact roughness.
-        polarisations: 1, or 2 where light is depolarised.
+        exact_roughness: whether the roughness of the virtual detector is imaged, not sampled from its statistics.
+        oversampling: samples of the field per pixel and axis; 1 except for exact roughness.
+        polarisations: 1, or 2 for depolarised light.
         lines: (offset in Hz, weight) of each spectral line.
         sub_exposures: number per frame.
     """
@@ -60,7 +61,7 @@ class Modes:
 
     @property
     def samples(self) -> int:
-        """Field samples for each pixel of a frame."""
+        """Field samples per pixel of a frame."""
         return self.oversampling**2 * self.polarisations * len(self.lines) * self.sub_exposures
 
 
@@ -70,8 +71,8 @@ class Plan:
 
     Attributes:
         samples: the object as it will propagate.
-        kernels: those that were considered, cheapest first; `kernel` is the one chosen.
-        effects: modelled or left out, by name.
+        kernels: propagators that were considered, fastest first; `kernel` is the selected one.
+        effects: effects by name, modelled or omitted.
     """
 
     geometry: Geometry
@@ -85,7 +86,7 @@ class Plan:
 
     @classmethod
     def of(cls, geometry: Geometry, settings: Settings | None = None) -> Plan:
-        """Decide. Raises InputError where the scene cannot be modelled as the settings ask."""
+        """Plan a simulation. Raises InputError if the scene cannot be modelled with these settings."""
         settings = settings or Settings()
         check(geometry)
         samples = sample_object(geometry)
@@ -111,14 +112,14 @@ class Plan:
 
 
 def check(geometry: Geometry) -> None:
-    """Raise InputError where the scene cannot be modelled as `statistical` accuracy asks."""
+    """Raise InputError if the scene cannot be modelled at `statistical` accuracy."""
     check_sampling(geometry)
     check_rough(geometry)
     check_exposure(geometry)
 
 
 def check_sampling(geometry: Geometry) -> None:
-    """The frame must sample the finest speckle fringes of the object: extent <= lambda z / (2 pitch)."""
+    """Check that the frame samples the finest speckle fringes of the object: extent <= lambda z / (2 pitch)."""
     for extent, pitch in zip(geometry.hidden_object.extent_m, geometry.seen_pitch_m, strict=True):
         field_of_view = 0.5 * geometry.wavelength_m * geometry.distance_m / pitch
         if extent > field_of_view:
@@ -133,7 +134,7 @@ def check_sampling(geometry: Geometry) -> None:
 
 
 def check_rough(geometry: Geometry) -> None:
-    """An object smoother than about lambda / 4 keeps a specular part, which is not modelled."""
+    """Refuse an object smoother than about lambda / 4, because its specular reflection is not modelled."""
     height_rms_m = geometry.hidden_object.height_rms_m
     if 4.0 * math.pi * height_rms_m / geometry.wavelength_m < math.pi:
         raise InputError(
@@ -145,7 +146,7 @@ def check_rough(geometry: Geometry) -> None:
 
 
 def check_exposure(geometry: Geometry) -> None:
-    """Photoelectrons must fit the random generator and single precision."""
+    """Check that photoelectrons fit the random generator and single precision."""
     electronics = geometry.electronics
     rate = light_budget(geometry.light_path).photoelectrons_per_pixel_s * (1.0 + geometry.other_light_share)
     rate += electronics.dark_current
@@ -159,7 +160,7 @@ def check_exposure(geometry: Geometry) -> None:
 
 
 def _kernels(geometry: Geometry, samples: ObjectSamples, settings: Settings) -> list[Option]:
-    """Kernels for a scene with their predicted errors and costs, cheapest first, as far as the choice needs them."""
+    """Return the propagators for a scene with predicted errors and costs, fastest first, as far as the choice needs them."""
     if len(samples.amplitude) == 0:
         return [Option("fraunhofer", "float32", 0.0, 0.0, 0, "nothing reflects")]
     bare = Scatterers(samples.position_m, samples.amplitude.astype(np.float64))
@@ -172,7 +173,7 @@ def _kernels(geometry: Geometry, samples: ObjectSamples, settings: Settings) -> 
 
 
 def _modes(geometry: Geometry, samples: ObjectSamples, effects: dict[str, Effect], settings: Settings) -> Modes:
-    """The modes that the effects of a scene ask for."""
+    """Return the modes that the effects of a scene require."""
     exact = effects["detector_roughness"].modelled and settings.accuracy == "field"
     spread = effects["linewidth"].modelled and len(samples.path_m) > 0
     return Modes(

@@ -1,4 +1,4 @@
-"""Reports of a plan: JSON for `sim.json`, a page of text, and the warnings."""
+"""Reports of a plan: JSON for `sim.json`, a page of text, warnings."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from sim.plan import Plan, Settings
 from sim.transport.monte_carlo import MonteCarlo
 
 CAMERA_SECONDS_PER_PIXEL = 7e-8
-"""Blur and Poisson draw of one frame per pixel on two cores; only a prediction of time, never a result."""
+"""Duration of blur and Poisson sampling per pixel on two cores; it predicts times only."""
 
 MIN_DETECTABLE_SNR = 3.0
-"""Mean signal to noise of an estimate's lags from which an object can be made out."""
+"""Minimum mean signal-to-noise ratio of the lags at which an object is recognisable."""
 
 DISAGREEMENT = 0.02
-"""Budget and Monte Carlo may differ by so much, or by four standard errors, before it is a warning."""
+"""Maximum relative difference between light budget and Monte Carlo without a warning, in addition to four standard errors."""
 
 
 def make_plan(geometry: Geometry, frames: int, settings: Settings | None = None) -> dict[str, Any]:
-    """The plan of a scene as JSON. Raises InputError where the scene cannot be modelled at all."""
+    """Return the plan of a scene as JSON. Raises InputError if the scene cannot be modelled."""
     return as_json(Plan.of(geometry, settings), frames)
 
 
 def as_json(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> dict[str, Any]:
-    """Kernels, effects, warnings, prediction of time and memory, light budget."""
+    """Return propagators, effects, warnings, predicted time and memory, and light budget for JSON."""
     geometry, kernel, modes = plan.geometry, plan.kernel, plan.modes
     pixels = math.prod(geometry.canvas_shape)
     listed = [
@@ -70,7 +70,7 @@ def as_json(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> d
 
 
 def warnings_of(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> list[str]:
-    """Warnings: what the author may not expect."""
+    """Return warnings about properties that the author of a scene may not expect."""
     tolerance, kernel = plan.settings.tolerance, plan.kernel
     found = [
         f"{effect.name}: predicted error {effect.predicted_error:.2g} exceeds the tolerance {tolerance:g}"
@@ -95,7 +95,7 @@ def warnings_of(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) 
 
 
 def defocus_pixels(geometry: Geometry) -> float:
-    """Diameter of the blur in the frame's corner of a camera whose sensor is not tilted along with the wall, in pixels."""
+    """Return the diameter, in pixels, of the blur in the frame corner of a camera whose sensor is not tilted with the wall."""
     height, width = (0.5 * n * geometry.pixel_pitch_m for n in geometry.frame_shape)
     corner = max(float(np.linalg.norm(height * geometry.down + side * width * geometry.right)) for side in (-1.0, 1.0))
     nearer = corner * math.sqrt(1.0 - geometry.light_path.detector_cosine_out**2)
@@ -103,7 +103,7 @@ def defocus_pixels(geometry: Geometry) -> float:
 
 
 def disagreement(geometry: Geometry, monte_carlo: MonteCarlo) -> list[str]:
-    """A warning where the budget that frames follow lies outside the Monte Carlo's interval."""
+    """Return a warning if the light budget of the frames lies outside the interval of the Monte Carlo estimate."""
     budget = light_budget(geometry.light_path)
     expected = budget.per_pixel * budget.pixels
     allowed = 4.0 * monte_carlo.standard_error + DISAGREEMENT * max(expected, monte_carlo.per_frame)
@@ -117,7 +117,7 @@ def disagreement(geometry: Geometry, monte_carlo: MonteCarlo) -> list[str]:
 
 
 def advice(plan: Plan, frames: int) -> str:
-    """How long to expose for an object to be seen."""
+    """Return the exposure at which the object becomes detectable, as a sentence."""
     for factor in (2.0**n for n in range(1, 61)):
         longer = plan.prediction.with_exposure(factor)
         if (longer.signal_to_noise(frames) or 0.0) >= MIN_DETECTABLE_SNR:
@@ -126,7 +126,7 @@ def advice(plan: Plan, frames: int) -> str:
 
 
 def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> str:
-    """One screen for a person."""
+    """Return the plan as one page of text."""
     geometry, prediction, kernel = plan.geometry, plan.prediction, plan.kernel
     content = as_json(plan, frames, monte_carlo)
     grid, pitches = prediction.grid, prediction.pitches_m
@@ -163,7 +163,7 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
 
 
 def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[str]:
-    """Warnings about parts of a scene that will not show as expected."""
+    """Return warnings about parts of a scene that will not appear as expected."""
     budget, electronics = light_budget(geometry.light_path), geometry.electronics
     warnings = []
     share = specular_share(geometry)
@@ -202,7 +202,7 @@ def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[s
             "and are not modelled; add a baffle"
         )
     mean = budget.photoelectrons_per_pixel_s * electronics.exposure_s
-    # Speckle is negative-exponential: this share of the pixels lies above the full well.
+    # The intensity of speckle is exponentially distributed; this fraction of the pixels lies above the full well.
     saturated = math.exp(-electronics.full_well / mean) if electronics.full_well and mean else 0.0
     if saturated > 1e-3:
         warnings.append(

@@ -1,11 +1,12 @@
-"""Public API of the simulator: load a scene, render captures of it, compute the field on the wall."""
+"""Public interface of the simulator: load a scene, render captures of it, compute the field on the virtual detector."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
+from numbers import Integral, Real
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
@@ -13,6 +14,7 @@ import torch
 
 from correlograph.errors import InputError, check_device
 from correlograph.files.capture import CameraMetadata, Capture
+from correlograph.files.figures import figure_as_html, show_figure
 from correlograph.files.frames import FrameHeader
 from correlograph.ranges import FRAMES, SEED
 from correlograph.version import version
@@ -21,18 +23,22 @@ from sim.frame import Simulation
 from sim.geometry import Geometry
 from sim.plan import Plan, Settings
 from sim.plan_report import as_json
+from sim.plugins import refusals
 from sim.scene_file import load_scene
 from sim.scene_reader import fingerprint, read_geometry
 from sim.transport.monte_carlo import MonteCarlo, estimate_throughput
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 class Scene:
-    """A loaded scene. What `mi.traverse(scene.mitsuba)` changes shows in the next `geometry` and rendering.
+    """A loaded scene. Changes by `mi.traverse(scene.mitsuba)` affect the next `geometry` and rendering.
 
     Attributes:
         mitsuba: the `mi.Scene`.
-        name, digest, parameters: for the record; the digest is empty for a scene that came from no file.
-        sensor: the one in use; None for the only one.
+        name, digest, parameters: for the record; the digest is empty for a scene without a file.
+        sensor: the selected one; None for the only one.
     """
 
     def __init__(
@@ -44,15 +50,48 @@ class Scene:
         sensor: int | None = None,
     ) -> None:
         self.mitsuba, self.name, self.digest, self.parameters = scene, name, digest, dict(parameters or {})
+        self._sensor_number = sensor
         self.sensor = None if sensor is None else scene.sensors()[sensor]
         self._prepared: tuple[int, Geometry, dict[Settings, Plan]] | None = None
 
+    def __repr__(self) -> str:
+        values = "".join(f", {name}={value}" for name, value in self.parameters.items())
+        return f"Scene({self.name or 'without a file'}{values})"
+
+    def _repr_html_(self) -> str:
+        return figure_as_html(self.draw(), repr(self))
+
+    def __copy__(self) -> Scene:
+        return Scene(self.mitsuba, self.name, self.digest, self.parameters, self._sensor_number)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Scene:
+        make, arguments = self.__reduce__()
+        return make(*arguments)
+
+    def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
+        """Pickle the name and the parameters; the scene file is loaded again. Raises InputError for a scene without a file."""
+        if not self.digest:
+            found = "one that was loaded from a dictionary or by Mitsuba"
+            raise InputError("scene", "a scene that was loaded from a file", found, "save it as a file and load that")
+        return _load_again, (self.name, self.digest, self.parameters, self._sensor_number)
+
     @property
     def geometry(self) -> Geometry:
+        """Distances, axes and light path in float64."""
         return self._prepare()[1]
 
+    def draw(self) -> Figure:
+        """Return the scene as a matplotlib figure, from above and from the side, to scale."""
+        from sim.scene_drawing import draw_scene
+
+        return draw_scene(self)
+
+    def show(self) -> None:
+        """Open the drawing of the scene in a window, or below a notebook cell."""
+        show_figure(self.draw())
+
     def plan(self, settings: Settings | None = None) -> Plan:
-        """What is modelled and how; decided once for a scene that has not changed. InputError where it cannot be modelled."""
+        """Return the plan; it is computed once for an unchanged scene. Raises InputError if the scene cannot be modelled."""
         _, geometry, plans = self._prepare()
         settings = settings or Settings()
         if settings not in plans:
@@ -60,11 +99,11 @@ class Scene:
         return plans[settings]
 
     def monte_carlo(self, samples: int = 2**16) -> MonteCarlo:
-        """Light budget by path tracing, beside the plan's."""
+        """Return the light budget by path tracing."""
         return estimate_throughput(self.mitsuba, samples, camera=self.sensor)
 
     def through(self, sensor: int) -> Scene:
-        """The same scene seen by another of its sensors."""
+        """Return the same scene seen by another of its sensors."""
         return Scene(self.mitsuba, self.name, self.digest, self.parameters, sensor)
 
     def _prepare(self) -> tuple[int, Geometry, dict[Settings, Plan]]:
@@ -74,32 +113,54 @@ class Scene:
         return self._prepared
 
 
+def _load_again(name: str, digest: str, parameters: dict[str, str], sensor: int | None) -> Scene:
+    """Load a pickled scene. Raises InputError if its file has changed."""
+    scene = load(name, **parameters)
+    if scene.digest != digest:
+        raise InputError("scene", "the file that was pickled", f"another content of {name}", "load the scene again")
+    return scene if sensor is None else scene.through(sensor)
+
+
 def load(scene: str | Path | dict[str, Any] | mi.Scene, /, **parameters: Any) -> Scene:
     """Load a scene.
 
     Args:
-        scene: the name of a shipped scene, a scene file, a dictionary as for `mi.load_dict`, or a loaded scene.
-        parameters: of the scene file, as `-D` takes them; numbers are numbers.
+        scene: name of a shipped scene, scene file, dictionary as for `mi.load_dict`, or loaded scene.
+        parameters: of the scene file, as for `-D`; numpy numbers are allowed.
 
     Raises InputError for a scene that cannot be loaded, and for parameters that it does not have.
     """
     if isinstance(scene, (dict, mi.Scene)):
         if parameters:
-            raise InputError("parameters", "none for a scene that is no file", sorted(parameters), "set them in the scene")
+            raise InputError(
+                "parameters", "allowed only with a scene file", ", ".join(sorted(parameters)), "edit the dictionary"
+            )
         if isinstance(scene, mi.Scene):
             return Scene(scene)
-        return Scene(mi.load_dict(scene, optimize=False))
-    from scenes import scene_path
-
-    path = Path(scene)
-    if not path.is_file() and scene_path(str(scene)).is_file():
-        path = scene_path(str(scene))
-    given = {
-        name: value if isinstance(value, str) else repr(value) if isinstance(value, float) else str(value)
-        for name, value in parameters.items()
-    }
-    loaded, digest = load_scene(path, given)
+        return _load_dictionary(scene)
+    given = {name: _definition(name, value) for name, value in parameters.items()}
+    loaded, digest = load_scene(scene, given)
     return Scene(loaded, str(scene), digest, given)
+
+
+def _load_dictionary(content: dict[str, Any]) -> Scene:
+    refusals.clear()
+    try:
+        return Scene(mi.load_dict(content, optimize=False))
+    except Exception as error:  # Mitsuba raises bare exceptions, and wraps those of plugins in its own
+        reason = " ".join(str(error).split())[-200:]
+        raise (
+            refusals[0] if refusals else InputError("scene", "a dictionary that Mitsuba can load", reason, "edit it")
+        ) from None
+
+
+def _definition(name: str, value: Any) -> str:
+    """Return a parameter as the text of `-D name=value`. Raises InputError for a value that is neither text nor a number."""
+    if isinstance(value, (str, Path)):
+        return str(value)
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
+        raise InputError(name, "a number or a text", f"{value!r:.60}", "convert it to a number")
+    return str(int(value)) if isinstance(value, Integral) else repr(float(value))
 
 
 def render(
@@ -114,10 +175,10 @@ def render(
     """Render a capture in memory; `Capture.save` writes it.
 
     Args:
-        frames: number of frames, each with an illumination of its own.
-        mean: expected photoelectrons, before any noise.
+        frames: number of frames, each with an independent illumination.
+        mean: whether to render expected photoelectrons, without photon and camera noise.
 
-    Raises InputError where the scene cannot be modelled as the settings ask.
+    Raises InputError if the scene cannot be modelled with these settings.
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
     _check(frames, seed, device)
@@ -151,8 +212,8 @@ def wall_field(
     settings: Settings | None = None,
     device: str = "cpu",
 ) -> np.ndarray:
-    """Complex field on the virtual detector, (H, W), its mean square 1 on average; complex128 where a kernel in double
-    precision was chosen."""
+    """Return the complex field on the virtual detector, (H, W), mean square 1 on average; complex128 for a propagator in
+    double precision."""
     scene = scene if isinstance(scene, Scene) else load(scene)
     _check(1, seed, device)
     plan = scene.plan(settings)
@@ -161,7 +222,7 @@ def wall_field(
 
 
 def draw(plan: Plan, frames: int, seed: int, *, mean: bool = False, device: str = "cpu") -> Iterator[np.ndarray]:
-    """Frames one after the other, float32 (H, W)."""
+    """Yield frames, float32 (H, W)."""
     simulation = Simulation(plan.geometry, device=device, plan=plan)
     for number in range(frames):
         frame: torch.Tensor = simulation.expected_frame(seed, number) if mean else simulation.frame(seed, number)
@@ -169,7 +230,7 @@ def draw(plan: Plan, frames: int, seed: int, *, mean: bool = False, device: str 
 
 
 def header(plan: Plan, seed: int, number: int, digest: str) -> FrameHeader:
-    """Header of a frame's file."""
+    """Return the header of a frame file."""
     geometry = plan.geometry
     return FrameHeader(
         geometry.wavelength_m,
@@ -198,7 +259,7 @@ def record(
     saturated: float,
     seconds: dict[str, float],
 ) -> dict[str, Any]:
-    """What sim.json holds."""
+    """Return the content of sim.json."""
     return {
         "scene": scene.name,
         "scene_sha256": scene.digest,
@@ -217,16 +278,16 @@ def record(
 
 
 def lag_grid_albedo(geometry: Geometry, patch: int | None = None) -> tuple[np.ndarray, tuple[float, float]]:
-    """The hidden object's albedo on the lag grid of patches of `patch` pixels (None: as `invert` chooses).
+    """Return the albedo of the hidden object on the lag grid of patches of `patch` pixels (None: as in `invert`), and the pitches.
 
-    (64, 64) float32, and the pitches down and right.
+    The albedo is (64, 64) float32; the pitches belong to rows and columns.
     """
     _, pitches_m = patches_of(geometry, patch)
     return geometry.hidden_object.sample(pitches_m, (64, 64)).albedo, pitches_m
 
 
 def saturation(plan: Plan, frames: list[np.ndarray]) -> float:
-    """Share of the pixels at the full well."""
+    """Return the fraction of the pixels at the full well."""
     full_well = plan.geometry.electronics.full_well
     return float(np.mean([(frame >= full_well).mean() for frame in frames])) if full_well else 0.0
 

@@ -1,4 +1,4 @@
-"""Scene files: loading with parameters, checks, and a hash of the file and everything it uses."""
+"""Scene files: loading with parameters, checks, and a digest of the file and all its assets."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from xml.etree import ElementTree
 import mitsuba as mi
 
 from correlograph.errors import InputError
+from scenes import scene_names, scene_path
 from sim.plugins import refusals
 from sim.variant import check_loadable
 
 
 def parse_definitions(pairs: list[str]) -> dict[str, str]:
-    """`-D key=value` options as a mapping."""
+    """Parse `-D key=value` options into a mapping."""
     definitions = {}
     for pair in pairs:
         key, equals, value = pair.partition("=")
@@ -28,15 +29,24 @@ def parse_definitions(pairs: list[str]) -> dict[str, str]:
     return definitions
 
 
-def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -> tuple[mi.Scene, str]:
-    """Load a scene file; returns the scene and the SHA-256 of its XML, assets and definitions.
+def find_scene(name: str | Path) -> Path:
+    """Return the path of a scene file, or of the shipped scene of that name. Raises InputError if there is neither."""
+    path = Path(name)
+    if path.is_file():
+        return path
+    if str(name) in scene_names():
+        return scene_path(str(name))
+    expected = f"a Mitsuba scene file (XML), or one of the shipped scenes {', '.join(scene_names())}"
+    raise InputError("scene", expected, name, "check the path or the name")
 
-    A definition that names an existing file is taken relative to the current folder first, then to
-    the scene's. Raises InputError for anything that Mitsuba or a plugin refuses.
+
+def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -> tuple[mi.Scene, str]:
+    """Load a scene file; return the scene and the SHA-256 of its XML, assets and definitions.
+
+    A definition that names an existing file is looked up in the current folder first, then in that of the scene. Raises InputError for
+    anything that Mitsuba or a plugin refuses.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError("scene", "a Mitsuba scene file (XML)", path, "check the path")
+    path = find_scene(path)
     content = path.read_bytes()
     try:
         root = ElementTree.fromstring(content)
@@ -57,6 +67,9 @@ def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -
     for key in names & set(given):
         if Path(given[key]).is_file():
             given[key] = str(Path(given[key]).resolve())
+        elif not (path.parent / given[key]).is_file():
+            expected = f"a file in the current folder or in {path.parent}"
+            raise InputError(f"-D {key}", expected, f"no {given[key]}", "check the path")
     effective = {**defaults, **given}
     assets = _assets(root, path.parent, effective, (path.resolve(),))
     refusals.clear()
@@ -68,13 +81,13 @@ def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -
 
 
 def _file_parameters(root: ElementTree.Element, parameters: Mapping[str, str]) -> set[str]:
-    """Parameters that stand in file names."""
+    """Return the parameters that occur in file names."""
     texts = [node.get("value", "") for node in root.iter("string") if node.get("name") == "filename"]
     return {key for key in parameters if any(re.search(rf"\${re.escape(key)}\b", text) for text in texts)}
 
 
 def _assets(root: ElementTree.Element, folder: Path, parameters: Mapping[str, str], parents: tuple[Path, ...]) -> list[Path]:
-    """Files that the scene names or includes, and those that these name in turn, parameters filled in."""
+    """Return the files that the scene names or includes, and recursively those of its includes, with parameters substituted."""
     files = []
     for node in root.iter("include"):
         file = _named_file(node.get("filename", ""), folder, parameters)
@@ -86,7 +99,7 @@ def _assets(root: ElementTree.Element, folder: Path, parameters: Mapping[str, st
             raise InputError("scene", "well-formed XML", f"{file} ({error})", "correct the file") from None
         check_loadable(included)
         own = {node.get("name", ""): node.get("value", "") for node in included.iter("default")}
-        # Mitsuba looks for files beside the outermost scene.
+        # Mitsuba resolves files relative to the outermost scene.
         files += [file, *_assets(included, folder, {**own, **parameters}, (*parents, file.resolve()))]
     for node in root.iter("string"):
         if node.get("name") == "filename":
@@ -105,7 +118,7 @@ def _named_file(name: str, folder: Path, parameters: Mapping[str, str]) -> Path:
 
 
 def _digest(content: bytes, assets: list[Path], definitions: Mapping[str, str]) -> str:
-    """Hash that does not depend on where the files lie, nor on whether a default is spelt out."""
+    """Return a digest that depends neither on the location of the files nor on whether a default is given explicitly."""
     digest = hashlib.sha256(content)
     for file in assets:
         digest.update(file.read_bytes())
@@ -115,8 +128,12 @@ def _digest(content: bytes, assets: list[Path], definitions: Mapping[str, str]) 
 
 
 def _as_input_error(error: Exception, path: Path) -> InputError:
-    """The telling line of Mitsuba's message."""
+    """Return the cause in Mitsuba's message as an InputError."""
     lines = [line.strip(" -") for line in str(error).splitlines() if line.strip()]
     telling = [line for line in lines if "rror" in line or "expected" in line]
     reason = (telling or lines or [type(error).__name__])[-1]
-    return InputError("scene", "a scene that Mitsuba can load", f"{path} ({reason})", "correct the file or the -D values")
+    reason = re.split(r"\[\w+\.(?:cpp|h):\d+\]\s*", reason)[-1]  # the last cause, without Mitsuba's source lines
+    remedy = "correct the file or the -D values"
+    if "PLY" in reason:
+        remedy = "convert the mesh with 'correlograph mesh INPUT OUTPUT.ply'"
+    return InputError("scene", "a scene that Mitsuba can load", f"{path} ({reason})", remedy)

@@ -1,4 +1,4 @@
-"""Scene -> Geometry: reads a loaded scene in the project's vocabulary and validates it."""
+"""Reader of a loaded scene: validates it and returns its Geometry."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from sim.transport.surfaces import check_energy, check_surfaces
 from sim.variant import check_compilable
 
 BYTES_PER_PIXEL = 64
-"""Memory of a simulation over the pixels of its film, as measured."""
+"""Measured memory of a simulation per pixel of the film."""
 
 
 def fingerprint(scene: mi.Scene) -> int:
-    """A number that changes when `mi.traverse` changes anything in a scene."""
+    """Return a number that changes when `mi.traverse` changes anything in a scene."""
     return hash(
         tuple(
             (key, np.asarray(value).tobytes() if hasattr(value, "__array__") or dr.is_array_v(value) else str(value))
@@ -39,15 +39,15 @@ def fingerprint(scene: mi.Scene) -> int:
 
 
 def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geometry:
-    """Read a scene in the project's vocabulary; raises InputError naming what is missing or impossible.
+    """Read the geometry of a scene. Raises InputError that names what is missing or impossible.
 
     Args:
-        sensor: the camera to look through; the scene's only speckle_camera where None.
+        sensor: the camera; the only speckle_camera of the scene if None.
     """
     check_compilable(scene)
     check_surfaces(scene)
     shapes = {shape.id(): shape for shape in scene.shapes()}
-    # A shape of a scene file is never a plain, nameless Mesh; what Mitsuba merges is.
+    # Shapes of a scene file always have names; shapes merged by Mitsuba have none.
     if any(shape.class_name() == "Mesh" and not shape.id() for shape in scene.shapes()):
         raise InputError(
             "scene", "separate shapes with their ids", "shapes merged by Mitsuba", "pass optimize=False to mi.load_file"
@@ -168,7 +168,7 @@ def _only(plugins: list, kind: type, name: str):
 def _first_hit(
     scene: mi.Scene, origin: np.ndarray, direction: np.ndarray, expected: mi.Shape, ray_name: str
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Point, outward normal and diffuse albedo where a ray first meets the scene, which must be `expected`."""
+    """Return the point, outward normal and diffuse albedo at which a ray first meets the scene, which must be `expected`."""
     hit = scene.ray_intersect(mi.Ray3f(mi.Point3f(*origin.tolist()), mi.Vector3f(*direction.tolist())))
     if not bool(hit.is_valid()[0]):
         raise InputError(expected.id(), f"{ray_name} to meet it", "nothing there", "correct the to_world transforms")
@@ -184,7 +184,7 @@ def _first_hit(
 
 
 def _film_size(camera: SpeckleCamera) -> tuple[int, int]:
-    """Rows and columns of the film, which must not be cropped and must hold one patch of all lags."""
+    """Return rows and columns of the film, which must not be cropped and must hold one patch of all lags."""
     film = camera.film()
     height, width = int(film.size()[1]), int(film.size()[0])
     if [int(n) for n in film.crop_size()] != [width, height]:
@@ -202,7 +202,7 @@ def _film_size(camera: SpeckleCamera) -> tuple[int, int]:
 
 
 def _check_spot_fits(scene: mi.Scene, laser: Laser, source: mi.Shape) -> None:
-    """The whole beam must land on the virtual source."""
+    """Check that the whole beam meets the virtual source."""
     across = _unit(np.cross(laser.direction, [0.577, 0.211, 0.789]))
     up = np.cross(laser.direction, across)
     for turn in np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False):
@@ -226,7 +226,7 @@ def _direct_light(
 
 
 def _velocity(shapes: list[mi.Shape]) -> np.ndarray:
-    """Of the hidden object as a whole; InputError where its parts move apart."""
+    """Return the velocity of the hidden object. Raises InputError if its parts move apart."""
     found = np.array([shape.bsdf().velocity_m_s if isinstance(shape.bsdf(), PhaseScreen) else np.zeros(3) for shape in shapes])
     if np.ptp(found, axis=0).any():
         raise InputError("hidden_object", "one velocity for all of its shapes", found.tolist(), "correct their phase_screens")
@@ -234,7 +234,7 @@ def _velocity(shapes: list[mi.Shape]) -> np.ndarray:
 
 
 def _facing(normal: np.ndarray, direction: np.ndarray, name: str) -> np.ndarray:
-    """The wall's normal; InputError where `direction` is more than 87 degrees off it."""
+    """Return the normal of a wall. Raises InputError if `direction` is more than 87 degrees from it."""
     cosine = abs(float(normal @ direction))
     if cosine < GRAZING:
         raise InputError(
@@ -247,7 +247,7 @@ def _facing(normal: np.ndarray, direction: np.ndarray, name: str) -> np.ndarray:
 
 
 def is_blocked(scene: mi.Scene, start: np.ndarray, end: np.ndarray) -> bool:
-    """Whether a shape stands between two points, both end points' own surfaces left out."""
+    """Return whether a shape blocks the line between two points, without the surfaces of the end points."""
     way = end - start
     ray = mi.Ray3f(mi.Point3f(*(start + 1e-4 * way).tolist()), mi.Vector3f(*_unit(way).tolist()))
     ray.maxt = float(np.linalg.norm(way)) * (1.0 - 2e-4)
@@ -263,5 +263,5 @@ def _cosine_signed(normal: np.ndarray, way: np.ndarray) -> float:
 
 
 def _cosine(normal: np.ndarray, way: np.ndarray) -> float:
-    """Cosine between a normal and a direction, zero where it points behind the surface."""
+    """Return the cosine between a normal and a direction, zero if it points behind the surface."""
     return min(max(_cosine_signed(normal, way), 0.0), 1.0)

@@ -1,4 +1,4 @@
-"""Which Mitsuba variant the simulator runs on, and the one-line error when none can run."""
+"""Selection of the Mitsuba variant, and the one-line error if none can run."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from correlograph.errors import InputError
 from correlograph.files.output import silence_output
 from sim.libllvm import MIN_LLVM_VERSION, newest_preferred, version_of
 
-with silence_output():  # a missing libLLVM is told by `activate_variant`, on one line
+with silence_output():  # `activate_variant` reports a missing libLLVM on one line
     import drjit as dr
     import mitsuba as mi
 
 
 def activate_variant() -> str:
-    """Keep the variant that is set; otherwise set `cuda_ad_mono` where a GPU works, else `llvm_ad_mono`.
+    """Keep the variant that is set; otherwise set `cuda_ad_mono` if a GPU works, else `llvm_ad_mono`.
 
-    Raises InputError when the variant set is not a vectorised one, or when libLLVM is missing.
+    Raises InputError for a variant that is not vectorised, and for a missing libLLVM.
     """
     with newest_preferred():
         has_cuda, has_llvm = (dr.has_backend(backend) for backend in (dr.JitBackend.CUDA, dr.JitBackend.LLVM))
@@ -44,7 +44,7 @@ def activate_variant() -> str:
 
 
 _PLAIN_EMITTERS = ("Emitter", "AreaLight", "PointLight", "SpotLight")
-"""Emitters that an older libLLVM compiles; one written in Python, as the laser is, goes by the name of its base."""
+"""Emitters that an older libLLVM compiles; an emitter written in Python, such as the laser, has the name of its base class."""
 _PLAIN_SURFACES = {
     "SmoothDiffuse",
     "TwoSided",
@@ -56,24 +56,24 @@ _PLAIN_SURFACES = {
     "Transform",
     "MeshAttribute",
 }
-"""What an older libLLVM compiles of surfaces; the shapes are meshes."""
+"""Surface plugins that an older libLLVM compiles, for meshes."""
 
 
 def llvm_major() -> int | None:
-    """Major version of the libLLVM in use, None where it cannot be told."""
+    """Return the major version of the libLLVM in use, None if it is unknown."""
     maps = Path("/proc/self/maps")
     loaded = re.findall(r"/\S*libLLVM\S*", maps.read_text()) if maps.is_file() else []
     return version_of(loaded[0]) if loaded else None
 
 
 def _old_llvm() -> int | None:
-    """The version in use if it is too old to compile all of Mitsuba."""
+    """Return the version in use if it is too old to compile all of Mitsuba."""
     major = llvm_major()
     return major if major is not None and major < MIN_LLVM_VERSION and mi.variant().startswith("llvm") else None
 
 
 MAX_NESTING_DEPTH = 40
-"""Elements of a scene file within one another."""
+"""Maximum nesting depth of the elements of a scene file."""
 
 
 def _depth(root: ElementTree.Element) -> int:
@@ -85,8 +85,8 @@ def _depth(root: ElementTree.Element) -> int:
 
 
 def check_loadable(root: ElementTree.Element) -> None:
-    """As `check_compilable`, for a scene's XML: loading a mesh computes smooth normals. Colours mean nothing to light of one
-    wavelength, and Mitsuba comes to no end with plugins nested without end."""
+    """Check the XML of a scene before Mitsuba loads it: smooth normals need a recent libLLVM, colours have no meaning
+    for light of one wavelength, and Mitsuba does not terminate on unlimited plugin nesting."""
     if (colour := next(root.iter("rgb"), None)) is not None:
         raise InputError(
             f"rgb {colour.get('name')}",
@@ -111,7 +111,7 @@ def check_loadable(root: ElementTree.Element) -> None:
 
 
 def check_compilable(scene: mi.Scene) -> None:
-    """Refuse what an older libLLVM cannot compile, because it would end the process without a word.
+    """Refuse plugins that an older libLLVM cannot compile, because it would end the process without a message.
 
     Dr.Jit's minimum and maximum need LLVM 17 on x86; spheres, disks, cylinders and microfacet BSDFs use them.
     """

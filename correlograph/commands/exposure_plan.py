@@ -13,7 +13,7 @@ from correlograph.ranges import SEED, SI, Range
 
 def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m radiometry.plan", description="Divide a photon budget into frames and patches.")
-    p.add_argument("scene", help="Mitsuba scene file (XML)")
+    p.add_argument("scene", help="Mitsuba scene file (XML), or the name of a shipped scene")
     p.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="scene parameter")
     p.add_argument("--budget-s", type=SI, required=True, help="seconds of exposure in all")
     p.add_argument("--resolution-m", type=SI, default=300e-6, help="coarsest object pitch of a lag that will do")
@@ -25,7 +25,7 @@ def parser() -> ArgumentParser:
         help="render every division of at most FRAMES frames and measure its error",
     )
     p.add_argument("--seed", type=SEED, default=0)
-    p.add_argument("-o", "--output", default="out/plan", help="folder for plan.json and plan.png")
+    p.add_argument("-o", "--output", help="folder for plan.json and plan.png; nothing is written without it")
     return p
 
 
@@ -43,23 +43,24 @@ def main(argv: Sequence[str] | None = None) -> None:
     check(geometry)
     divisions = divide(geometry, options.budget_s, options.resolution_m)
     chosen = best(divisions)
-    folder = output_folder(options.output)
     checked = render_errors(geometry, [d for d in divisions if d.frames <= options.check], options.seed)
-    save_json(
-        folder / "plan.json",
-        {
-            "budget_s": options.budget_s,
-            "chosen": asdict(chosen),
-            "divisions": [asdict(division) for division in divisions],
-            "rendered_error": {str(frames): error for frames, error in checked.items()},
-        },
-    )
-    draw(folder / "plan.png", divisions, chosen, checked)
     print(
         f"{chosen.frames} frames of {chosen.exposure_s:.4g} s, each in {chosen.patches} patches of {chosen.patch} pixels "
-        f"({chosen.pitch_m * 1e6:.0f} um a lag): floor over peak {chosen.floor_over_peak:.3g}, K {chosen.dof:.3g}, "
-        f"error of the estimate {100 * chosen.error:.3g} %: {folder / 'plan.png'}"
+        f"({chosen.pitch_m * 1e6:.0f} um per lag): floor over peak {chosen.floor_over_peak:.3g}, K {chosen.dof:.3g}, "
+        f"error of the estimate {100 * chosen.error:.3g} %"
     )
+    if options.output is None:
+        return
+    folder = output_folder(options.output)
+    content = {
+        "budget_s": options.budget_s,
+        "chosen": asdict(chosen),
+        "divisions": [asdict(division) for division in divisions],
+        "rendered_error": {str(frames): error for frames, error in checked.items()},
+    }
+    save_json(folder / "plan.json", content)
+    draw(folder / "plan.png", divisions, chosen, checked)
+    print(folder / "plan.png")
 
 
 def render_errors(geometry: Any, divisions: list[Any], seed: int) -> dict[int, float]:

@@ -1,4 +1,4 @@
-"""`python -m radiometry`: a scene's light budget, closed form and Monte Carlo side by side, and the noise it brings."""
+"""`python -m radiometry`: light budget of a scene in closed form and by Monte Carlo, noise, laser safety."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from correlograph.ranges import FRAMES, SEED
 
 def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m radiometry", description="Light budget and noise of a scene.")
-    p.add_argument("scene", help="Mitsuba scene file (XML)")
+    p.add_argument("scene", help="Mitsuba scene file (XML), or the name of a shipped scene")
     p.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="scene parameter")
     p.add_argument("--frames", type=FRAMES, default=2, help="frames of the capture, for the degrees of freedom")
     p.add_argument("--samples", type=int, default=2**20, help="light paths of the Monte Carlo estimate")
@@ -50,7 +50,7 @@ def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: in
     path = geometry.light_path
     prediction = predict(geometry)
     if frames == prediction.grid.count == 1:
-        raise InputError("--frames", "two or more where the frame holds a single patch", frames, "ask for more frames")
+        raise InputError("--frames", "two or more, because the frame holds a single patch", frames, "increase --frames")
     safety = None
     if 400e-9 <= path.wavelength_m <= 700e-9:
         safety = spot_safety(path.power_w, path.wavelength_m, geometry.spot.diameter_m, path.source_albedo)
@@ -60,7 +60,8 @@ def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: in
         "closed_form_per_frame_db": closed_form(path).as_dict()["per_frame_db"],
         "monte_carlo": monte_carlo.as_dict(),
         "other_light_share": geometry.other_light_share,
-        "floor_over_peak": prediction.shot_floor_over_peak,
+        "shot_floor_over_peak": prediction.shot_floor_over_peak,
+        "floor_over_peak": prediction.shot_floor_over_peak,  # old name
         "dof": prediction.dof(frames),
         "noise_over_peak": prediction.terms.over_peak(),
         "signal_to_noise": prediction.signal_to_noise(frames),
@@ -86,7 +87,7 @@ def as_text(account: dict[str, Any]) -> str:
         f"{'per frame, closed form (flat, Lambertian)':<40}{db(account['closed_form_per_frame_db'])}",
         f"{'per frame, Monte Carlo':<40}{db(monte_carlo['per_frame_db'])}  (95 %: {db(low).strip()} to {db(high).strip()})",
         f"{'light by other ways, over the object':<40}{account['other_light_share']:9.2g}",
-        f"{'photoelectrons per second and frame':<40}{account['photons_per_second']:9.3g}",
+        f"{'photoelectrons per second and frame':<40}{account['photoelectrons_per_frame_s']:9.3g}",
         f"{'photoelectrons per pixel':<40}{account['photoelectrons_per_pixel']:9.3g}  in {account['exposure_s']:g} s",
         "floor over peak: "
         + (

@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from correlograph.errors import InputError
-from correlograph.files.capture_folder import frame_path, replace_capture, stage_capture
-from correlograph.files.frames import FrameHeader, write_frame
+from correlograph.files.capture_folder import check_complete, frame_path, replace_capture, stage_capture
+from correlograph.files.figures import add_scale_bar, figure_as_html, show_figure
+from correlograph.files.frames import FrameHeader, read_frame, write_frame
 from correlograph.files.output import output_folder, save_array, save_json
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MAX_PLOTTED_FRAMES = 3
 
 
 @dataclass(frozen=True)
 class CameraMetadata:
-    """What is known of the capture; None where it is not. Lengths in metres, pitch on a wall that faces the camera.
+    """Metadata of a capture; None for unknown values. Lengths in metres; the pixel pitch holds for a wall that faces the camera.
 
-    `row_pitch_m` and `column_pitch_m` differ from it where camera or wall stand at an angle.
+    `row_pitch_m` and `column_pitch_m` differ from it if camera or wall are tilted.
     """
 
     wavelength_m: float | None = None
@@ -78,6 +85,54 @@ class Capture:
     truth: np.ndarray | None = None
     record: dict[str, Any] = field(default_factory=dict)
     headers: tuple[FrameHeader, ...] = ()
+
+    def __repr__(self) -> str:
+        size = "no frames" if len(self.frames) == 0 else "{} x {} pixels".format(*np.shape(self.frames[0]))
+        exposure = f", {self.headers[0].exposure_s:g} s" if self.headers else ""
+        return f"Capture({len(self.frames)} frames of {size}{exposure})"
+
+    def _repr_html_(self) -> str:
+        return figure_as_html(self.plot(), repr(self))
+
+    def plot(self) -> Figure:
+        """Return the first frames as a matplotlib figure."""
+        from matplotlib.figure import Figure
+
+        shown = list(self.frames[:MAX_PLOTTED_FRAMES])
+        figure = Figure(figsize=(4.2 * len(shown), 3.6), layout="constrained")
+        names = self.names or tuple(f"frame {number}" for number in range(len(shown)))
+        for axes, frame, name in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, names, strict=False):
+            image = axes.imshow(frame, cmap="gray", vmin=0.0, vmax=float(np.quantile(frame, 0.999)) or 1.0)
+            axes.set_title(name, fontsize=9, parse_math=False)
+            axes.set_xlabel("pixels", fontsize=8)
+            figure.colorbar(image, ax=axes, shrink=0.8, label="photoelectrons" if self.headers else "grey value")
+            if self.camera.pixel_pitch_m is not None:
+                add_scale_bar(axes, self.camera.pixel_pitch_m, frame.shape[1], frame.shape[0])
+        return figure
+
+    def show(self) -> None:
+        """Open the first frames in a window, or below a notebook cell."""
+        show_figure(self.plot())
+
+    @classmethod
+    def load(cls, folder: str | Path) -> Capture:
+        """Load a rendered capture with its truth and its record. Raises InputError for a folder that holds none."""
+        path = Path(folder)
+        check_complete(path)
+        try:
+            record = json.loads((path / "sim.json").read_text())
+            truth = np.load(path / "truth.npy", allow_pickle=False)
+            files = [frame_path(path, number) for number in range(int(record["frames"]))]
+            read = [read_frame(file) for file in files if file.is_file()]
+        except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+            found = f"{type(error).__name__} in {path}"
+            raise InputError("capture", "a folder that python -m sim wrote", found, "check the path") from None
+        headers = tuple(header for _, header in read if header is not None)
+        if len(read) < len(files) or len(headers) < len(read):
+            found = f"{len(headers)} frames of {len(files)} in {path}"
+            raise InputError("capture", "every frame that sim.json lists", found, "render the capture again")
+        names = tuple(file.stem for file in files)
+        return cls([pixels for pixels, _ in read], CameraMetadata.of(headers[0]), names, truth, record, headers)
 
     @property
     def plan(self) -> dict[str, Any] | None:

@@ -150,8 +150,13 @@ def invert_capture(
     check_request(request)
     truth = read_truth(request.truth) if request.truth else None
     digest = request.sha256(find_frames(files))
-    with sole_writer(output_folder(folder)):
-        result = request.reconstruct(files, progress)
-        if request.truth and not request.autocorrelation:
-            check_truth_pitch(request.truth, result.estimate.pitches_m)
-        return result, result.save(folder, truth, digest)
+    is_new = not folder.exists()
+    try:
+        with sole_writer(output_folder(folder)):
+            result = request.reconstruct(files, progress)
+            if request.truth and not request.autocorrelation:
+                check_truth_pitch(request.truth, result.estimate.pitches_m)
+            return result, result.save(folder, truth, digest)
+    finally:
+        if is_new and folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()  # nothing was reconstructed

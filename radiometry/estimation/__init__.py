@@ -1,10 +1,11 @@
 """Autocorrelation estimates from frames.
 
-whole_frames.py     all pairs of pixels, and the mean that the frames show
-published.py        the paper's, patches side by side
-illumination.py     a smooth illumination, found and divided out
-fixed_pattern.py    patterns that frames share, a camera that moved
-spectral_lines.py   fringes, lamp banding and other periodic light
-pixel_faults.py     hot pixels, dead and hot lines, saturation
-third_moment.py     whether the light is speckle of an object
+whole_frames.py     estimator of all pixel pairs, with background models
+published.py        estimator of Metzler et al. 2020: non-overlapping patches
+background.py       record of background and sensor faults
+illumination.py     smooth illumination: detection and correction
+fixed_pattern.py    static background patterns, camera shift
+spectral_lines.py   fringes, lamp flicker and other periodic light
+pixel_faults.py     hot pixels, defective rows and columns, saturation
+third_moment.py     third moment of the frames, which distinguishes speckle from texture
 """

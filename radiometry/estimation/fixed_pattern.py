@@ -1,6 +1,6 @@
-"""A pattern that stays while the speckle changes from frame to frame, and a camera that moved between frames.
+"""Static background patterns under speckle that changes between frames, and camera shift between frames.
 
-A textured wall, fringes and the sensor's own pattern stay, and show as power that the frames share.
+The texture of the relay wall, fringes and the sensor's own pattern are static. They appear as power that the frames share.
 """
 
 from __future__ import annotations
@@ -14,25 +14,26 @@ from scipy.ndimage import binary_dilation, uniform_filter
 from correlograph.lags import LAGS
 
 FIXED_PATTERN_SIGMA = 4.5
-"""Standard deviations of the power that frames share from which there is a fixed pattern."""
+"""Minimum significance, in standard deviations, of shared power that counts as a static pattern."""
 
 _BLOCK = 5
 _BLOCK_DEVIATION = 0.262
-"""Standard deviation of the mean of 5 x 5 lags over that of one: (1 + 2 sum (1 - n / 5) rho_n) / 5, rho_n = .152 / n^2."""
+"""Standard deviation of the mean of 5 x 5 lags in units of that of one lag: (1 + 2 sum (1 - n / 5) rho_n) / 5 with rho_n
+= 0.152 / n^2."""
 
 _SUM_DEVIATION = 1.5
-"""That of the sum of many lags over that of as many independent ones: 1 + 2 sum rho_n."""
+"""Standard deviation of the sum of many lags in units of that of independent lags: 1 + 2 sum rho_n."""
 
 _RING = np.maximum(*np.abs(np.mgrid[-LAGS : LAGS + 1, -LAGS : LAGS + 1]))
 _MAX_SHIFT_PIXELS = 32
 
 
 def shared_lags(shared: np.ndarray, power: np.ndarray, dof: float) -> np.ndarray:
-    """Lags at which frames share power: one by one, in blocks, or over the rings around zero lag; bool (127, 127).
+    """Return the lags at which frames share power, individually, in blocks, or on rings around zero lag; bool (127, 127).
 
     Args:
-        shared: real part of the frames' cross-spectrum. power: that of the frames, in the same unit.
-        dof: K of `shared`, whose variance is power^2 / K without a fixed pattern.
+        shared: real part of the cross-spectrum of the frames. power: their power spectrum in the same unit.
+        dof: K of `shared`, whose variance is power^2 / K without a static pattern.
     """
     sigma = np.divide(shared * math.sqrt(dof), power, out=np.zeros_like(shared), where=power > 0.0)
     sigma[LAGS, LAGS] = 0.0
@@ -42,17 +43,17 @@ def shared_lags(shared: np.ndarray, power: np.ndarray, dof: float) -> np.ndarray
     )
     for ring in (2, 4, 8, 16, 32, LAGS):
         inside = ring >= _RING
-        # Both signs of a lag hold the same.
+        # both signs of a lag hold the same value
         if sigma[inside].sum() > FIXED_PATTERN_SIGMA * _SUM_DEVIATION * math.sqrt(2.0 * inside.sum()):
             chosen |= inside
     return chosen
 
 
 def shift_between(first: torch.Tensor, other: torch.Tensor, shape: tuple[int, int]) -> tuple[float, float]:
-    """Pixels (down, right) by which what two frames share has moved from the first to the other, to a part of a pixel.
+    """Return the shift (rows, columns) of the shared pattern from one frame to another, in fractions of a pixel.
 
     Args:
-        first, other: their spectra (rows, columns // 2 + 1) on a grid of `shape`.
+        first, other: spectra of the frames (rows, columns // 2 + 1) on a grid of `shape`.
     """
     cross = torch.fft.irfft2(first.conj() * other, s=shape)
     reach = min(_MAX_SHIFT_PIXELS, min(shape) // 4)

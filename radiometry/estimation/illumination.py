@@ -1,6 +1,6 @@
-"""A smooth illumination of frames, and ambient light as smooth: found, and divided out.
+"""Smooth illumination, by the laser or by a lamp: detection and correction.
 
-Speckle of a hidden object has contrast 1; what is smoother than any lag but zero can hold is no speckle.
+Speckle of a hidden object has contrast 1. Structure that is smoother than every lag except zero is therefore not speckle.
 """
 
 from __future__ import annotations
@@ -12,31 +12,30 @@ import numpy as np
 import torch
 
 MAX_MODES_PER_PATCH = 0.75
-"""Half waves of a smooth illumination, at most, over the patches that fit along an axis: .375 lags."""
+"""Highest frequency of the illumination model in half waves per patch; 0.75 corresponds to a lag of 0.375."""
 
 REFERENCE = 1.25
-"""Half waves up to which those beyond tell how strong a half wave of mere speckle is."""
+"""Half waves per patch up to which the modes beyond the illumination model measure the power of speckle alone."""
 
 MIN_POWER_RATIO = 25.0
-"""Power of a half wave over that of mere speckle from which the illumination is uneven: one frame in 40 000 by chance."""
+"""Minimum power of a cosine mode in units of that of speckle for a non-uniform illumination; by chance once in 40 000 frames."""
 
 ILLUMINATION_OFFSET = 0.1
-"""Added to an illumination over its mean before frames are divided by it: where hardly any light falls, that would multiply
-shot noise alone."""
+"""Offset added to the relative illumination before division; without it, dark regions would amplify shot noise."""
 
 MAX_ZERO_COUNT = 8
-"""Of the polynomial, along an axis."""
+"""Maximum number of zeros of the polynomial along an axis."""
 
 BLOCKS, NEWTON_STEPS = 64, 30
-"""Blocks of a frame along an axis, whose means an illumination is fitted to, and steps of the fit, none of which changes a
-block by more than a factor of e."""
+"""Blocks of a frame along an axis, to whose means the illumination is fitted, and maximum number of Newton steps; a step
+changes a block by at most a factor of e."""
 
 MIN_PIXEL_RATIO = -0.05
-"""Of the mean, the least light of an eighth of a frame by an eighth; a dark frame may have taken more than there was."""
+"""Minimum mean of an eighth by an eighth of a frame, in units of the mean; dark frames can make it negative."""
 
 
 def is_uneven(image: torch.Tensor, patch: tuple[int, int]) -> bool:
-    """Whether the illumination of a frame (H, W) stands out of its speckle; never said of light that is negative somewhere.
+    """Return whether the illumination of a frame (H, W) exceeds its speckle; False for light that is negative somewhere.
 
     Args:
         patch: rows and columns of a patch.
@@ -55,11 +54,11 @@ def is_uneven(image: torch.Tensor, patch: tuple[int, int]) -> bool:
 
 
 def flatten_illumination(image: torch.Tensor, patch: tuple[int, int]) -> torch.Tensor:
-    """A frame (H, W) of uneven illumination as of an even one.
+    """Correct a frame (H, W) for smooth illumination.
 
-    What exceeds the illumination is divided by it, over its mean, plus FAINTEST: speckle as bright everywhere, but where there
-    is hardly any light. The illumination is the exponential of a polynomial of as many zeros as half waves are much longer
-    than a patch, too long for any lag but zero to hold them. A frame without light is left as it is.
+    The deviation from the illumination is divided by the relative illumination plus ILLUMINATION_OFFSET, so that the speckle is
+    equally bright everywhere except where there is hardly any light. The illumination is the exponential of a polynomial, whose
+    cosine modes are much longer than a patch, so only zero lag can contain them. A frame without light remains unchanged.
     """
     mean = float(image.mean())
     if mean <= 0.0:
@@ -72,19 +71,19 @@ def flatten_illumination(image: torch.Tensor, patch: tuple[int, int]) -> torch.T
 
 
 def _half_waves_over(image: torch.Tensor, patch: tuple[int, int], share: float) -> list[int]:
-    """Half waves down and right: a share of the patches that fit."""
+    """Return the numbers of half waves along rows and columns: a fraction of the patches that fit."""
     return [math.floor(share * length / size) for length, size in zip(image.shape, patch, strict=True)]
 
 
 def _blocks(image: torch.Tensor, count: int) -> torch.Tensor:
-    """Means of a frame's blocks, `count` along an axis or, where it has fewer, its pixels."""
+    """Return the means of the blocks of a frame, `count` along an axis or, at most, one per pixel."""
     return torch.nn.functional.adaptive_avg_pool2d(image[None], [min(count, side) for side in image.shape])[0]
 
 
 def _illumination(image: torch.Tensor, degrees: Sequence[int]) -> torch.Tensor:
-    """Mean (H, W) of a frame (H, W) of mean 1: the exponential of a polynomial, fitted by Poisson's likelihood.
+    """Fit the mean (H, W) of a frame (H, W) of mean 1 by the exponential of a polynomial, with the Poisson likelihood.
 
-    That is consistent whatever the variance (Gourieroux, Monfort, Trognon, Econometrica 52, 701, 1984, doi:10.2307/1913472).
+    The fit is consistent for any variance (Gourieroux, Monfort, Trognon, Econometrica 52, 701, 1984, doi:10.2307/1913472).
     """
     blocks = _blocks(image, BLOCKS).double()
     coarse = [_polynomials(degree, side) for degree, side in zip(degrees, blocks.shape, strict=True)]
@@ -101,13 +100,13 @@ def _illumination(image: torch.Tensor, degrees: Sequence[int]) -> torch.Tensor:
 
 
 def _polynomials(degree: int, length: int) -> torch.Tensor:
-    """Legendre polynomials of 0, 1, ... degrees at the middles of an axis's pixels, (degree + 1, length)."""
+    """Return Legendre polynomials of degrees 0, 1, ... at the pixel centres of an axis, (degree + 1, length)."""
     places = (np.arange(length) + 0.5) * (2.0 / length) - 1.0
     return torch.from_numpy(np.polynomial.legendre.legvander(places, degree).T.copy())
 
 
 def _half_waves(count: int, length: int) -> torch.Tensor:
-    """Orthonormal cosines of 0, 1, ... half waves over an axis, (count, length)."""
+    """Return orthonormal cosines of 0, 1, ... half waves over an axis, (count, length)."""
     phase = torch.arange(count)[:, None] * (torch.arange(length) + 0.5) * (math.pi / length)
     waves = torch.cos(phase) * math.sqrt(2.0 / length)
     waves[0] = math.sqrt(1.0 / length)

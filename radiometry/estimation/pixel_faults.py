@@ -1,4 +1,4 @@
-"""Pixels and lines of a sensor that tell nothing of the light, and glints: found in a frame and replaced."""
+"""Detection and replacement of defective pixels, rows and columns, and of specular highlights."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ import torch
 from scipy.ndimage import find_objects, label, median_filter
 
 TAIL_DECADES = 5.0
-"""How many decades beyond the frame's own number of pixels an exponential tail must be continued to reach a hot pixel."""
+"""Decades beyond one pixel per frame to which the exponential tail is extrapolated; brighter pixels are hot."""
 
 LINE_SIGMA = 9.0
-"""A line is faulty whose mean lies this many standard deviations off the median of the nine lines around it; speckle reaches 6.
-The deviation is that of the 95 % quantile of all differences, since most are zero where grains are wide, and at least a twelfth
-of the median deviation of all lines' means."""
+"""Minimum deviation, in standard deviations, of the mean of a defective line from the median of its nine neighbours;
+speckle reaches 6. The deviation is derived from the 95 % quantile of all differences, because most are zero for wide
+grains, and is at least a twelfth of the median deviation of the means of all lines."""
 
 GLINT_PIXELS = 9
-"""Hot pixels side by side from which on they are a glint, whose light fades into the speckle around it."""
+"""Minimum number of adjacent hot pixels that form a specular highlight, whose light fades into the speckle around it."""
 
 MAX_SAMPLED_PIXELS = 200_000
-"""Pixels from which the tail and saturation are read."""
+"""Number of pixels from which the tail and the saturation are read."""
 
 
 @dataclass(frozen=True)
 class PixelFaults:
-    """How many pixels and lines of a frame were replaced, and the share of its pixels that share the largest value."""
+    """Numbers of pixels and lines of a frame that were replaced, and fraction of its pixels with the maximum value."""
 
     hot_pixels: int = 0
     lines: int = 0
@@ -34,7 +34,7 @@ class PixelFaults:
 
 
 def repair(image: torch.Tensor) -> tuple[torch.Tensor, PixelFaults]:
-    """Replace a frame's (H, W) hot pixels by the median around them, and dead or hot lines by the lines beside them."""
+    """Replace hot pixels of a frame (H, W) by the median around them, and defective lines by their neighbours."""
     image, hot = _replace_hot_pixels(image)
     image, lines = _replace_lines(image)
     sampled = _subsample(image)
@@ -44,12 +44,12 @@ def repair(image: torch.Tensor) -> tuple[torch.Tensor, PixelFaults]:
 
 
 def _subsample(image: torch.Tensor) -> np.ndarray:
-    """Pixels at even steps, (about `MAX_SAMPLED_PIXELS`,)."""
+    """Return pixels at equal steps, about `MAX_SAMPLED_PIXELS` of them."""
     return image.flatten()[:: max(1, image.numel() // MAX_SAMPLED_PIXELS)].cpu().numpy()
 
 
 def _replace_hot_pixels(image: torch.Tensor) -> tuple[torch.Tensor, int]:
-    """Speckle's brightest tail is exponential: the last decade of pixels tells where it ends."""
+    """Replace pixels beyond the exponential tail of the speckle, which is extrapolated from its last decade."""
     sampled = _subsample(image)
     places = [int(share * len(sampled)) for share in (0.5, 0.99, 0.999)]
     middle, hundredth, thousandth = (float(value) for value in np.partition(sampled, places)[places])
@@ -70,13 +70,13 @@ def _replace_hot_pixels(image: torch.Tensor) -> tuple[torch.Tensor, int]:
 
 
 def _replace_highlights(image: torch.Tensor, hot: torch.Tensor, bright: float) -> torch.Tensor:
-    """A copy of a frame; discs around hot pixels side by side take the mean of the others, out to where a ring's mean falls
-    below what is bright for speckle."""
+    """Replace discs around adjacent hot pixels by the mean of the other pixels, out to the ring whose mean is not bright
+    for speckle."""
     repaired, mean = image.clone(), image[~hot].mean()
     labels, _ = label(hot.cpu().numpy())
     for number, place in enumerate(find_objects(labels), 1):
         pixels, across = int((labels[place] == number).sum()), max(side.stop - side.start for side in place)
-        if pixels < max(GLINT_PIXELS, 0.5 * across**2):  # few, or a line
+        if pixels < max(GLINT_PIXELS, 0.5 * across**2):  # too few pixels, or a line
             continue
         middle, reach = [0.5 * (side.start + side.stop - 1) for side in place], 4 * across
         around = tuple(slice(max(round(centre) - reach, 0), round(centre) + reach + 1) for centre in middle)
@@ -94,7 +94,7 @@ def _replace_highlights(image: torch.Tensor, hot: torch.Tensor, bright: float) -
 
 
 def _replace_lines(image: torch.Tensor) -> tuple[torch.Tensor, int]:
-    """Rows and columns whose mean departs from their neighbours' by far more than such means do."""
+    """Replace rows and columns whose mean differs from that of their neighbours by far more than such means do."""
     replaced = 0
     for axis in (0, 1):
         means = image.mean(1 - axis).cpu().numpy().astype(np.float64)

@@ -1,4 +1,4 @@
-"""The autocorrelation estimate as published: the paper's Eqs. (8) and (9), patches side by side."""
+"""The estimator of Metzler et al. 2020 (Eqs. 8 and 9): non-overlapping patches."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from radiometry.estimation.background import BackgroundRecord
 
 
 def _spectra(patches: torch.Tensor) -> torch.Tensor:
-    """Half-plane spectra of patches, only the lags kept: rows -63..63, columns 0..63."""
+    """Return the half-plane spectra of patches at the lags: rows -63..63, columns 0..63."""
     columns = torch.fft.rfft(patches, dim=-1)[..., : LAGS + 1]
     full = torch.fft.fft(columns, dim=-2)
     return torch.cat((full[..., -LAGS:, :], full[..., : LAGS + 1, :]), dim=-2)
@@ -23,9 +23,8 @@ def _spectra(patches: torch.Tensor) -> torch.Tensor:
 class PublishedEstimator:
     """Running estimate over frames: add() each, then estimate().
 
-    Eq. (8) is the mean of |F I|^2 over frames and patches; Eq. (9), the squared mean field, is
-    subtracted per patch position when there are several frames (which also removes whatever is
-    fixed on the wall) and pooled over patches when there is one. Scaled to be unbiased.
+    Eq. (8) is the mean of |F I|^2 over frames and patches. Eq. (9) subtracts the squared mean field: at each patch position if there
+    are several frames, which also removes static patterns, and pooled over the patches for one frame. The estimate is unbiased.
     """
 
     def __init__(self, grid: PatchGrid, device: torch.device | str = "cpu") -> None:
@@ -42,7 +41,7 @@ class PublishedEstimator:
         image = torch.as_tensor(frame, device=self.device).to(torch.float32)
         if self.frames == 0:
             self._reference = float(image.mean(dtype=torch.float64))
-        # One constant for all frames leaves the estimate as it is and keeps zero lag inside float32.
+        # One constant for all frames leaves the estimate unchanged and keeps zero lag within float32.
         spectra = _spectra(self.grid.cut(image - self._reference))
         power = spectra.real.square().add_(spectra.imag.square())
         self._power = power if self._power is None else self._power.add_(power)
@@ -51,11 +50,11 @@ class PublishedEstimator:
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom K of the estimate, frames identically distributed and patches independent."""
+        """Degrees of freedom K of the estimate for identically distributed frames and independent patches."""
         return published_dof(self.frames, self.grid.count)
 
     def estimate(self) -> np.ndarray:
-        """The estimate, float32 (127, 127), zero lag at [63, 63]: a power spectrum per pixel, in frame units squared."""
+        """Return the estimate, float32 (127, 127), zero lag at [63, 63]: a power spectrum per pixel, in frame units squared."""
         if self._power is None or self._sum is None:
             raise InputError("frames", "at least one frame", 0, "give a folder or files that hold frames")
         if self.dof == 0:
@@ -78,5 +77,5 @@ class PublishedEstimator:
 
 
 def published_dof(frames: int, patches: int) -> int:
-    """K: a mean per patch position costs one degree a position; with one frame, a pooled mean costs one in all."""
+    """Return K: a mean per patch position costs one degree per position; with one frame, a pooled mean costs one."""
     return patches * (frames - 1) if frames > 1 else patches - 1

@@ -1,8 +1,7 @@
-"""Lines in the spectrum of frames: fringes, lamp banding and other periodic light.
+"""Lines in the spectrum of frames: fringes, lamp flicker and other periodic background.
 
-The power spectrum of speckle is exponentially distributed about a mean that changes over no less than a lag, which is
-several of a frame's own frequencies. A periodic pattern, still or moving from frame to frame, puts all of its power into
-one of them.
+The power spectrum of speckle is exponentially distributed. Its mean changes over at least one lag, which is several frequencies
+of the frame. A periodic pattern, static or moving from frame to frame, concentrates its power in one frequency.
 """
 
 from __future__ import annotations
@@ -15,25 +14,25 @@ from torch.nn.functional import avg_pool2d, max_pool2d
 from correlograph.lags import LAGS
 
 MIN_PATCHES = 16
-"""In a frame, so that a lag holds several frequencies."""
+"""Minimum number of patches in a frame, so that a lag contains several frequencies."""
 
 LINE = 30.0
-"""Power of a line over the mean around it; by chance once in e^30."""
+"""Minimum power of a line in units of the mean around it; by chance once in e^30."""
 
 _BLOCK = 8
 _INNER, _OUTER = 3, 6
 _MAX_LINES = 100
-"""Places where a line may be; where there are more, the light is not periodic."""
+"""Maximum number of lines; with more of them, the light is not periodic."""
 
 Line = tuple[int, int]
 
 
 def find_lines(power: torch.Tensor, per_lag: tuple[float, float]) -> list[Line]:
-    """Rows and columns of lines in the power (rows, columns // 2 + 1) of a padded frame.
+    """Return rows and columns of lines in the power (rows, columns // 2 + 1) of a padded frame.
 
     Args:
-        per_lag: frequencies of the padded frame in one lag, along rows and columns. Lags next to zero, where smooth light is,
-            are left out.
+        per_lag: frequencies of the padded frame per lag, along rows and columns. The lags next to zero, which contain smooth light,
+            are excluded.
     """
     down, right = (
         min(int((LAGS + 1) * each) // _BLOCK + 1, size // way // _BLOCK) * _BLOCK
@@ -58,7 +57,7 @@ def find_lines(power: torch.Tensor, per_lag: tuple[float, float]) -> list[Line]:
 
 
 def subtract_waves(image: torch.Tensor, lines: list[Line], padded: tuple[int, int]) -> torch.Tensor:
-    """A frame (H, W) less a sine wave for each line, amplitude, phase and frequency as they fit it best."""
+    """Subtract a sine wave per line from a frame (H, W), with fitted amplitude, phase and frequency."""
     for row, column in lines:
         frequency = [(row / padded[0] + 0.5) % 1.0 - 0.5, column / padded[1]]
         across = _wave(frequency[1], image.shape[1], image)
@@ -73,7 +72,7 @@ def subtract_waves(image: torch.Tensor, lines: list[Line], padded: tuple[int, in
 
 
 def lower_lines(spectrum: torch.Tensor, power: torch.Tensor, lines: list[Line]) -> None:
-    """Lower what is left of lines in a frame's spectrum and its power to the level around them, in place."""
+    """Lower the remainder of lines in the spectrum and the power of a frame to the level around them, in place."""
     for line in lines:
         (rows, columns), level, inner = _around(power, line)
         around = power[rows, columns]
@@ -83,7 +82,7 @@ def lower_lines(spectrum: torch.Tensor, power: torch.Tensor, lines: list[Line]) 
 
 
 def _around(power: torch.Tensor, line: Line) -> tuple[tuple[torch.Tensor, torch.Tensor], torch.Tensor, torch.Tensor]:
-    """Indices of the frequencies about one, the mean power of the outer of them, and which are the inner ones."""
+    """Return the indices of the frequencies around a line, the mean power of the outer ones, and a mask of the inner ones."""
     apart = torch.arange(-_OUTER, _OUTER + 1, device=power.device)
     columns = line[1] + apart
     columns = columns[(columns >= 0) & (columns < power.shape[1])]
@@ -93,13 +92,13 @@ def _around(power: torch.Tensor, line: Line) -> tuple[tuple[torch.Tensor, torch.
 
 
 def _wave(frequency: float, length: int, like: torch.Tensor) -> torch.Tensor:
-    """exp(-2 pi i f x), complex64 (length,)."""
+    """Return exp(-2 pi i f x), complex64 (length,)."""
     phase = (-2.0 * math.pi * frequency) * torch.arange(length, dtype=torch.float64)
     return torch.polar(torch.ones_like(phase), phase).to(device=like.device, dtype=torch.complex64)
 
 
 def _strongest(signal: torch.Tensor, frequency: float) -> float:
-    """Frequency near a given one at which the transform of a signal (length,) is largest."""
+    """Return the frequency near a given one at which the transform of a signal (length,) has its maximum."""
     step = 0.3 / len(signal)
     for _ in range(3):
         places = (frequency - step, frequency, frequency + step)

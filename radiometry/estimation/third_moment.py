@@ -1,13 +1,13 @@
-"""Third moment of filtered frames: what tells the speckle of an object from light that merely looks like it.
+"""Third moment of filtered frames, which distinguishes speckle of an object from other light.
 
-Speckle is the squared modulus of a circular Gaussian field, so the spectrum A of a frame has a third moment, the triple
-correlation of the albedo r: E[A(a) A(b) A(-a-b)] = T(a, b) + T(-a, -b) (Lohmann, Weigelt and Wirnitzer,
-doi:10.1364/AO.22.004028). Texture, gradients and fringes with the same power spectrum have none, or another. Here frames are
-filtered to J = w A, w the share of signal at each lag, and the mean of J^3 is compared with that of a candidate,
+Speckle is the squared modulus of a circular Gaussian field. The spectrum A of a frame therefore has a third moment, which is the
+triple correlation of the albedo r: E[A(a) A(b) A(-a-b)] = T(a, b) + T(-a, -b) (Lohmann, Weigelt and Wirnitzer,
+doi:10.1364/AO.22.004028). Texture, gradients and fringes with the same power spectrum have no third moment, or a different one.
+Frames are filtered to J = w A, where w is the fraction of signal at each lag. The mean of J^3 is compared with that of a candidate,
 
     E[J^3] = 2 sum over x, y, z of r_x r_y r_z w(y - x) w(z - y) w(x - z) = 2 tr((D M)^3),   D = diag(r),  M_xy = w(x - y),
 
-while E[J^2] is the sum over lags of w^2 (r*r). Shot noise adds its own part, which is subtracted.
+while E[J^2] is the sum over lags of w^2 (r*r). The contribution of shot noise is subtracted.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from correlograph.lags import LAGS
 from radiometry.autocorrelation import autocorrelate
 
 _BLOCKS = 8
-"""Along each side of a frame, whose scatter gives the error."""
+"""Blocks along each side of a frame; their scatter gives the standard error."""
 
 MIN_SIGNAL_FRACTION = 0.2
-"""Least share of signal in a lag for it to be used."""
+"""Minimum fraction of signal in a lag that is used."""
 
 MAX_FRAMES = 8
-"""Frames whose spectra are kept."""
+"""Maximum number of frames whose spectra are kept."""
 
 
 def narrow(spectrum: torch.Tensor, padded: tuple[int, int], patch: tuple[int, int]) -> torch.Tensor:
-    """Keep of a padded frame's spectrum (rows, columns // 2 + 1) the frequencies of the lags: an odd number of rows, as
-    `torch.fft` orders them, and columns from zero."""
+    """Crop the spectrum (rows, columns // 2 + 1) of a padded frame to the lags: an odd number of rows, in the order of
+    `torch.fft`, and columns from zero."""
     rows, columns = (min(int((LAGS + 1) * side / size), side // 2 - 1) for side, size in zip(padded, patch, strict=True))
     return torch.cat((spectrum[: rows + 1, : columns + 1], spectrum[-rows:, : columns + 1]))
 
 
 @dataclass(frozen=True)
 class FilteredFrames:
-    """Frames as far as lags hold them.
+    """Frames, band-limited to the lags.
 
     Attributes:
-        spectra: of each frame, as `narrow` gives them, complex64 (rows, columns).
+        spectra: spectrum of each frame from `narrow`, complex64 (rows, columns).
         padded, frame, patch: sizes in pixels, rows and columns.
         level: mean of the frames.
     """
@@ -59,11 +59,11 @@ class FilteredFrames:
     def likeness(
         self, albedo: np.ndarray, weight: np.ndarray, amplitude: np.ndarray, signal: np.ndarray, floor: float, power: float
     ) -> tuple[float, float]:
-        """Third moment of the frames over that of speckle from an albedo (64, 64), and its standard error; 1 for speckle.
+        """Return the third moment of the frames in units of that of speckle from an albedo (64, 64), and its standard error.
 
         Args:
-            weight: w (127, 127). amplitude: of the camera's transfer, root of H (127, 127).
-            signal, floor: of the estimate as measured. power: that the albedo's r*r is to be multiplied with.
+            weight: w (127, 127). amplitude: amplitude transfer of the camera, the root of H (127, 127).
+            signal, floor: signal and noise floor of the estimate before division by H. power: scale of the albedo's r*r.
         """
         pixels = math.prod(self.patch)
         measured, error = self.third_moment(weight)
@@ -72,9 +72,9 @@ class FilteredFrames:
         return (measured / expected, error / expected) if expected > 0.0 else (0.0, np.inf)
 
     def third_moment(self, weight: np.ndarray) -> tuple[float, float]:
-        """Mean of J^3 over frames, in frame units cubed, and its standard error.
+        """Return the mean of J^3 over frames, in frame units cubed, and its standard error.
 
-        J is sampled at three times its largest frequency: its cube then has no alias at zero.
+        J is sampled at three times its highest frequency, so that its cube has no alias at zero frequency.
 
         Args:
             weight: w (127, 127), even, zero lag at [63, 63].
@@ -107,11 +107,11 @@ class FilteredFrames:
 
 
 def shot_noise_part(weight: np.ndarray, signal: np.ndarray, floor: float, level: float, patch_pixels: int) -> Any:
-    """What shot noise adds to the mean of J^3, in frame units cubed.
+    """Return the contribution of shot noise to the mean of J^3, in frame units cubed.
 
     Args:
-        weight: w (127, 127). signal, floor: of the estimate, signal (..., 127, 127), whose leading axes are the result's.
-        level: mean of the frames. patch_pixels: pixels of a patch.
+        weight: w (127, 127). signal, floor: of the estimate; leading axes of the signal (..., 127, 127) are those of the result.
+        level: mean of the frames. patch_pixels: pixels per patch.
     """
     pairs = autocorrelate(weight)[LAGS:-LAGS, LAGS:-LAGS]
     gain = floor / level if level > 0.0 else 0.0
@@ -119,7 +119,7 @@ def shot_noise_part(weight: np.ndarray, signal: np.ndarray, floor: float, level:
 
 
 def expected_third_moment(albedo: np.ndarray, weight: np.ndarray, power: float, patch_pixels: int) -> float:
-    """E[J^3] of speckle from an albedo (64, 64) whose r*r is the albedo's own times `power`."""
+    """Return E[J^3] of speckle from an albedo (64, 64) whose r*r is multiplied by `power`."""
     cells = np.argwhere(albedo > 0.02 * albedo.max())
     shown = torch.from_numpy(albedo[tuple(cells.T)].astype(np.float32)).sqrt()
     apart = cells[:, None] - cells[None] + LAGS
@@ -139,17 +139,17 @@ def drawn_third_moment(
     polarisations: int = 1,
     draws: int = 200,
 ) -> tuple[float, float]:
-    """Mean of J^3 over a patch less its shot noise part, in photoelectrons cubed, and its deviation from patch to patch.
+    """Return the mean of J^3 over a patch without shot noise, in photoelectrons cubed, and its standard deviation between patches.
 
-    Speckle is skewed and its cube far from Gaussian, so patches are drawn, as coarsely as their lags allow. What of the
-    deviation goes with a patch's power is left out, as it cancels where a moment is compared with that of a reconstruction
-    of the same power.
+    Speckle is skewed and its cube is far from Gaussian. Patches are therefore simulated, as coarsely as their lags allow. The part
+    of the deviation that is proportional to the power of a patch is excluded, because it cancels when a moment is compared with that
+    of a reconstruction of the same power.
 
     Args:
-        albedo: (64, 64), one cell a lag. weight: w (127, 127). transfer: H (127, 127).
-        patch_pixels: pixels of a patch. peak: (r*r)(0) in photoelectrons squared.
-        white: photoelectrons a pixel of other light. read: variance of read noise.
-        polarisations: incoherent patterns that share the light.
+        albedo: (64, 64), one cell per lag. weight: w (127, 127). transfer: H (127, 127).
+        patch_pixels: pixels per patch. peak: (r*r)(0) in photoelectrons squared.
+        white: photoelectrons per pixel of other light. read: variance of the read noise.
+        polarisations: number of incoherent patterns that share the light.
     """
     side = 2 * (LAGS + 1)
     pixels, rng = side * side, torch.Generator().manual_seed(0)
@@ -176,5 +176,5 @@ def drawn_third_moment(
 
 
 def _between_lags(lags: np.ndarray) -> np.ndarray:
-    """Weights (frequencies, 127) of linear interpolation between lags; zero beyond the last."""
+    """Return weights (frequencies, 127) of linear interpolation between lags; zero beyond the last one."""
     return np.clip(1.0 - np.abs(lags[:, None] - np.arange(-LAGS, LAGS + 1)), 0.0, None).astype(np.float32)

@@ -1,15 +1,15 @@
-"""Autocorrelation estimate of the hidden albedo from whole frames: all pairs of pixels, and no mean but what is there.
+"""Autocorrelation estimate from whole frames: all pixel pairs, and a background model chosen from the frames.
 
-The paper averages |F I|^2 over patches side by side (Eq. 8) and subtracts the squared mean field at every patch position
-(Eq. 9): `radiometry/estimation/published.py`. Two things are lost on the way. Pairs of pixels across the borders of patches are
-never compared; and half of the information of two frames goes into a mean that is constant, or nearly so, over the frame. Here
+Metzler et al. 2020 average |F I|^2 over non-overlapping patches (Eq. 8) and subtract the squared mean field at each patch position
+(Eq. 9); see `radiometry/estimation/published.py`. That discards pixel pairs across patch borders. It also spends half of the
+information of two frames on a mean that is almost constant over the frame. This estimator differs in three ways:
 
-- patches lie everywhere: the expectation is the same, since the autocovariance of all pairs of pixels is weighted with a boxcar
-  patch's own triangle (Blackman and Tukey, doi:10.1002/j.1538-7305.1958.tb03874.x; Welch, doi:10.1109/TAU.1967.1161901). K is
-  `degrees_of_freedom`, and neighbouring lags correlate (`radiometry.noise.model.lag_correlation`);
-- the mean model is decided by what the frames show: their mean, a smooth illumination where there is one
-  (`illumination.py`), and a fixed pattern at those lags where frames share power (`fixed_pattern.py`);
-- hot pixels, dead lines and periodic light are taken out first (`pixel_faults.py`, `spectral_lines.py`).
+- Patches overlap fully. The expectation is unchanged, because the autocovariance of all pixel pairs is weighted by the triangle of
+  a boxcar patch (Blackman and Tukey, doi:10.1002/j.1538-7305.1958.tb03874.x; Welch, doi:10.1109/TAU.1967.1161901). K is
+  `degrees_of_freedom`, and neighbouring lags are correlated (`radiometry.noise.model.lag_correlation`).
+- Only background detected in the frames is subtracted: their mean, a smooth illumination (`illumination.py`), and a static pattern
+  at those lags at which frames share power (`fixed_pattern.py`).
+- Hot pixels, defective lines and periodic light are removed first (`pixel_faults.py`, `spectral_lines.py`).
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ from radiometry.estimation.third_moment import MAX_FRAMES, FilteredFrames, narro
 Mean = Literal["auto", "pooled", "fixed", "published"]
 
 MIN_COPY_CORRELATION = 1.0 - 1e-6
-"""Correlation of frames from which they are copies of one."""
+"""Minimum correlation of frames that are copies of one frame."""
 
 
 def degrees_of_freedom(frames: int, frame_shape: tuple[int, int], patch_shape: tuple[int, int]) -> float:
-    """K of a lag of white noise: frames times, along both axes, L / sum over d of w(d)^2 / (1 - d / L).
+    """Return K of a lag of white noise: frames times, along both axes, L / sum over d of w(d)^2 / (1 - d / L).
 
-    w is the triangle of a patch, L the frame's side, d the lag in pixels. Where many patches fit it is 9 / 4 of their number;
-    for one patch as large as the frame it is 1.
+    w is the triangle of a patch, L the side of the frame, d the lag in pixels. If many patches fit, K is 9 / 4 of their number; for
+    one patch of the size of the frame it is 1.
     """
     per_frame = 1.0
     for length, size in zip(frame_shape, patch_shape, strict=True):
@@ -58,9 +58,9 @@ class AutocorrelationEstimator:
     """Running estimate over frames: add() each, then estimate().
 
     Args:
-        grid: whose patches the estimate is that of; how many there are does not matter.
-        mean: `auto` decides by what the frames show; `pooled` subtracts nothing but each frame's mean; `fixed` subtracts what
-            the frames share at every lag, as Eq. (9) does, at half of K for two frames.
+        grid: patches whose lags the estimate has; their number is irrelevant.
+        mean: `auto` detects the background; `pooled` subtracts the mean of each frame only; `fixed` subtracts what the frames share
+            at every lag, as Eq. (9) does, which halves K for two frames.
     """
 
     def __init__(self, grid: PatchGrid, device: torch.device | str = "cpu", mean: Mean = "auto") -> None:
@@ -87,7 +87,7 @@ class AutocorrelationEstimator:
         if self.mean == "auto":
             image, faults = repair(image)
             self._faults.append(faults)
-            if self._uneven is None:  # frames of one capture are treated alike, or what they share would not cancel
+            if self._uneven is None:  # All frames are treated alike; otherwise their shared part would not cancel.
                 self._uneven = is_uneven(image, self._patch)
             if self._uneven:
                 image = flatten_illumination(image, self._patch)
@@ -112,25 +112,25 @@ class AutocorrelationEstimator:
         self.frames += 1
 
     def _spectrum(self, image: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Spectrum of a padded frame (rows, columns // 2 + 1), and its power."""
+        """Return the spectrum (rows, columns // 2 + 1) of a padded frame, and its power."""
         spectrum = torch.fft.rfft2(image, s=self._padded)
         return spectrum, spectrum.real.square().add_(spectrum.imag.square())
 
     def filtered_frames(self) -> FilteredFrames:
-        """What of the frames the third moment needs."""
+        """Return the band-limited frames for the third moment."""
         level = float(np.mean(self._levels))
         return FilteredFrames(tuple(self._narrow), self._padded, self.grid.frame_shape, self._patch, level)
 
     @property
     def dof(self) -> float:
-        """Degrees of freedom K of a lag that holds no fixed pattern."""
+        """Degrees of freedom K of a lag without static pattern."""
         counted = self.frames if self.mean != "fixed" or self.frames == 1 else self.frames - 1
         return degrees_of_freedom(counted, self.grid.frame_shape, self._patch)
 
     def estimate(self) -> np.ndarray:
-        """The estimate, float32 (127, 127), zero lag at [63, 63]: a power spectrum per pixel, in frame units squared.
+        """Return the estimate, float32 (127, 127), zero lag at [63, 63]: a power spectrum per pixel, in frame units squared.
 
-        Raises InputError without frames, for a single frame of a single patch, and for copies of one frame.
+        Raises InputError without frames, for a single frame with a single patch, and for copies of one frame.
         """
         if self.frames == 0:
             raise InputError("frames", "at least one frame", 0, "give a folder or files that hold frames")
@@ -162,25 +162,26 @@ class AutocorrelationEstimator:
         self.background = replace(self.background, **found)
 
     def _shared_power(self) -> torch.Tensor:
-        """Mean over pairs of frames of the real part of their cross-spectrum."""
+        """Return the real part of the cross-spectrum, averaged over pairs of frames."""
         total = self._sum.real.square().add_(self._sum.imag.square())
         return total.sub_(self._power).div_(self.frames * (self.frames - 1))
 
     def _chosen(self, shared: np.ndarray, estimate: np.ndarray) -> np.ndarray:
-        """Lags at which what the frames share is subtracted, bool (127, 127)."""
+        """Return the lags at which the shared power is subtracted, bool (127, 127)."""
         if self.mean != "auto":
             return np.full(shared.shape, self.mean == "fixed")
         pairs = self.frames * (self.frames - 1)
         return shared_lags(shared, estimate, pairs * degrees_of_freedom(1, self.grid.frame_shape, self._patch))
 
     def _drift(self) -> float:
-        """Mean square of the frames' levels over the mean product of two: a lamp that drifts adds that to its own pattern."""
+        """Return the mean square of the frame levels over the mean product of two; a drifting lamp scales its own
+        pattern by this factor."""
         levels = np.array(self._levels)
         pairs = (levels.sum() ** 2 - (levels**2).sum()) / (self.frames - 1)
         return float((levels**2).sum() / pairs) if levels.min() > 0.0 else 1.0
 
     def _moved_back(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """A frame's spectrum, its fixed pattern laid over the first frame's if a camera that moved shows in it."""
+        """Return the spectrum of a frame, corrected for camera shift if a static pattern shows one."""
         if self.mean != "auto":
             return spectrum
         cross = self._first.real * spectrum.real + self._first.imag * spectrum.imag
@@ -204,7 +205,8 @@ class AutocorrelationEstimator:
             raise InputError("frames", "frames of different illuminations", "copies of one frame", "leave the copies out")
 
     def _at_lags(self, power: torch.Tensor) -> np.ndarray:
-        """Lags (127, 127) of a power spectrum of padded frames (rows, columns // 2 + 1), through a patch's spectral window."""
+        """Return the lags (127, 127) of the power spectrum of padded frames (rows, columns // 2 + 1), weighted by the
+        patch window."""
         (height, width), (rows, columns) = self.grid.frame_shape, self._padded
         down = _spectral_window(height, self._patch[0], rows)
         right = _spectral_window(width, self._patch[1], columns)[:, : columns // 2 + 1].copy()
@@ -218,8 +220,8 @@ class AutocorrelationEstimator:
 
 @lru_cache(maxsize=8)
 def _spectral_window(length: int, size: int, padded: int) -> np.ndarray:
-    """Weights (127, padded) with which frequencies of a padded axis make up the lags: transform of the triangle of a patch over
-    the share of a frame that has pairs so far apart."""
+    """Return weights (127, padded) that convert the power along a padded axis to lags: the transform of the patch
+    triangle over the fraction of the frame that has pairs at each distance."""
     apart = np.arange(1 - size, size)
     triangle = (1.0 - np.abs(apart) / size) / (1.0 - np.abs(apart) / length)
     on_circle = np.zeros((2 * LAGS + 1, padded), np.complex128)
@@ -230,7 +232,7 @@ def _spectral_window(length: int, size: int, padded: int) -> np.ndarray:
 def estimate_autocorrelation(
     frames: Iterable[np.ndarray | torch.Tensor], grid: PatchGrid, mean: Mean = "auto", device: torch.device | str = "cpu"
 ) -> tuple[np.ndarray, float]:
-    """Estimate from frames at once; returns (estimate (127, 127), degrees of freedom)."""
+    """Estimate the autocorrelation of frames; return (estimate (127, 127), degrees of freedom)."""
     estimator = estimator_of(grid, mean, device)
     for frame in frames:
         estimator.add(frame)
@@ -240,5 +242,5 @@ def estimate_autocorrelation(
 def estimator_of(
     grid: PatchGrid, mean: Mean = "auto", device: torch.device | str = "cpu"
 ) -> AutocorrelationEstimator | PublishedEstimator:
-    """The estimator with a mean; add frames to it."""
+    """Return the estimator of a background model; add frames to it."""
     return PublishedEstimator(grid, device) if mean == "published" else AutocorrelationEstimator(grid, device, mean)

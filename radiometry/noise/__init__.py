@@ -1,6 +1,6 @@
 """Noise of the autocorrelation estimate.
 
-model.py   S = H (r*r) + b, Gamma and Gaussian: draws and likelihood
-level.py   floor, degrees of freedom and signal read from an estimate
-budget.py  what the floor is made of; degrees of freedom; error of an estimate
+model.py   S = H (r*r) + b with Gamma or Gaussian noise: sampling and likelihood
+level.py   noise floor, degrees of freedom and signal extent read from an estimate
+budget.py  contributions to the noise floor; error of an estimate
 """

@@ -1,7 +1,5 @@
-"""Noise level of an autocorrelation estimate, read back from it: floor b, degrees of freedom K, signal height.
-
-Reads the floor b and K from lags without signal, and the height of the signal over the floor.
-"""
+"""Noise level read from an autocorrelation estimate: floor b and degrees of freedom K from the lags without signal, and
+the height of the signal above the floor."""
 
 from __future__ import annotations
 
@@ -14,37 +12,37 @@ from correlograph.lags import LAGS
 _STEP = np.arange(-LAGS, LAGS + 1)
 ROW_LAG, COLUMN_LAG = np.meshgrid(_STEP, _STEP, indexing="ij")
 RING = np.maximum(np.abs(ROW_LAG), np.abs(COLUMN_LAG))
-"""Square ring of every lag: the autocorrelation of an object in a box lies inside one ring."""
+"""Square ring of every lag: the autocorrelation of an object in a square support lies inside one ring."""
 
 HALF_PLANE = (ROW_LAG > 0) | ((ROW_LAG == 0) & (COLUMN_LAG > 0))
-"""One of every pair of equal lags (+lag and -lag), zero lag left out."""
+"""One lag of every equal pair (+lag and -lag), without zero lag."""
 
 ASSUMED_DOF = 64.0
-"""K of an estimate rounded so coarsely that its noise cannot be read: that of the paper's two frames."""
+"""K of an estimate whose noise is hidden by rounding: the value of two frames in Metzler et al. 2020."""
 
 NEGLIGIBLE = 1e-6
-"""Floors below this share of the largest lag are leakage and rounding, whose scatter says nothing of K."""
+"""Floors below this fraction of the maximum lag are leakage and rounding, whose scatter does not depend on K."""
 
 OUTERMOST = LAGS - 8
-"""Rings beyond this are the first guess of where no signal is."""
+"""Initial ring beyond which no signal is assumed."""
 
 _APART = 6
-"""Lags so far apart are as good as independent."""
+"""Distance in lags at which noise is practically uncorrelated."""
 
 INNERMOST = LAGS // 2
-"""Rings inside this are never taken for signal-free: half the picture holds lags enough."""
+"""Rings inside this one never count as free of signal; the lags outside suffice."""
 
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """Floor b (in the estimate's units), degrees of freedom K, and the ring where the signal ends.
+    """Floor b (in the unit of the estimate), degrees of freedom K, and the ring at which the signal ends.
 
-    `dof` is None where the outer lags do not vary or hold next to nothing (no noise at all).
+    `dof` is None if the outer lags do not vary or are practically zero (no noise at all).
 
     Attributes:
-        inflation: variance of a sum over many neighbouring lags over that of as many independent ones: 1 for patches side by
-            side, 2.25 for whole frames, whose lags correlate.
-        dof_read: False where rounding hides the noise, and `dof` is assumed to be `ASSUMED_DOF`.
+        inflation: variance inflation, the variance of a sum over many neighbouring lags in units of that of independent lags: 1
+            for non-overlapping patches, 2.25 for whole frames, whose lags are correlated.
+        dof_read: False if rounding hides the noise and `dof` is assumed to be `ASSUMED_DOF`.
     """
 
     floor: float
@@ -60,26 +58,26 @@ class NoiseLevel:
 
 
 OFF_AXIS = HALF_PLANE & (ROW_LAG != 0) & (COLUMN_LAG != 0)
-"""Independent lags off the row and column through zero, where read noise of lines collects."""
+"""Independent lags outside the row and column through zero lag, which contain the read noise of lines."""
 
 
 def _variance(mean: float, dof: float | None, quantisation: float) -> float:
-    """Variance of a lag without signal: Gamma noise and rounding."""
+    """Return the variance of a lag without signal: Gamma noise and rounding."""
     return (mean**2 / dof if dof else 0.0) + quantisation**2 / 12.0
 
 
 def _moments(values: np.ndarray, quantisation: float) -> tuple[float, float | None]:
-    """Mean and K = mean^2 / variance; the variance of rounding to `quantisation` is taken out."""
+    """Return the mean and K = mean^2 / variance, with the variance of rounding to `quantisation` removed."""
     mean = float(values.mean(dtype=np.float64))
     variance = float(values.var(dtype=np.float64, ddof=1)) - quantisation**2 / 12.0
     return mean, (mean**2 / variance if variance > 1e-12 * mean**2 else None)
 
 
 def _inflation(estimate: np.ndarray, outside: np.ndarray) -> float:
-    """Variance inflation of sums of lags, from the correlation of neighbours outside the signal.
+    """Return the variance inflation of sums of lags, from the correlation of neighbours outside the signal.
 
-    Differences of neighbours against those of lags `_APART` apart tell it, whatever the floor's slope; correlations that fall
-    as 1 / n^2 (`radiometry.noise.model.lag_correlation`) are summed up.
+    It follows from the differences of neighbours and of lags `_APART` apart, independent of the slope of the floor. Correlations
+    that fall as 1 / n^2 (`radiometry.noise.model.lag_correlation`) are summed.
     """
     inflation = 1.0
     for view, used in ((estimate, outside), (estimate.T, outside.T)):
@@ -97,12 +95,12 @@ def _inflation(estimate: np.ndarray, outside: np.ndarray) -> float:
 def read_noise_level(estimate: np.ndarray, quantisation: float = 0.0) -> NoiseLevel:
     """Read floor and K from the outer lags of an estimate.
 
-    Starts from the outermost rings and moves inwards while a ring's mean agrees with those outside
-    it; the row and column through zero lag are left out.
+    The search starts at the outermost rings and moves inwards while the mean of a ring agrees with the rings outside it. The row and
+    column through zero lag are excluded.
 
     Args:
         estimate: (127, 127), zero lag in the middle.
-        quantisation: step of an estimate stored as integers (1 for 8-bit pictures), 0 for none.
+        quantisation: step of an estimate stored as integers (1 for 8-bit images), 0 for floating-point values.
     """
     mean, dof = _moments(estimate[OFF_AXIS & (RING > OUTERMOST)], quantisation)
     inflation = _inflation(estimate, OFF_AXIS & (RING > OUTERMOST))
@@ -134,11 +132,11 @@ def read_noise_level(estimate: np.ndarray, quantisation: float = 0.0) -> NoiseLe
 
 
 def extrapolated_peak(estimate: np.ndarray, noise: NoiseLevel, radius: int = 4) -> tuple[float, float]:
-    """Height of r*r at zero lag above the floor, and its standard error, from the lags around it.
+    """Return the height of r*r at zero lag above the floor, and its standard error, from the lags around it.
 
-    A weighted least-squares surface of constant, cone and paraboloid through lags 1..`radius`; the
-    cone is there because r*r of an object with edges has a cusp. Zero lag itself is never used: it
-    holds laser power drift, and published estimates set it to zero.
+    A weighted least-squares surface of constant, cone and paraboloid is fitted to lags 1..`radius`. The cone describes the cusp of
+    r*r of an object with edges. Zero lag itself is never used: it contains the drift of the laser power, and published estimates set
+    it to zero.
     """
     distance = np.hypot(ROW_LAG, COLUMN_LAG)
     near = HALF_PLANE & (distance <= radius)
@@ -160,15 +158,14 @@ def extrapolated_peak(estimate: np.ndarray, noise: NoiseLevel, radius: int = 4) 
 def fit_known_signal(
     estimate: np.ndarray, signal: np.ndarray, *, lines: bool = False, iterations: int = 20
 ) -> tuple[float, float]:
-    """Fit estimate = gain x signal + floor over all lags but zero; returns (gain, floor).
+    """Fit estimate = gain x signal + floor over all lags except zero; return (gain, floor).
 
-    Iteratively reweighted least squares with weights 1/S^2, which is the maximum-likelihood fit of
-    Gamma noise with constant K.
+    Iteratively reweighted least squares with weights 1/S^2 is the maximum-likelihood fit of Gamma noise with constant K.
 
     Args:
         estimate: (127, 127).
-        signal: (127, 127), H (r*r) as the patch window smooths it.
-        lines: whether read noise stands on the row or column through zero lag, which are then left out.
+        signal: (127, 127), H (r*r) smoothed by the patch window.
+        lines: whether the row and column through zero lag contain read noise and are excluded.
     """
     use = OFF_AXIS if lines else HALF_PLANE
     basis = np.stack([signal[use].astype(np.float64), np.ones(int(use.sum()))], axis=1)
@@ -183,12 +180,12 @@ def fit_known_signal(
 
 
 def fill_zero_lag(estimate: np.ndarray, value: float) -> np.ndarray:
-    """Copy of an estimate with zero lag replaced by `value`."""
+    """Return a copy of an estimate with zero lag replaced by `value`."""
     filled = np.array(estimate, dtype=np.float32)
     filled[LAGS, LAGS] = value
     return filled
 
 
 def dim_zero_lag(estimate: np.ndarray) -> np.ndarray:
-    """Copy of an estimate to look at: zero lag, which would outshine the rest, no brighter than the brightest other lag."""
+    """Return a copy of an estimate for display: zero lag is limited to the maximum of the other lags."""
     return fill_zero_lag(estimate, np.partition(estimate.ravel(), -2)[-2])

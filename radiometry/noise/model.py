@@ -1,9 +1,9 @@
-"""The noise model: S = H (r*r) + b, and how an estimate with K degrees of freedom scatters around S.
+"""Noise model: S = H (r*r) + b, and the scatter of an estimate with K degrees of freedom around S.
 
-The paper's Eqs. (10) and (11), put right: its S = H(r*r + b) filters shot noise, which is white
-behind the pupil, and the last line of Eq. (11) drops the cross term of S^2. Mean periodograms of
-circular-Gaussian spectra are exactly Gamma-distributed with mean S and shape K (Bartlett; Welch,
-doi:10.1109/TAU.1967.1161901); the Gaussian of Eq. (10) is their limit for large K.
+Two corrections of Metzler et al. 2020, Eqs. (10) and (11): their S = H (r*r + b) filters shot noise, which is white after the
+pupil, and the last line of Eq. (11) omits the cross term of S^2. Mean periodograms of circular Gaussian spectra are exactly
+Gamma-distributed with mean S and shape K (Bartlett; Welch, doi:10.1109/TAU.1967.1161901); the Gaussian of Eq. (10) is their limit
+for large K.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ Form = Literal["gamma", "gaussian"]
 
 
 def expected_spectrum(signal: torch.Tensor, floor: torch.Tensor | float, transfer: torch.Tensor | None = None) -> torch.Tensor:
-    """S = H (r*r) + b.
+    """Return S = H (r*r) + b.
 
     Args:
-        signal: r*r, (..., 127, 127), window-smoothed or not, in any unit.
+        signal: r*r, (..., 127, 127), in any unit, smoothed by the window or not.
         floor: b in the same unit, a number or (...,).
-        transfer: H per lag (127, 127); 1 where None.
+        transfer: H per lag (127, 127); 1 if None.
     """
     if not torch.is_tensor(floor):
         floor = torch.as_tensor(floor, dtype=signal.dtype, device=signal.device)
@@ -36,7 +36,8 @@ def expected_spectrum(signal: torch.Tensor, floor: torch.Tensor | float, transfe
 
 
 def autocorrelate_windowed(albedo: torch.Tensor) -> torch.Tensor:
-    """r*r of albedos (..., 64, 64), one square cell a lag, as boxcar patches show it: (..., 127, 127), summed over cells."""
+    """Return r*r of albedos (..., 64, 64), one square cell per lag, smoothed by boxcar patches: (..., 127, 127), summed
+    over cells."""
     n = 2 * (LAGS + 1)
     power = torch.fft.rfft2(albedo, s=(n, n)).abs().square()
     lags = torch.fft.fftshift(torch.fft.irfft2(power, s=(n, n)), dim=(-2, -1))[..., 1:, 1:]
@@ -46,9 +47,9 @@ def autocorrelate_windowed(albedo: torch.Tensor) -> torch.Tensor:
 
 
 def lag_correlation(distance: np.ndarray) -> np.ndarray:
-    """Correlation of the noise of lags a whole number apart along one axis, where an estimate uses all pairs of pixels.
+    """Return the correlation of the noise of lags at a distance along one axis, for an estimate from all pixel pairs.
 
-    The transform of the squared triangle: 1, then 3 / (2 pi^2 n^2), .152 for neighbours. Along both axes it multiplies.
+    It is the transform of the squared triangle: 1, then 3 / (2 pi^2 n^2), 0.152 for neighbours. The values of both axes multiply.
     """
     apart = np.abs(distance)
     return np.where(apart == 0, 1.0, 1.5 / (np.pi * np.maximum(apart, 1)) ** 2)
@@ -56,14 +57,15 @@ def lag_correlation(distance: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=4)
 def _correlating_filter(side: int) -> torch.Tensor:
-    """Square root of the spectrum of `lag_correlation` on a periodic grid, (side, side // 2 + 1)."""
+    """Return the square root of the spectrum of `lag_correlation` on a periodic grid, (side, side // 2 + 1)."""
     step = np.arange(side)
     power = np.fft.fft(lag_correlation(np.minimum(step, side - step))).real.clip(0.0)
     return torch.from_numpy(np.sqrt(np.outer(power, power[: side // 2 + 1])))
 
 
 def _correlated_normal(shape: torch.Size, rng: torch.Generator) -> torch.Tensor:
-    """Normal variates (..., n, n) that correlate by `lag_correlation`, the same at +lag and -lag; zero lag has variance 2."""
+    """Sample normal variates (..., n, n) with the correlation `lag_correlation`, equal at +lag and -lag; zero lag has
+    variance 2."""
     side = shape[-1] + 1
     white = torch.randn((*shape[:-2], side, side), generator=rng, dtype=torch.float64, device=rng.device)
     filtered = torch.fft.irfft2(torch.fft.rfft2(white) * _correlating_filter(side).to(white), s=(side, side))[..., :-1, :-1]
@@ -73,17 +75,17 @@ def _correlated_normal(shape: torch.Size, rng: torch.Generator) -> torch.Tensor:
 def draw_estimate(
     spectrum: torch.Tensor, dof: torch.Tensor | float, rng: torch.Generator, form: Form = "gamma", *, correlated: bool = False
 ) -> torch.Tensor:
-    """Draw a centro-symmetric noisy estimate with mean S: both signs of a lag carry the same noise.
+    """Sample a centro-symmetric noisy estimate with mean S; both signs of a lag carry the same noise.
 
     Args:
         spectrum: S (..., n, n), n odd, zero lag in the middle.
         dof: K, a number or (...,), above zero.
-        form: `gamma`, exact; or `gaussian`, Eq. (10): N(S, S^2 / K), which can fall below zero.
-        correlated: lags correlate as those of whole frames do (`lag_correlation`); else they are independent, as those of
-            patches side by side are. The Gamma variates are then Wilson and Hilferty's cubes of normal ones
-            (doi:10.1073/pnas.17.12.684), whose variance is right to 2 / (9 K) of itself.
+        form: `gamma`, exact; or `gaussian`, Eq. (10): N(S, S^2 / K), which can be negative.
+        correlated: whether lags are correlated like those of whole frames (`lag_correlation`) or independent like those of
+            non-overlapping patches. Correlated Gamma variates are Wilson and Hilferty's cubes of normal ones
+            (doi:10.1073/pnas.17.12.684), whose variance is accurate to a fraction 2 / (9 K).
 
-    Zero lag is real-valued in the spectrum and has K / 2 degrees of freedom in `gamma` form.
+    Zero lag is real-valued in the spectrum and has K / 2 degrees of freedom in the `gamma` form.
     """
     shape = torch.as_tensor(dof, dtype=torch.float64, device=spectrum.device)
     if not bool((shape > 0.0).all()):
@@ -103,19 +105,19 @@ def draw_estimate(
         factor = _standard_gamma(shape, rng) / shape
     flat = factor.flatten(-2)
     count = flat.shape[-1]
-    # The second half of the lags is the first half read backwards.
+    # The second half of the lags is the reversed first half.
     flat[..., count // 2 + 1 :] = flat[..., : count // 2].flip(-1)
     return (spectrum * factor).to(spectrum.dtype)
 
 
 def _standard_gamma(shape: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
-    """Gamma variates of a shape and scale 1, by numpy's generator, seeded by torch's."""
+    """Sample Gamma variates of a shape and scale 1 with numpy's generator, seeded by torch's."""
     seed = int(torch.randint(2**62, (), generator=rng, device=rng.device))
     return torch.from_numpy(np.random.default_rng(seed).standard_gamma(shape.cpu().numpy())).to(shape.device)
 
 
 def log_likelihood(estimate: torch.Tensor, spectrum: torch.Tensor, dof: float, form: Form = "gamma") -> torch.Tensor:
-    """Log-likelihood of an estimate, summed over the independent half of its lags, zero lag left out; (...,)."""
+    """Return the log-likelihood of an estimate, summed over one half of its lags without zero lag; (...,)."""
     half = estimate.shape[-1] ** 2 // 2
     measured, expected = estimate.flatten(-2)[..., :half].double(), spectrum.flatten(-2)[..., :half].double()
     shape = torch.tensor(dof, dtype=torch.float64)

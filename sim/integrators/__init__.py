@@ -1,4 +1,4 @@
-"""`mi.render` with this project's integrators: `speckle`, a frame; `throughput`, the light budget."""
+"""Integrators for `mi.render`: `speckle` renders a frame, `throughput` the light budget."""
 
 import mitsuba as mi
 
@@ -6,7 +6,7 @@ from sim.plugins import record_refusals
 
 
 def register_integrators() -> None:
-    """Make `speckle` and `throughput` known to Mitsuba."""
+    """Register `speckle` and `throughput` with Mitsuba."""
     from sim.integrators.speckle import Speckle
     from sim.integrators.throughput import Throughput
 

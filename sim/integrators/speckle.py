@@ -1,4 +1,4 @@
-"""Integrator `speckle`: coherent light, so that `mi.render(scene, seed=1)` gives one speckle frame."""
+"""Integrator `speckle`: coherent light; `mi.render(scene, seed=1)` renders one speckle frame."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from correlograph.errors import InputError
 
 
 class Speckle(mi.SamplingIntegrator):
-    """Renders one frame in photoelectrons, shape (height, width, 1); `spp` has no meaning and is ignored.
+    """Render one frame in photoelectrons, shape (height, width, 1); `spp` has no meaning and is ignored.
 
-    Parameters, as of `python -m sim`: `frame` (number in its capture, 0), `accuracy`, `tolerance`, `propagator`, `precision`,
+    Parameters, as for `python -m sim`: `frame` (number in its capture, 0), `accuracy`, `tolerance`, `propagator`, `precision`,
     `effects` (`name=on|off`, separated by commas), `mean` (expected photoelectrons, no noise). Frames of an unchanged scene
-    share their preparation. Warnings go through Mitsuba's log.
+    share their preparation. Warnings go to Mitsuba's log.
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -46,7 +46,7 @@ class Speckle(mi.SamplingIntegrator):
     render_forward = render_backward
 
     def _simulation(self, scene, sensor):
-        """The prepared simulation, again where nothing in the scene has changed since."""
+        """Return the prepared simulation; it is reused if the scene has not changed."""
         from sim.frame import Simulation
         from sim.plan_report import warnings_of
         from sim.scene_reader import fingerprint, read_geometry

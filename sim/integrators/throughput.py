@@ -1,4 +1,4 @@
-"""Integrator `throughput`: the light budget by Monte Carlo, so that `mi.render(scene)` gives it in dB."""
+"""Integrator `throughput`: light budget by Monte Carlo; `mi.render(scene)` returns it in dB."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from sim.transport.monte_carlo import DEFAULT_SAMPLES, estimate_throughput
 
 
 class Throughput(mi.SamplingIntegrator):
-    """Renders one value, shape (1, 1, 1): photoelectrons of a whole frame per laser photon, in dB.
+    """Render one value, shape (1, 1, 1): photoelectrons of a whole frame per laser photon, in dB.
 
-    Parameter: `samples`, light paths. `spp` wins over it where it is given. A dark scene reads minus infinity.
+    Parameter: `samples`, light paths; `spp` overrides it. A dark scene gives minus infinity.
     """
 
     def __init__(self, props: mi.Properties) -> None:

@@ -2,9 +2,9 @@
 
 object_samples.py      the object as samples that propagate
 illumination.py        phase screen on the virtual source -> field on the hidden object
-motion.py              sub-exposures of what moves
-coherence.py           linewidth as an incoherent sum of lines
-detector_roughness.py  the wall's own speckle through the pupil
-other_light.py         clutter and interreflections as a background
+motion.py              sub-exposures of a moving spot or object
+coherence.py           linewidth as an incoherent sum of spectral lines
+detector_roughness.py  subjective speckle of the virtual detector
+other_light.py         stray light: clutter and multiple reflections
 camera.py              intensity -> electrons: pupil, pixel, noise
 """

@@ -1,4 +1,4 @@
-"""From intensity on the wall to what the camera stores: pupil, pixel, photons, electronics."""
+"""Camera: from the intensity on the virtual detector to recorded electrons, by pupil, pixel, photons and electronics."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from sim.plugins.speckle_camera import Electronics
 
 
 def transfer_function(geometry: Geometry) -> torch.Tensor:
-    """Pupil OTF times pixel sinc at the frequencies of an rfft2 of the canvas, float32 (H, W // 2 + 1).
+    """Return pupil OTF times pixel sinc at the frequencies of an rfft2 of the canvas, float32 (H, W // 2 + 1).
 
-    The wall is rough, so the mean image is the wall's intensity blurred incoherently by the pupil.
+    The wall is rough, so the mean image is the intensity on the wall, blurred incoherently by the pupil.
     """
     height, width = geometry.canvas_shape
     transfer = amplitude_transfer(
@@ -28,22 +28,22 @@ def transfer_function(geometry: Geometry) -> torch.Tensor:
 
 
 def mean_image(wall_intensity: torch.Tensor, transfer: torch.Tensor) -> torch.Tensor:
-    """Intensity as pixels collect it: blurred by pupil and pixel, never negative."""
+    """Return the intensity that pixels collect: blurred by pupil and pixel, never negative."""
     spectrum = torch.fft.rfft2(wall_intensity) * transfer
     return torch.fft.irfft2(spectrum, s=wall_intensity.shape).clamp_min_(0.0)
 
 
 CAMERA = 20200107
-"""Seed of the one camera whose fixed pattern all frames share."""
+"""Seed of the fixed pattern, which all frames of a camera share."""
 
 
 def expose(
     photoelectrons: np.ndarray, electronics: Electronics, rng: np.random.Generator, shot_noise: bool = True
 ) -> np.ndarray:
-    """Draw one stored frame from expected photoelectrons, float32, in electrons.
+    """Sample one recorded frame from expected photoelectrons, float32, in electrons.
 
-    Shot noise of signal and dark current together, then read, row, column and fixed-pattern noise, full well and the
-    converter; an effect whose parameter is 0 is left out.
+    Shot noise of signal and dark current, then read, row, column and fixed-pattern noise, full well and ADC. An effect with parameter
+    0 is omitted.
     """
     mean = photoelectrons + electronics.dark_current * electronics.exposure_s
     stored = (rng.poisson(mean) if shot_noise else mean).astype(np.float32)
@@ -57,7 +57,7 @@ def expose(
         pattern = np.random.default_rng(CAMERA).standard_normal(stored.shape, np.float32)
         stored += np.float32(electronics.fixed_pattern) * pattern
     if electronics.full_well:
-        # A biased converter keeps read noise below zero: only the top is clipped.
+        # An ADC with offset keeps read noise below zero; only the top is clipped.
         np.minimum(stored, np.float32(electronics.full_well), out=stored)
     if electronics.bits:
         step = np.float32(electronics.step)

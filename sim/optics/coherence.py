@@ -1,8 +1,8 @@
-"""Partial coherence: a laser's linewidth against the spread of paths, as an incoherent sum of spectral lines.
+"""Partial coherence: the linewidth of a laser and the spread of path lengths, as an incoherent sum of spectral lines.
 
-The spectrum is Gaussian with full width at half maximum `linewidth`; its degree of coherence after a delay tau is
+The spectrum is Gaussian with full width at half maximum `linewidth`. Its degree of coherence after a delay tau is
 gamma(tau) = exp(-(pi linewidth tau)^2 / (4 ln 2)) (Goodman, Statistical Optics, Eq. 5.1-26). Two scatterers whose paths differ
-by c tau beat with that contrast, so the lag between them loses 1 - gamma^2 of its autocorrelation.
+by c tau interfere with that contrast, so the lag between them loses 1 - gamma^2 of its autocorrelation.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from correlograph.errors import InputError
 
 MAX_LINES = 129
 _REACH = 3.0
-"""Standard deviations of the spectrum on either side that lines cover."""
+"""Standard deviations of the spectrum on either side that the lines cover."""
 
 
 def coherence(delay_s: np.ndarray, linewidth_hz: float) -> np.ndarray:
-    """Degree of coherence gamma after a delay."""
+    """Return the degree of coherence gamma after a delay."""
     return np.exp(-((np.pi * linewidth_hz * delay_s) ** 2) / (4.0 * np.log(2.0)))
 
 
 def lost_contrast(path_m: np.ndarray, amplitude: np.ndarray, linewidth_hz: float, bins: int = 512) -> float:
-    """1 - contrast^2 of the speckle: the share of its variance lost to the linewidth.
+    """Return 1 - contrast^2 of the speckle: the fraction of its variance that is lost to the linewidth.
 
     Args:
-        path_m: optical path length by each scatterer, (n,). amplitude: of each, (n,).
+        path_m: optical path length by each scatterer, (n,). amplitude: of each scatterer, (n,).
     """
     if linewidth_hz == 0.0 or len(path_m) == 0 or np.ptp(path_m) == 0.0:
         return 0.0
@@ -39,9 +39,9 @@ def lost_contrast(path_m: np.ndarray, amplitude: np.ndarray, linewidth_hz: float
 
 
 def spectral_lines(path_m: np.ndarray, linewidth_hz: float) -> list[tuple[float, float]]:
-    """Frequency offsets and weights whose incoherent sum stands for the spectrum.
+    """Return frequency offsets and weights whose incoherent sum represents the spectrum.
 
-    Raises InputError where the spread of paths would need more than `MAX_LINES`.
+    Raises InputError if the spread of path lengths would need more than `MAX_LINES`.
     """
     deviation = linewidth_hz / (2.0 * math.sqrt(2.0 * math.log(2.0)))
     spread_s = float(np.ptp(path_m)) / speed_of_light

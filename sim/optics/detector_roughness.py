@@ -1,9 +1,9 @@
-"""The virtual detector's own roughness seen through the camera's pupil: subjective speckle on top of the objective one.
+"""Roughness of the virtual detector seen through the camera pupil: subjective speckle multiplied with the objective one.
 
-Exact: on a finer grid each cell of the field is multiplied by a circular Gaussian (the wall's many heights in it), passes
-the pupil, and its intensity is summed over pixels. Cheaper: the sum over a pixel has Gamma statistics with M degrees of
-freedom, drawn independently for each pixel (Goodman, Speckle Phenomena in Optics, section 4.6); M follows from pupil and
-pixel. The mean of both is the incoherent blur of `camera.mean_image`.
+Exact: on a finer grid, each cell of the field is multiplied by a circular Gaussian (many heights per cell) and passes the pupil;
+its intensity is summed over pixels. Faster: the sum over a pixel has Gamma statistics with M degrees of freedom, sampled
+independently for each pixel (Goodman, Speckle Phenomena in Optics, section 4.6); M follows from pupil and pixel. The mean of both
+is the incoherent blur of `camera.mean_image`.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from sim.geometry import Geometry
 
 
 def oversampling(geometry: Geometry) -> int:
-    """Cells per pixel and axis that resolve the subjective speckle's intensity; odd, so that one is in a pixel's middle."""
+    """Return the cells per pixel and axis that resolve the subjective speckle; odd, so that one cell lies at the centre
+    of a pixel."""
     cutoff = geometry.pupil_diameter_m / (geometry.wavelength_m * geometry.pupil_distance_m)
     return math.ceil(2.0 * geometry.pixel_pitch_m * cutoff) | 1
 
 
 def exact_image(field: torch.Tensor, factor: int, geometry: Geometry, rng: np.random.Generator) -> torch.Tensor:
-    """Intensity collected by each pixel, (H, W), mean over the wall's phases equal to the blurred |field|^2.
+    """Return the intensity collected by each pixel, (H, W); its mean over the phases of the wall is the blurred |field|^2.
 
     Args:
         field: complex (factor H, factor W) on the wall.
@@ -48,7 +49,7 @@ def exact_image(field: torch.Tensor, factor: int, geometry: Geometry, rng: np.ra
 
 
 def degrees_of_freedom(geometry: Geometry, samples: int = 512) -> float:
-    """M of one pixel: one over the relative variance of subjective speckle that pupil and pixel leave."""
+    """Return M of one pixel: one over the relative variance of the subjective speckle after pupil and pixel."""
     cutoff = geometry.pupil_diameter_m / (geometry.wavelength_m * geometry.pupil_distance_m)
     frequency = (np.arange(samples) + 0.5) / samples * cutoff
     otf = pupil_otf(
@@ -62,7 +63,7 @@ def degrees_of_freedom(geometry: Geometry, samples: int = 512) -> float:
 
 
 def gamma_image(mean: torch.Tensor, geometry: Geometry, rng: np.random.Generator, polarisations: int = 1) -> torch.Tensor:
-    """A mean image (H, W) under independent Gamma factors of mean 1; each polarisation adds M degrees of freedom."""
+    """Multiply a mean image (H, W) by independent Gamma factors of mean 1; each polarisation adds M degrees of freedom."""
     dof = degrees_of_freedom(geometry) * polarisations
     factor = rng.standard_gamma(dof, mean.shape, np.float32) / np.float32(dof)
     return mean * torch.from_numpy(factor).to(mean.device)

@@ -1,8 +1,8 @@
-"""Motion while the shutter is open and from frame to frame: a spot that travels over the wall, an object that moves.
+"""Motion during and between exposures: a spot that moves over the wall, and an object that moves.
 
-A frame is the mean intensity of sub-exposures close enough together to share their grains. An object displaced by u across the
-line of sight meets other grains of its illumination, and its speckle travels over the wall by u (1 + z / d1); both follow from
-the phases of its scatterers. What it leaves of the speckle has closed forms: `radiometry/motion.py`.
+A frame is the mean intensity of sub-exposures, which are close enough to share their grains. An object displaced by u across the
+line of sight meets other grains of its illumination, and its speckle moves over the wall by u (1 + z / d1). Both follow from the
+phases of its scatterers. `radiometry/motion.py` has the closed forms of the remaining speckle.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from sim.geometry import Geometry
 from sim.optics.object_samples import ObjectSamples
 
 STEPS_PER_GRAIN = 6
-"""Sub-exposures at least, for each grain that passes by."""
+"""Minimum number of sub-exposures per grain of motion."""
 
 MAX_STEPS = 512
 _SHARES = np.linspace(0.0, 1.0, 129)
@@ -25,11 +25,11 @@ _SHARES = np.linspace(0.0, 1.0, 129)
 
 @dataclass(frozen=True)
 class Pose:
-    """Where spot and object stand in one sub-exposure.
+    """Positions of spot and object in one sub-exposure.
 
     Attributes:
-        spot_m: spot travel over the wall.
-        object_m: displacement of the object along its axes (down, right).
+        spot_m: displacement of the spot on the wall.
+        object_m: displacement of the object along its axes (rows, columns).
     """
 
     spot_m: float = 0.0
@@ -37,7 +37,7 @@ class Pose:
 
 
 def poses(geometry: Geometry, number: int, count: int, *, moving: bool) -> list[Pose]:
-    """The `count` sub-exposures of a frame, each in its middle."""
+    """Return the `count` sub-exposures of a frame, each at its middle."""
     exposure_s, interval_s = geometry.electronics.exposure_s, geometry.frame_interval_s
     begin_s = number * max(interval_s, exposure_s)
     speed = geometry.object_speed_m_s
@@ -52,9 +52,9 @@ def poses(geometry: Geometry, number: int, count: int, *, moving: bool) -> list[
 
 
 def sub_exposures(geometry: Geometry, samples: ObjectSamples, tolerance: float) -> int:
-    """Number of sub-exposures for which the speckle's variance is right to the tolerance.
+    """Return the number of sub-exposures for which the variance of the speckle is accurate to the tolerance.
 
-    Each is free of motion blur, so too few leave excess variance. Raises InputError where no speckle would be left.
+    Each sub-exposure is free of motion blur, so too few leave excess variance. Raises InputError if no speckle would remain.
     """
     if len(samples.amplitude) == 0:
         return 1
@@ -79,20 +79,20 @@ def sub_exposures(geometry: Geometry, samples: ObjectSamples, tolerance: float) 
 
 
 def lost_variance(geometry: Geometry, samples: ObjectSamples) -> float:
-    """1 - contrast^2 of the speckle: the share of its variance lost to motion during the exposure."""
+    """Return 1 - contrast^2 of the speckle: the fraction of its variance that is lost to motion during the exposure."""
     if not geometry.motion.moves or len(samples.amplitude) == 0:
         return 0.0
     return float(1.0 - 2.0 * np.trapezoid((1.0 - _SHARES) * _likeness(geometry, samples), _SHARES))
 
 
 def _likeness(geometry: Geometry, samples: ObjectSamples) -> np.ndarray:
-    """`correlation` after each of `_SHARES` of the exposure."""
+    """Return `correlation` after each of `_SHARES` of the exposure."""
     return np.array([correlation(geometry, samples, share * geometry.electronics.exposure_s) for share in _SHARES])
 
 
 def correlation(geometry: Geometry, samples: ObjectSamples, seconds: float) -> float:
-    """Correlation of the speckle's intensity with that so much later: of spots that overlap, of illumination grains that the
-    object has left, and of grains that travel over the wall."""
+    """Return the correlation of the speckle intensity after a time: by overlap of the spots, by grains of the
+    illumination that the object has left, and by grains that move over the wall."""
     motion, share = geometry.motion, seconds / geometry.electronics.exposure_s
     power = samples.amplitude.astype(np.float64) ** 2
     waves = motion.waves(*samples.coordinates_m.T) * share
@@ -101,12 +101,13 @@ def correlation(geometry: Geometry, samples: ObjectSamples, seconds: float) -> f
 
 
 def travel_phase(geometry: Geometry, coordinates_m: np.ndarray, pose: Pose) -> np.ndarray:
-    """Turns (n,) by which a displacement advances samples at coordinates (n, 2): x.u (1 / d1 + 1 / z) / lambda."""
+    """Return the phase turns (n,) by which a displacement advances samples at coordinates (n, 2): x.u (1 / d1 + 1 / z) /
+    lambda."""
     return coordinates_m @ np.array(pose.object_m) * geometry.motion.fringes_per_m2
 
 
 def _grains(geometry: Geometry) -> float:
-    """Grains, of whichever kind is finest, that pass by in one exposure."""
+    """Return the number of grains, of the finest kind, that pass during one exposure."""
     motion = geometry.motion
     way = math.hypot(*motion.object_way_m)
     on_wall = way * motion.fringes_per_m2 * max(geometry.hidden_object.extent_m)

@@ -1,4 +1,4 @@
-"""The hidden object as samples that propagate: where they are, how bright, and the wall they light."""
+"""The hidden object as samples that propagate: positions, brightness, and the wall that they illuminate."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from sim.propagation.sampling import Lattice, Scatterers, Wall, path_difference,
 
 @dataclass(frozen=True)
 class ObjectSamples:
-    """Samples of a scene's object at `Geometry.object_pitch_m`, those without light left out.
+    """Samples of a scene's object at `Geometry.object_pitch_m`, without those that are dark.
 
     Attributes:
         grid: rows and columns of the whole grid, centred on the object.
         place: row and column of each sample, (n,) each.
         position_m: from the object's centre, float64 (n, 3).
-        amplitude: square root of the light that a sample carries, the paper's Eq. (5) with power albedo, float32 (n,).
+        amplitude: square root of the light of a sample: Metzler et al. 2020, Eq. (5), with power albedo, float32 (n,).
         wall: the frame with its border.
-        flat_m: where FFT kernels place each sample, (n, 2): see `propagation/validity.py`.
-        path_m: optical path length from the spot's centre by each sample to the frame's centre, less that by the object's
-            centre, (n,).
+        flat_m: position at which FFT propagators place each sample, (n, 2): see `propagation/validity.py`.
+        path_m: optical path length from the centre of the spot by each sample to the frame centre, minus the length by the
+            object's centre, (n,).
     """
 
     grid: tuple[int, int]
@@ -35,15 +35,15 @@ class ObjectSamples:
     flat_m: np.ndarray
     path_m: np.ndarray
     coordinates_m: np.ndarray
-    """Of each sample along the axes of the object's grid (down, right), (n, 2)."""
+    """Coordinates of each sample along the axes of the object's grid (rows, columns), (n, 2)."""
 
     @property
     def brightness(self) -> float:
-        """Sum of the samples' powers."""
+        """Sum of the powers of the samples."""
         return float(np.square(self.amplitude, dtype=np.float64).sum())
 
     def lit(self, field: np.ndarray, period: tuple[int, int], offset_hz: float = 0.0) -> Scatterers:
-        """Scatterers under a field on the grid (rows, columns), of light off the laser's frequency by so much."""
+        """Return the scatterers in a field on the grid (rows, columns), for light offset from the laser frequency."""
         delay = phasor(self.path_m * offset_hz, speed_of_light) if offset_hz else 1.0
         return Scatterers(
             self.position_m,
@@ -53,14 +53,14 @@ class ObjectSamples:
 
 
 def sample_object(geometry: Geometry) -> ObjectSamples:
-    """Sample a scene's object as finely as its frame resolves it."""
+    """Sample the object of a scene at the resolution of its frame."""
     hidden, pitch = geometry.hidden_object, geometry.object_pitch_m
     grid = tuple(
         min(math.ceil(extent / step) + 1, n)
         for extent, step, n in zip(hidden.extent_m, pitch, geometry.period_shape, strict=True)
     )
     seen = hidden.sample(pitch, (grid[0], grid[1]))
-    # Relative to the largest: throughputs of 1e-20 do not fit single precision once they are squared.
+    # Relative to the maximum, because throughputs of 1e-20 underflow single precision once they are squared.
     brightness = seen.weight / max(float(seen.weight.max()), 1e-300)
     place = np.nonzero(brightness > 1e-12)
     coordinates = np.stack([(index - 0.5 * (n - 1)) * step for index, n, step in zip(place, grid, pitch, strict=True)], 1)

@@ -1,9 +1,8 @@
-"""Laser light other than by a single reflection off the hidden object: a partially coherent background.
+"""Stray laser light: a partially coherent background by clutter and multiple reflections.
 
-Clutter beside the object and reflections between surfaces send light from a wider region than the object, with paths of their
-own, so it adds to the object's in intensity. Its speckle is that of all the places that it comes from (an extended
-autocorrelation), as far as pupil and pixel resolve it; light whose speckle is not resolved adds an
-even background.
+Clutter next to the object and reflections between surfaces emit light from a wider region than the object, with other path
+lengths, so it adds to the object's light in intensity. Its speckle is that of all its positions of origin (an extended
+autocorrelation), as far as pupil and pixel resolve it. Light with unresolved speckle adds a uniform background.
 """
 
 from __future__ import annotations
@@ -23,13 +22,13 @@ _PAIRS = 20_000
 
 @dataclass(frozen=True)
 class Background:
-    """Other light on the lattice of a frame's period.
+    """Stray light on the lattice of a frame's period.
 
     Attributes:
-        share: its light over the hidden object's.
-        place: row and column, modulo the period, of each cell that light comes from, (n,) each.
-        amplitude: of each cell, mean square 1 in sum, (n,).
-        coherent: contrast of its speckle before pupil and pixel; 1 where it comes from a region as narrow as an object.
+        share: stray light in units of the hidden object's light.
+        place: row and column, modulo the period, of each cell that emits light, (n,) each.
+        amplitude: of each cell, sum of squares 1, (n,).
+        coherent: contrast of its speckle before pupil and pixel; 1 if it comes from a region as narrow as an object.
     """
 
     share: float
@@ -38,7 +37,7 @@ class Background:
     coherent: float
 
     def intensity(self, geometry: Geometry, rng: np.random.Generator, device: torch.device) -> torch.Tensor:
-        """One draw of its intensity on the canvas, mean 1, before pupil and pixel; (H, W)."""
+        """Sample its intensity on the canvas, mean 1, before pupil and pixel; (H, W)."""
         if self.coherent == 0.0:
             return torch.ones(geometry.canvas_shape, device=device)
         waves = rng.standard_normal((2, len(self.amplitude))) * np.sqrt(0.5)
@@ -49,8 +48,8 @@ class Background:
 
 
 def background_of(geometry: Geometry, even_below: float) -> Background | None:
-    """The background of a scene, None without any; even where its speckle adds less than `even_below` to the object's
-    variance."""
+    """Return the stray light of a scene, None without any; uniform if its speckle adds less than `even_below` to the
+    variance of the object's speckle."""
     other, hidden = geometry.other_light, geometry.hidden_object
     if other is None or other.total.per_frame == 0.0 or hidden.throughput == 0.0:
         return None
@@ -58,7 +57,7 @@ def background_of(geometry: Geometry, even_below: float) -> Background | None:
     offset = other.position - hidden.centre
     away = np.linalg.norm(hidden.centre - geometry.detector_centre)
     along = away + offset @ hidden.line_of_sight
-    # In directions, as the frame's centre sees them; what lies across or behind the wall's sight has no lag of its own.
+    # Directions as the frame centre sees them; light from across or behind the line of sight has no lag of its own.
     along = np.where(along > 0.05 * away, along, 0.05 * away)
     seen = hidden.axes.coordinates(offset * (away / along)[:, None])
     cell = np.round(seen / geometry.object_pitch_m).astype(int) % geometry.period_shape
@@ -78,7 +77,7 @@ def background_of(geometry: Geometry, even_below: float) -> Background | None:
 
 
 def _transfer(geometry: Geometry, lag: np.ndarray) -> np.ndarray:
-    """H at lags (n, 2) in cells of the period's lattice, (n,)."""
+    """Return H at lags (n, 2) in cells of the period's lattice, (n,)."""
     row, column = (lag / geometry.period_shape / geometry.pixel_pitch_m).T
     return (
         amplitude_transfer(

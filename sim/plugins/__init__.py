@@ -8,11 +8,11 @@ import mitsuba as mi
 from correlograph.errors import InputError
 
 refusals: list[InputError] = []
-"""What plugins refused since the list was last cleared: Mitsuba passes on the text of an exception, not the exception."""
+"""Errors of plugins since the list was last cleared; Mitsuba passes on only the text of an exception."""
 
 
 def record_refusals(plugin: Callable[[mi.Properties], Any]) -> Callable[[mi.Properties], Any]:
-    """A plugin whose refusals are kept for whoever loads the scene."""
+    """Wrap a plugin so that its errors are recorded for the loader of the scene."""
 
     def make(props: mi.Properties) -> Any:
         try:
@@ -25,7 +25,7 @@ def record_refusals(plugin: Callable[[mi.Properties], Any]) -> Callable[[mi.Prop
 
 
 def register_plugins() -> None:
-    """Make `laser`, `phase_screen` and `speckle_camera` known to Mitsuba."""
+    """Register `laser`, `phase_screen` and `speckle_camera` with Mitsuba."""
     from sim.plugins.laser import Laser
     from sim.plugins.phase_screen import PhaseScreen
     from sim.plugins.speckle_camera import SpeckleCamera

@@ -1,4 +1,4 @@
-"""Emitter `laser`: a continuous-wave beam that makes one spot on the virtual source."""
+"""Emitter `laser`: a continuous-wave beam that produces one spot on the virtual source."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _SCAN_STEP = Parameter("scan_step", "metres", 1e-30, 1e15, zero=True)
 class Laser(mi.Emitter):
     """Beam along the local +z axis of `to_world`.
 
-    Parameters: `to_world`, `wavelength`, `power`, `spot_diameter` (uniform disc on the wall), `linewidth`, `scan_step` (way of
-    the spot between frames; its diameter or more where left out), `scan_speed` (while the shutter is open).
+    Parameters: `to_world`, `wavelength`, `power`, `spot_diameter` (uniform disc on the wall), `linewidth`, `scan_step` (displacement
+    of the spot between frames; at least its diameter if omitted), `scan_speed` (during the exposure).
     """
 
     def __init__(self, props: mi.Properties) -> None:

@@ -1,4 +1,4 @@
-"""Numbers of a plugin that `mi.traverse` shows and changes, each with its unit and range."""
+"""Parameters of a plugin that `mi.traverse` reads and changes, each with its unit and range."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from correlograph.errors import InputError
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of a plugin.
+    """One parameter of a plugin.
 
     Attributes:
         unit: SI, in words; none for ratios and counts.
         low, high: the range, both ends included.
-        default: None where the scene must give it.
-        zero: whether zero, which leaves an effect out, is legal below `low`.
+        default: None if the scene must define the parameter.
+        zero: whether zero, which disables an effect, is legal below `low`.
     """
 
     name: str
@@ -30,7 +30,7 @@ class Parameter:
     zero: bool = False
 
     def checked(self, plugin: str, value: Any) -> float:
-        """The value as a float; InputError in the parameter's own unit where it lies outside its range."""
+        """Return the value as a float. Raises InputError, in the unit of the parameter, outside its range."""
         try:
             number = float(value)
         except (TypeError, ValueError):
@@ -68,7 +68,7 @@ class Parameters:
             callback.put(name, value, mi.ParamFlags.NonDifferentiable)
 
     def changed(self, then: Callable[[], None]) -> None:
-        """Take over what `mi.traverse` changed; an impossible value is refused and the former one stays."""
+        """Adopt the changes of `mi.traverse`; an impossible value is refused and the former one remains."""
         before = dict(self._given)
         try:
             for name, value in self._shown.items():

@@ -1,4 +1,4 @@
-"""BSDF `phase_screen`: a rough surface; radiometrically its nested BSDF, coherently a random phase."""
+"""BSDF `phase_screen`: a rough surface; it reflects like its nested BSDF and adds a random phase to coherent light."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ PARAMETERS = (
 
 
 class PhaseScreen(mi.BSDF):
-    """Parameters (SI): one nested BSDF, `height_rms`, `correlation_length` of the surface heights, `depolarising`,
-    whether scattered light is unpolarised (false), and `velocity` (a vector in m/s, of a hidden object that moves)."""
+    """Parameters (SI): one nested BSDF, `height_rms`, `correlation_length` of the surface heights, `depolarising`
+    (whether scattered light is unpolarised; false), and `velocity` (vector in m/s, of a moving hidden object)."""
 
     def __init__(self, props: mi.Properties) -> None:
         mi.BSDF.__init__(self, props)

@@ -36,16 +36,16 @@ PARAMETERS = tuple(parameter.name for parameter in ELECTRONIC[1:])
 
 @dataclass(frozen=True)
 class Electronics:
-    """How photoelectrons become numbers. Electrons and seconds; 0 leaves an effect out.
+    """Conversion of photoelectrons to digital numbers. Electrons and seconds; 0 disables an effect.
 
     Attributes:
         read_noise: standard deviation per pixel.
-        row_noise, column_noise: standard deviation of the offset that a whole row or column shares, new in each frame.
-        fixed_pattern: standard deviation of each pixel's offset, the same in all frames of one camera.
+        row_noise, column_noise: standard deviation of the offset of a whole row or column, independent in each frame.
+        fixed_pattern: dark-signal non-uniformity (DSNU): standard deviation of each pixel's offset, equal in all frames.
         dark_current: electrons per pixel and second.
-        full_well: electrons at which a pixel clips.
-        bits: of the converter, whose range is the full well, or `gain` times its largest number.
-        gain: electrons per number.
+        full_well: electrons at which a pixel saturates.
+        bits: of the ADC, whose range is the full well, or `gain` times its maximum number.
+        gain: electrons per digital number.
     """
 
     exposure_s: float
@@ -79,18 +79,17 @@ class Electronics:
 
     @property
     def step(self) -> float:
-        """Electrons per number of the converter, 0 for none."""
+        """Electrons per digital number of the ADC, 0 without one."""
         if not self.bits:
             return 0.0
         return self.gain or self.full_well / (2**self.bits - 1)
 
 
 class SpeckleCamera(mi.Sensor):
-    """Looks along the local +z axis of `to_world`, which stands at the centre of the pupil.
+    """Camera along the local +z axis of `to_world`, whose origin is the centre of the pupil.
 
-    Parameters (SI): `to_world`; `pixel_pitch` on the sensor and `magnification` (their ratio is the
-    pitch on the wall); `pupil_diameter`; `transmission`; `exposure` and the rest of `Electronics`.
-    The film gives the number of pixels.
+    Parameters (SI): `to_world`; `pixel_pitch` on the sensor and `magnification` (their ratio is the pitch on the wall);
+    `pupil_diameter`; `transmission`; `exposure` and the rest of `Electronics`. The film defines the number of pixels.
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -112,7 +111,7 @@ class SpeckleCamera(mi.Sensor):
         self.pixel_pitch_m = values["pixel_pitch"] / self.magnification
         self.pupil_diameter_m, self.transmission = values["pupil_diameter"], values["transmission"]
         self.frame_interval_s = values["frame_interval"]
-        # The constructor asks for a whole number of bits, which a float that is none fails.
+        # The constructor requires a whole number of bits; other floats fail.
         bits = values["bits"]
         self.electronics = Electronics(
             exposure_s=values["exposure"],

@@ -1,4 +1,4 @@
-"""`python -m sim.plugins.table`: every number of every plugin, with unit, default and range, for docs/parameters.md."""
+"""`python -m sim.plugins.table`: list every parameter of every plugin with unit, default and range, for docs/parameters.md."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ PLUGINS = {"laser": LASER, "phase_screen": PHASE_SCREEN, "speckle_camera": (*OPT
 
 
 def table() -> str:
-    """All parameters that are numbers; `mi.traverse` shows and changes each of them."""
+    """Return the table of all numeric parameters, which `mi.traverse` reads and changes."""
     lines = [
         "# Parameters of the plugins",
         "",

@@ -1,4 +1,4 @@
-"""Which kernel propagates: the cheapest whose predicted error stays below the tolerance."""
+"""Selection of the fastest propagator within the tolerance."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from sim.propagation.option import Option, Task
 
 
 def options(task: Task, wanted: str | None = None) -> list[Option]:
-    """Kernels for a task, cheapest first.
+    """Return the propagators for a task, fastest first.
 
     Args:
-        wanted: a kernel's name for that one only; `auto` for those among which the choice lies, because predicting the
-            dearer ones takes longer than using a cheap one; None for all.
+        wanted: name of a single propagator; `auto` for those among which the choice lies, because predicting the errors of slower
+            ones takes longer than using a fast one; None for all.
     """
     found: list[Option] = []
     for name, kernel in KERNELS.items():
@@ -30,9 +30,9 @@ def options(task: Task, wanted: str | None = None) -> list[Option]:
 
 
 def choose(listed: list[Option], propagator: str, tolerance: float) -> Option:
-    """The cheapest option within the tolerance, or the forced propagator's most fitting one.
+    """Return the fastest option within the tolerance, or the most accurate one of a forced propagator.
 
-    Raises InputError where none (or not the forced one) can be had at all.
+    Raises InputError if none is available.
     """
     if propagator != "auto":
         listed = [option for option in listed if option.propagator == propagator and math.isfinite(option.seconds)]

@@ -1,14 +1,14 @@
 """Direct propagation: the Rayleigh-Sommerfeld sum over every scatterer and pixel, in Dr.Jit.
 
-Approximation: none beyond k r >> 1. Valid everywhere. Cost: scatterers x pixels. Source: see `sampling.py`.
+Approximation: none except k r >> 1. Valid everywhere. Cost: scatterers x pixels. Source: see `sampling.py`.
 
-Phases of 1e7 radians do not fit single precision, so each 64 x 64 tile of pixels has a float64 reference. With c its
-centre, u a pixel's offset in it and w = c + u, the path of a scatterer s exceeds that of the object's centre by
-d = |c - s| - |c| at c and by d + q at w. Both differences are (|a + u|^2 - |a|^2) / (|a + u| + |a|), whence
+Phases of 1e7 radians do not fit single precision, so each 64 x 64 tile of pixels has a float64 reference. Let c be its centre, u
+the offset of a pixel and w = c + u. The path of a scatterer s exceeds that of the object's centre by d = |c - s| - |c| at c and by
+d + q at w. Both differences have the form (|a + u|^2 - |a|^2) / (|a + u| + |a|), which gives
 
-    q^2 + (b + 2 d) q + 2 u.s + 2 d n = 0,    n = (2 u.c + |u|^2) / D,    b = D + n,    D = |w| + |c|,
+    q^2 + (b + 2 d) q + 2 u.s + 2 d n = 0,    n = (2 u.c + |u|^2) / D,    b = D + n,    D = |w| + |c|.
 
-whose small root single precision finds without subtracting large numbers.
+Single precision computes the small root without subtraction of large numbers.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from sim.propagation.validity import direct_error
 
 TILE = 64
 _PAIRS_AT_ONCE, _TILES_AT_ONCE = 2**22, 64
-"""Tiles x scatterers, and tiles, held in memory at once."""
+"""Tiles x scatterers, and tiles, in memory at once."""
 _PIXELS_A_LANE = 8
-"""Pixels of a tile that one lane serves per read of a scatterer."""
+"""Pixels of a tile per lane and per read of a scatterer."""
 
 PAIRS_PER_SECOND = {"float32": 2e9, "float64": 1e9}
-"""On two cores; only a prediction of time, never a result."""
+"""Speed on two cores; it predicts times only."""
 
 SECONDS_ONCE = 0.004
 
@@ -51,7 +51,7 @@ def predict(task: Task) -> list[Option]:
 
 
 def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
-    """Field on the wall, complex64 or complex128 (H, W); progress is told in tiles."""
+    """Return the field on the wall, complex64 or complex128 (H, W); progress counts tiles."""
     height, width = wall.shape
     dtype = np.float32 if terms.precision == "float32" else np.float64
     field = np.zeros(wall.shape, np.complex64 if terms.precision == "float32" else np.complex128)
@@ -89,11 +89,11 @@ def _sum_tiles(
     dtype: type,
     device: str,
 ) -> np.ndarray:
-    """Field of every pixel of some tiles, complex (tiles, TILE * TILE).
+    """Return the field of every pixel of some tiles, complex (tiles, TILE * TILE).
 
     Args:
-        centre: tile centres (t, 3). offset: of pixels in their tile (p, 3). position: of scatterers (n, 3).
-        amplitude, difference: complex, with its phase at each tile's centre, and the path difference there (t, n).
+        centre: tile centres (t, 3). offset: pixel offsets within their tile (p, 3). position: scatterers (n, 3).
+        amplitude, difference: complex amplitude with its phase at each tile's centre, and the path difference there (t, n).
     """
     backend = dr.llvm if device == "cpu" else dr.cuda
     real = backend.Float if dtype is np.float32 else backend.Float64

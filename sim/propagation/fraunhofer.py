@@ -1,10 +1,9 @@
 """Fraunhofer propagation: the field on the wall is the Fourier transform of the field on the object.
 
-Goodman, Introduction to Fourier Optics, Eq. 4-25; the paper's Eq. (6). The phase common to all of
-the object (the carrier, and the wall's quadratic phase) drops out of the intensity and is left out.
-The object's own quadratic phase is dropped too. For a delta-correlated random phase on the object
-that changes the realisation, not its statistics, which is why the kernel is legal in `statistical`
-accuracy only. Cost: one FFT of the frame, rows without object skipped.
+Goodman, Introduction to Fourier Optics, Eq. 4-25; Metzler et al. 2020, Eq. (6). The phase common to the whole object (the carrier,
+and the quadratic phase of the wall) cancels in the intensity and is omitted. The quadratic phase of the object is omitted as
+well. For a delta-correlated random phase on the object that changes the realisation but not its statistics, so the propagator is
+legal in `statistical` accuracy only. Cost: one FFT of the frame, without rows that are empty.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ FFT_SECONDS_PER_PIXEL = 2e-8
 
 
 def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
-    """Field on the wall, complex64 (H, W), unitary over the lattice's period."""
+    """Return the field on the wall, complex64 (H, W), unitary over the period of the lattice."""
     lattice = scatterers.lattice
     return middle(far_field(torch.from_numpy(lattice.grid(scatterers.amplitude)).to(terms.device), lattice.period), wall.shape)
 
@@ -44,16 +43,15 @@ def predict(task: Task) -> list[Option]:
 
 
 def far_field(field: torch.Tensor, period: tuple[int, int]) -> torch.Tensor:
-    """Field on the wall from the field on the object.
+    """Return the field on the wall from the field on the object.
 
     Args:
-        field: complex (rows, columns), sampled at `Geometry.object_pitch_m`, centred on the object;
-            not larger than the period.
+        field: complex (rows, columns), sampled at `Geometry.object_pitch_m`, centred on the object; not larger than the period.
         period: pixels (H, W) after which the field repeats.
 
     Returns:
         complex (H, W), unitary: the mean of |wall|^2 is the sum of |field|^2 over the samples.
     """
-    # Where the object sits on the grid only tilts the phase of the wall's field.
+    # The position of the object on the grid only tilts the phase of the field on the wall.
     columns = torch.fft.fft(field, n=period[1], dim=1)
     return torch.fft.fft(columns, n=period[0], dim=0)

@@ -20,7 +20,7 @@ from sim.propagation.validity import fresnel_error
 
 
 def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
-    """Field on the wall, complex64 (H, W)."""
+    """Return the field on the wall, complex64 (H, W)."""
     lattice = scatterers.lattice
     field = np.zeros(lattice.shape, np.complex128)
     field[lattice.place] = scatterers.amplitude * phasor(

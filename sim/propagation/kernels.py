@@ -1,7 +1,7 @@
-"""The propagation kernels by name: one signature, and each with a prediction of its own error and cost.
+"""List of the propagators: a common signature, each with a prediction of its error and cost.
 
-To add one: write `propagate(scatterers, wall, terms) -> complex tensor (H, W)` and `predict(task) -> list[Option]` in a file of
-its own, and enter both here. `choose.py` then chooses it where it is the cheapest that holds the tolerance.
+To add one, write `propagate(scatterers, wall, terms) -> complex tensor (H, W)` and `predict(task) -> list[Option]` in a new file
+and list both here. `choose.py` then selects it whenever it is the fastest within the tolerance.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from sim.propagation.sampling import Scatterers, Wall
 
 @dataclass(frozen=True)
 class Kernel:
-    """One way from scatterers to the wall.
+    """One propagator.
 
     Attributes:
-        propagate: field on the wall (H, W), complex.
-        predict: its options for a task, one a precision.
-        on_lattice: whether it needs the scatterers' lattice, and gives each the same amplitude everywhere in the frame.
-        sees_occluders: whether it asks what stands between scatterer and pixel.
-        planning_seconds: time that its prediction takes, which a cheap kernel within the tolerance saves.
+        propagate: returns the field on the wall (H, W), complex.
+        predict: returns its options for a task, one per precision.
+        on_lattice: whether it needs the lattice of the scatterers and gives each a constant amplitude over the frame.
+        sees_occluders: whether it models occluders between scatterer and pixel.
+        planning_seconds: duration of its prediction, which a faster propagator within the tolerance saves.
     """
 
     propagate: Callable[[Scatterers, Wall, Terms], torch.Tensor]
@@ -41,4 +41,4 @@ KERNELS = {
     "direct": Kernel(direct.propagate, direct.predict, sees_occluders=True),
     "nufft": Kernel(nufft.propagate, nufft.predict, planning_seconds=0.5),
 }
-"""Cheapest predictions first."""
+"""fastest predictions first"""

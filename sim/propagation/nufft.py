@@ -1,10 +1,10 @@
 """Propagation from scatterers in space to patches of the wall by non-uniform FFTs (finufft; cufinufft on a GPU).
 
-Within a patch of centre c the path difference is p(c, s) + u.g(s) + rest: the first phase goes into the amplitude; the
-second, g = (c - s) / |c - s| - c / |c|, is a non-uniform FFT over the pixels u; and the slow rest, amplitude included,
-is a short sum of products alpha_j(u) beta_j(s), found by a singular value decomposition on Chebyshev nodes of patch and
-object. So the error is the tolerance, whatever depth and tilt. Valid while that sum is short; patches are halved until
-it is. Cost: patches x terms x (scatterers x kernel width^2 + an FFT of the patch).
+Within a patch of centre c the path difference is p(c, s) + u.g(s) + rest. The first phase multiplies the amplitude. The second,
+g = (c - s) / |c - s| - c / |c|, is a non-uniform FFT over the pixels u. The slow rest, with the amplitude, is a short sum of
+products alpha_j(u) beta_j(s), found by a singular value decomposition on Chebyshev nodes of patch and object. The error is
+therefore the tolerance, for any depth and tilt. The method is valid while that sum is short; patches are halved until it is.
+Cost: patches x terms x (scatterers x kernel width^2 + an FFT of the patch).
 Source: Barnett, Magland, af Klinteberg, SIAM J. Sci. Comput. 41, C479 (2019), doi:10.1137/18M120885X.
 """
 
@@ -26,21 +26,22 @@ MAX_PATCH, MIN_PATCH = 513, 33
 MAX_TERMS = 20
 _NODES_PATCH, _NODES_OBJECT = 10, 9
 TOLERANCE = {"float32": (1e-5, 1e-2), "float64": (1e-11, 1e-2)}
-"""Smallest and largest tolerance in each precision."""
+"""Minimum and maximum tolerance in each precision."""
 
 SECONDS = (0.003, 0.017, 3e-7, 2.5e-8)
-"""Once; of a patch; per term and scatterer of a patch; per term and pixel. On two cores, to rank kernels by."""
+"""Duration in seconds: once; per patch; per term and scatterer of a patch; per term and pixel. On two cores; it ranks
+propagators."""
 
 FINUFFT_SHARE_OF_TOLERANCE = 0.3
 
 FINUFFT_ERROR = 0.7
-"""Error of finufft over the tolerance that it is given: 0.45 to 1.1 measured."""
+"""Error of finufft in units of its tolerance: 0.45 to 1.1 measured."""
 
 ROUNDING = {"float32": 9e-8, "float64": 1e-16}
-"""Error from places rounded to the precision, per pixel of a patch's side."""
+"""Error of positions rounded to the precision, per pixel of a patch's side."""
 
 MIN_ERROR = {"float32": 0.0, "float64": 1e-11}
-"""A prediction never falls below this, whatever its parts add up to."""
+"""Minimum predicted error."""
 
 
 _Basis = tuple[np.ndarray, list[np.ndarray]]
@@ -57,12 +58,12 @@ class _Expansion:
 
 @dataclass(frozen=True)
 class Patches:
-    """How a wall is cut and expanded.
+    """Division of a wall into patches, and their expansion.
 
     Attributes:
-        size: pixels a side, odd.
-        terms: of the sum of products.
-        tolerance: that they were planned for.
+        size: pixels along a side, odd.
+        terms: number of products in the sum.
+        tolerance: tolerance of the plan.
         error: predicted relative L2 error of the field.
     """
 
@@ -73,7 +74,7 @@ class Patches:
 
     @property
     def eps(self) -> float:
-        """Tolerance given to finufft."""
+        """Tolerance of finufft."""
         return max(FINUFFT_SHARE_OF_TOLERANCE * self.tolerance, 1e-14)
 
 
@@ -106,12 +107,12 @@ def _predict(task: Task, precision: Precision) -> Option:
 
 
 def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
-    """Field on the wall, complex64 or complex128 (H, W), relative L2 error at most the tolerance.
+    """Return the field on the wall, complex64 or complex128 (H, W), with a relative L2 error of at most the tolerance.
 
-    `terms.patches` come from `plan_patches` for scatterers in the same places, wall and precision. Progress is told in patches.
+    `terms.patches` come from `plan_patches` for scatterers at the same positions, wall and precision. Progress counts patches.
 
-    Raises InputError for a tolerance that the precision cannot hold, where even the smallest patch needs too long a sum, and
-    for a GPU without cufinufft.
+    Raises InputError for a tolerance below the precision, if the smallest patch needs too many terms, and for a GPU without
+    cufinufft.
     """
     patches = terms.patches or plan_patches(scatterers.position_m, wall, terms.tolerance, terms.precision)
     object_basis = _object_basis(scatterers.position_m)
@@ -139,7 +140,7 @@ def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
 
 
 def _transform(patches: Patches, dtype: type, device: str) -> Callable[[list[np.ndarray], np.ndarray], np.ndarray]:
-    """Non-uniform FFT of weights (terms, n) at places [(n,), (n,)] to (terms, P, P), planned once."""
+    """Return a planned non-uniform FFT of weights (terms, n) at positions [(n,), (n,)] to (terms, P, P)."""
     shape = (patches.size, patches.size)
     options = {"n_trans": patches.terms, "eps": patches.eps, "isign": 1, "dtype": dtype}
     if device == "cpu":
@@ -173,10 +174,9 @@ def _transform(patches: Patches, dtype: type, device: str) -> Callable[[list[np.
 
 
 def plan_patches(position_m: np.ndarray, wall: Wall, tolerance: float, precision: str) -> Patches:
-    """The largest patches that meet a tolerance at the frame's corners and centre.
+    """Return the largest patches that meet a tolerance at the corners and the centre of the frame.
 
-    Raises InputError for a tolerance that the precision cannot hold, and where even the smallest patch needs more than
-    `MAX_TERMS`.
+    Raises InputError for a tolerance below the precision, and if the smallest patch needs more than `MAX_TERMS`.
     """
     low, high = TOLERANCE[precision]
     if not low <= tolerance <= high:
@@ -216,13 +216,13 @@ def plan_patches(position_m: np.ndarray, wall: Wall, tolerance: float, precision
 
 
 def _gradient(centre: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Derivative of the path difference by the pixel's place, (n, 3)."""
+    """Return the derivative of the path difference with respect to the pixel position, (n, 3)."""
     ray = centre - position
     return ray / np.linalg.norm(ray, axis=1)[:, None] - centre / np.linalg.norm(centre)
 
 
 def _decompose(centre: np.ndarray, size: int, wall: Wall, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Singular value decomposition of the slow rest between nodes of the patch and of the object."""
+    """Return the singular value decomposition of the slow rest between nodes of the patch and of the object."""
     u = chebpts1(_NODES_PATCH) * 0.5 * size * wall.pitch_m
     offsets = (u[:, None, None] * wall.down + u[None, :, None] * wall.right).reshape(-1, 3)
     return np.linalg.svd(_slow(centre, offsets, nodes, wall), full_matrices=False)
@@ -244,19 +244,19 @@ def _expand(centre: np.ndarray, size: int, wall: Wall, position: np.ndarray, bas
 
 
 def _slow(centre: np.ndarray, offsets: np.ndarray, position: np.ndarray, wall: Wall) -> np.ndarray:
-    """K without the phase at the patch's centre and its linear change, (offsets, scatterers)."""
+    """Return K without the phase at the patch centre and its linear change, (offsets, scatterers)."""
     linear = path_difference(centre, position)[None] + offsets @ _gradient(centre, position).T
     return kernel(wall, (centre + offsets)[:, None], position[None]) * phasor(-linear, wall.wavelength_m)
 
 
 def _interpolation(count: int, x: np.ndarray) -> np.ndarray:
-    """Values at x (n,) in [-1, 1] of the Lagrange polynomials of the Chebyshev nodes, (n, count)."""
+    """Return the values at x (n,) in [-1, 1] of the Lagrange polynomials of the Chebyshev nodes, (n, count)."""
     weight = np.where(np.arange(count) == 0, 1.0, 2.0) / count
     return (chebvander(np.clip(x, -1.0, 1.0), count - 1) * weight) @ chebvander(chebpts1(count), count - 1).T
 
 
 def _object_basis(position: np.ndarray) -> _Basis:
-    """Chebyshev nodes (N, 3) in the object's bounding box, and per axis their Lagrange polynomials at the scatterers."""
+    """Return Chebyshev nodes (N, 3) in the object's bounding box, and per axis their Lagrange polynomials at the scatterers."""
     low, high = position.min(0), position.max(0)
     middle, half = 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-12)
     counts = [_NODES_OBJECT if extent > 1e-9 else 1 for extent in half]

@@ -1,4 +1,4 @@
-"""A kernel's task, its predicted error and cost, and the settings it runs with."""
+"""Task of a propagator, its predicted error and cost, and its settings."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from sim.propagation.validity import statistical_error
 Precision = Literal["float32", "float64"]
 PRECISIONS: tuple[Precision, ...] = ("float32", "float64")
 Visibility = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""visible(tile_centres (t, 3), scatterers (n, 3)) -> amplitude that passes (t, n), places from the object's centre."""
+"""visible(tile_centres (t, 3), scatterers (n, 3)) -> transmitted amplitude (t, n); positions from the object's centre."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """What is to be propagated, and how well.
+    """A propagation and its required accuracy.
 
     Attributes:
         place, lag_m: see `validity.py`.
         accuracy: `statistical` or `field`.
-        precisions: that may be used.
+        precisions: permitted precisions.
     """
 
     wall: Wall
@@ -39,13 +39,13 @@ class Task:
 
     @cached_property
     def statistical_error(self) -> float:
-        """The same for all kernels that assume a flat object's directions."""
+        """Statistical error, equal for all propagators that assume the directions of a flat object."""
         return statistical_error(self.wall, self.place, self.scatterers, self.lag_m)
 
 
 @dataclass(frozen=True)
 class Option:
-    """One kernel in one precision, with its predicted error, seconds and bytes for a frame; `why` where it cannot be had.
+    """One propagator in one precision, with its predicted error, seconds and bytes per frame; `why` states why it is unavailable.
 
     `patches` are those of nufft.
     """
@@ -68,11 +68,11 @@ class Option:
 
 @dataclass(frozen=True)
 class Terms:
-    """Settings of a kernel; each uses those it needs.
+    """Settings of a propagator; each uses those that it needs.
 
     Attributes:
-        tolerance, patches: of nufft; patches are found afresh for the tolerance where None.
-        visible: what occluders let pass; everything where None.
+        tolerance, patches: of nufft; if None, patches are planned for the tolerance.
+        visible: transmission past occluders; None if nothing occludes.
         progress: called with the number of parts done.
     """
 

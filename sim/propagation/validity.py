@@ -1,12 +1,12 @@
-"""Predicted errors of the kernels, from geometry alone: the rule that chooses between them.
+"""Predicted errors of the propagators, from geometry alone; they decide the choice.
 
-*Field* error is the relative L2 error of one realisation's field after one global phase. Scatterers have
-independent phases, so its mean square is that of the kernels themselves over pairs of pixel and scatterer, weighted by
-|a_s|^2: a few thousand pairs predict it.
+*Field* error is the relative L2 error of the field of one realisation after one global phase. Scatterers have independent
+phases, so its mean square is that of the propagators over pairs of pixel and scatterer, weighted by |a_s|^2. A few thousand
+pairs predict it.
 
 *Statistical* error is the relative L2 error of the expected autocorrelation. In a patch around c a scatterer adds a plane
 wave whose fringes have the frequency g(c, s) / lambda (see `nufft.py`), so the expected autocorrelation is that of the
-brightness seen at -d g instead of the scatterer's own place.
+brightness at -d g instead of the scatterer's position.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from sim.propagation.sampling import Scatterers, Wall, kernel, path_difference, phasor
 
 UNCORRELATED_FIELD_ERROR = float(np.sqrt(2.0))
-"""Field error of `fraunhofer`: its phases are those of another draw; only its statistics are right."""
+"""Field error of `fraunhofer`: its phases are those of another realisation; only its statistics are right."""
 
 _PIXELS, _SCATTERERS = 9, 400
 ROUNDING = 4e-7
@@ -24,11 +24,11 @@ ROUNDING = 4e-7
 
 
 def fresnel_error(wall: Wall, place: np.ndarray, scatterers: Scatterers) -> float:
-    """Predicted field error of `fresnel`.
+    """Return the predicted field error of `fresnel`.
 
     Args:
-        place: where FFT kernels place the scatterers, (n, 2): fringes advance by place / (lambda d) per metre down and
-            right the wall.
+        place: positions at which FFT propagators place the scatterers, (n, 2): fringes advance by place / (lambda d) per metre
+            along the rows and columns of the wall.
     """
     few, place = _sample(scatterers, place)
     row, column = (offset[np.linspace(0, len(offset) - 1, _PIXELS).astype(int)] for offset in wall.offsets())
@@ -37,8 +37,8 @@ def fresnel_error(wall: Wall, place: np.ndarray, scatterers: Scatterers) -> floa
     approximate = phasor(-(row[:, None] * place[:, 0] + column[:, None] * place[:, 1]) / wall.distance_m, wall.wavelength_m)
     approximate = approximate * phasor(path_difference(wall.centre_m, few.position_m), wall.wavelength_m)
     exact = kernel(wall, pixel[:, None], few.position_m[None])
-    exact /= np.sqrt((np.abs(exact) ** 2).mean(0))  # a scatterer's power is that of its light in the frame
-    # Of n scatterers the realised power scatters by 1 / sqrt(n) around its mean.
+    exact /= np.sqrt((np.abs(exact) ** 2).mean(0))  # the power of a scatterer is that of its light in the frame
+    # The realised power of n scatterers varies by 1 / sqrt(n) around its mean.
     few_of_them = 1.0 + 1.0 / np.sqrt(len(scatterers))
     return float(np.hypot(few_of_them * _distance(exact, approximate), ROUNDING))
 
@@ -46,10 +46,10 @@ def fresnel_error(wall: Wall, place: np.ndarray, scatterers: Scatterers) -> floa
 def statistical_error(
     wall: Wall, place: np.ndarray, scatterers: Scatterers, lag_m: float | tuple[float, float], tiles: int = 3
 ) -> float:
-    """Predicted error of the expected autocorrelation that `fraunhofer` and `fresnel` give, on lags of pitch `lag_m`.
+    """Return the predicted error of the expected autocorrelation by `fraunhofer` and `fresnel`, on lags of pitch `lag_m`.
 
     Args:
-        place: as for `fresnel_error`. lag_m: in its units, one number or that down and right.
+        place: as for `fresnel_error`. lag_m: in its units, one number or (rows, columns).
     """
     power = np.abs(scatterers.amplitude) ** 2
     flat = _lags(place, power, lag_m)
@@ -68,7 +68,7 @@ def statistical_error(
 
 
 def direct_error(wall: Wall, scatterers: Scatterers, precision: str, tile: int) -> float:
-    """Rounding of the direct sum: that of the phase a tile leaves to the precision, and of the sum."""
+    """Return the rounding error of the direct sum: of the phase within a tile, and of the sum."""
     if precision == "float64":
         return 1e-11
     reach = float(np.linalg.norm(scatterers.position_m, axis=1).max())
@@ -78,21 +78,21 @@ def direct_error(wall: Wall, scatterers: Scatterers, precision: str, tile: int) 
 
 
 def _sample(scatterers: Scatterers, place: np.ndarray) -> tuple[Scatterers, np.ndarray]:
-    """Scatterers and their places drawn with probability proportional to power, each then of equal power."""
+    """Sample scatterers and their positions with probability proportional to power; each then has equal power."""
     power = np.abs(scatterers.amplitude) ** 2
     chosen = np.random.default_rng(0).choice(len(power), _SCATTERERS, p=power / power.sum())
     return Scatterers(scatterers.position_m[chosen], np.ones(_SCATTERERS)), place[chosen]
 
 
 def _distance(exact: np.ndarray, other: np.ndarray) -> float:
-    """Relative L2 distance of two kernels (pixels, scatterers) after one global phase."""
+    """Return the relative L2 distance of two propagators (pixels, scatterers) after one global phase."""
     ours, theirs = (np.abs(exact) ** 2).sum(), (np.abs(other) ** 2).sum()
     overlap = abs((exact.conj() * other).sum())
     return float(np.sqrt(max(ours + theirs - 2.0 * overlap, 0.0) / ours))
 
 
 def _lags(place: np.ndarray, brightness: np.ndarray, pitch_m: float | tuple[float, float], side: int = 128) -> np.ndarray:
-    """Autocorrelation of brightness at places (n, 2), shared bilinearly among cells of `pitch_m`."""
+    """Return the autocorrelation of brightness at positions (n, 2), distributed bilinearly among cells of `pitch_m`."""
     cell = place / np.asarray(pitch_m) + 0.5 * side
     low = np.clip(np.floor(cell).astype(int), 0, side - 2)
     part = cell - low

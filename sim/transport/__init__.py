@@ -1,12 +1,12 @@
-"""Light as rays and powers: what reaches the frame, and what the virtual detector sees.
+"""Light as rays and powers: the light that reaches the frame, and the object as seen from the virtual detector.
 
-surfaces.py          which surfaces can be modelled; light that passes between two places
-light_transport.py   light from laser to pixel by way of a point of a surface
-hidden_object.py     the object seen from the virtual detector, on any grid (object_grid.py: its rays and cells)
-flat_object.py       albedo cells in its place
-footprint.py         what a camera at any angle sees of the wall, and which lags it resolves
-monte_carlo.py      Monte Carlo light budget, and the light that comes by other ways
-path_ends.py         laser, camera and shapes to aim at, as its paths need them
-detector_texture.py  the wall's own albedo under each pixel
+surfaces.py          surfaces that can be modelled; transmission between two points
+light_transport.py   light from laser to pixel by a point of a surface
+hidden_object.py     the object as seen from the virtual detector, on any grid (object_grid.py: rays and cells)
+flat_object.py       a flat object of albedo cells
+footprint.py         footprint of a camera at any angle, and the lags that it resolves
+monte_carlo.py       Monte Carlo light budget and stray light
+path_ends.py         ends of its paths: laser, camera and target shapes
+detector_texture.py  albedo of the virtual detector under each pixel
 ambient.py           light of other emitters
 """

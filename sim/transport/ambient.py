@@ -1,8 +1,8 @@
-"""Ambient light: what emitters beside the laser throw on the virtual detector, by a small path tracer.
+"""Ambient light: irradiance of the virtual detector by emitters other than the laser, by a small path tracer.
 
-Next-event estimation at every vertex, cosine-weighted bounces; all surfaces count as Lambertian with their diffuse
-reflectance, as everywhere in this program. Mitsuba supplies rays, emitters and textures. (Mitsuba's own path integrator
-needs a newer libLLVM than many systems have.)
+Next-event estimation at every vertex and cosine-weighted reflections; all surfaces count as Lambertian with their diffuse
+reflectance. Mitsuba supplies rays, emitters and textures. (Mitsuba's own path integrator needs a newer libLLVM than many systems
+have.)
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import numpy as np
 from sim.plugins.laser import Laser
 
 GRID = 8
-"""Irradiance is estimated in so many cells a side of the frame."""
+"""Cells along a side of the frame in which the irradiance is estimated."""
 
 SAMPLES = 4096
-"""Paths a cell."""
+"""Paths per cell."""
 
 BOUNCES = 4
 
@@ -25,7 +25,7 @@ BOUNCES = 4
 def ambient_irradiance(
     scene: mi.Scene, centre: np.ndarray, right: np.ndarray, down: np.ndarray, normal: np.ndarray, extent_m: tuple[float, float]
 ) -> np.ndarray | None:
-    """Irradiance of the frame in W/m^2 of light that passes the camera's filter, float64 (GRID, GRID); None without emitters.
+    """Return the irradiance of the frame in W/m^2 of light that passes the camera filter, float64 (GRID, GRID); None without emitters.
 
     Args:
         centre, right, down, normal: of the frame on the wall, in the world.

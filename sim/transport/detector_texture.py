@@ -1,4 +1,4 @@
-"""What the camera sees of the virtual detector: its albedo under each pixel, one ray from the pupil to each."""
+"""Albedo of the virtual detector under each pixel, by one ray from the pupil to each."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from correlograph.errors import InputError
 
 MAX_UNIFORM_VARIATION = 1e-6
-"""Relative spread of the albedo below which a wall has no texture."""
+"""Maximum relative variation of the albedo of a wall without texture."""
 
 
 def detector_albedo(
@@ -24,9 +24,9 @@ def detector_albedo(
     down: np.ndarray,
     frame_shape: tuple[int, int],
 ) -> np.ndarray:
-    """Diffuse albedo of the wall at the middle of each pixel, float32 (H, W).
+    """Return the diffuse albedo of the wall at the centre of each pixel, float32 (H, W).
 
-    Raises InputError where the camera does not see the front of the virtual detector in every pixel.
+    Raises InputError if the camera does not see the front of the virtual detector in every pixel.
     """
     height, width = frame_shape
     index = dr.arange(mi.UInt, height * width)
@@ -50,7 +50,7 @@ def detector_albedo(
 
 
 def texture_of(albedo: np.ndarray) -> tuple[float, np.ndarray | None]:
-    """Mean albedo, and the albedo of each pixel over it; None where that is the same everywhere."""
+    """Return the mean albedo and the relative albedo of each pixel; None if it is uniform."""
     mean = float(albedo.mean(dtype=np.float64))
     even = mean == 0.0 or float(np.ptp(albedo)) < MAX_UNIFORM_VARIATION * mean
     return mean, None if even else albedo / np.float32(mean)

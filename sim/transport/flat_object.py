@@ -1,4 +1,4 @@
-"""A flat object given as albedo cells, in place of a scene's own."""
+"""A flat object of albedo cells, in place of a scene's own object."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from sim.transport.object_grid import Samples
 
 
 class FlatObject:
-    """A flat, rough object that faces the virtual detector, given as albedo cells instead of shapes; see `HiddenObject`.
+    """A flat, rough object that faces the virtual detector, defined by albedo cells instead of shapes; see `HiddenObject`.
 
     Args:
         cells: albedo (n, n), 0 to 1, rows down and columns right.
-        pitch_m: of the cells (rows, columns).
-        like: the object whose place and cosines it takes.
+        pitch_m: pitch of the cells (rows, columns).
+        like: object whose position and cosines it takes.
     """
 
     depth_m = 0.0
@@ -27,7 +27,7 @@ class FlatObject:
         self._cells, self._pitch_m, self._like = np.asarray(cells, np.float32), pitch_m, like
         self.centre, self.axes, self.line_of_sight = like.centre, like.axes, like.line_of_sight
         filled = self._cells > 0.0
-        # Twice the distance of the farthest filled cell from the middle, because grids are centred.
+        # twice the distance of the farthest filled cell from the centre, because grids are centred
         spans = (np.flatnonzero(filled.any(axis)) + np.array([[0], [1]]) - 0.5 * len(filled) for axis in (1, 0))
         self.extent_m = tuple(
             2.0 * pitch * float(np.abs(span).max(initial=0.5)) for span, pitch in zip(spans, pitch_m, strict=True)

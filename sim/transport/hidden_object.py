@@ -1,4 +1,4 @@
-"""The hidden object as the virtual detector sees it: what its surface carries, on any grid across the line of sight."""
+"""The hidden object as seen from the virtual detector: light of its surface, on any grid across the line of sight."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from sim.transport.object_grid import GridRays, Samples, cell_sums, cells, centr
 from sim.transport.surfaces import check_energy, has_masks, is_one_of, layers, transmittance
 
 RAYS = 768
-"""Rays along the longer side of the object at least, however coarse the grid."""
+"""Minimum number of rays along the longer side of the object."""
 
 MAX_CELL_RAYS = 64
-"""Rays along a side of one cell at most."""
+"""Maximum number of rays along a side of one cell."""
 
 SAME_PLACE = 5e-3
-"""Places of an object that are the same, as a share of its radius."""
+"""Distance below which two positions of an object count as equal, as a fraction of its radius."""
 
 
 def is_hidden_object(shape: mi.Shape) -> bool:
@@ -97,7 +97,7 @@ class HiddenObject:
         self.height_rms_m = min(
             (shape.bsdf().height_rms_m for shape in self._shapes if isinstance(shape.bsdf(), PhaseScreen)), default=math.inf
         )
-        """Smallest surface roughness; a BSDF that is no phase_screen counts as rough."""
+        """Lowest surface roughness; a BSDF other than phase_screen counts as rough."""
 
     def sample(self, pitch_m: tuple[float, float], shape: tuple[int, int]) -> Samples:
         """Sample on a grid (rows, columns) of cells `pitch_m` along the axes, centred on the object."""
@@ -120,20 +120,21 @@ class HiddenObject:
         return Samples(*(centre_in(part, shape) for part in (weight, albedo.astype(np.float32), mean_depth)))
 
     def cell_means(self, pitch_m: float | tuple[float, float], side: int) -> np.ndarray:
-        """Effective albedo averaged over each cell of a square grid, float32 (side, side): the integral of r is kept."""
+        """Return the effective albedo averaged over each cell of a square grid, float32 (side, side); the integral of r
+        is kept."""
         return self.sample(pitch_m if isinstance(pitch_m, tuple) else (pitch_m, pitch_m), (side, side)).albedo
 
     def position(self, coordinates: np.ndarray, depth_m: np.ndarray) -> np.ndarray:
-        """Places from the object's centre, (n, 3), of samples seen at grid coordinates (n, 2), `depth_m` behind it."""
+        """Return positions from the object's centre, (n, 3), of samples at grid coordinates (n, 2), `depth_m` behind it."""
         plane = coordinates[:, :1] * self.axes.down + coordinates[:, 1:] * self.axes.right
         nearer = (1.0 + depth_m / self._distance_m)[:, None]
         return plane * nearer + depth_m[:, None] * self.line_of_sight
 
     def visible_from(self, detector: np.ndarray, wall_centre_m: np.ndarray) -> Visibility | None:
-        """Amplitude that passes between places on the wall and samples of the object; None where nothing can stand between.
+        """Return the amplitude transmitted between points of the wall and samples of the object; None if nothing can occlude.
 
         Args:
-            detector: the frame's centre in the world, `wall_centre_m` from the object's centre.
+            detector: frame centre in the world, `wall_centre_m` from the object's centre.
         """
         scene, origin, masks = self._scene, detector - wall_centre_m, has_masks(self._scene)
         named = ("virtual_source", "virtual_detector")
@@ -145,7 +146,7 @@ class HiddenObject:
                 np.broadcast_to(side, (len(places), len(samples), 3)).reshape(-1, 3)
                 for side in ((origin + places)[:, None], (origin + samples)[None])
             )
-            # Up to just before the object: what its parts hide of one another is in the light of its samples already.
+            # Ends just in front of the object; mutual occlusion of its parts is already part of the samples' light.
             way = start - end
             end = end + way * np.clip(2.0 * self._radius_m / np.linalg.norm(way, axis=1), 1e-3, 0.9)[:, None]
             share = transmittance(scene, mi.Point3f(points(start)), mi.Point3f(points(end)), mi.Bool(True), masks=masks)
@@ -171,14 +172,14 @@ class HiddenObject:
         return self._measured.cosine_in, self._measured.cosine_out
 
     def _rays_per_cell(self, pitch_m: tuple[float, float]) -> int:
-        """Rays along one side of a cell."""
+        """Return the rays along one side of a cell."""
         along = max(extent / pitch for extent, pitch in zip(self.extent_m, pitch_m, strict=True))
         return int(np.clip(math.ceil(RAYS / max(along, 1.0)), 2, MAX_CELL_RAYS))
 
     def _layers(self, rays: GridRays) -> Iterator[tuple[CarriedLight, np.ndarray]]:
-        """What each surface along rays from the frame's centre carries, and its depth, on the grid of the rays.
+        """Yield the light and the depth of each surface along rays from the frame centre, on the grid of the rays.
 
-        Nearest surface first; those behind a partly transparent one follow it.
+        The nearest surface comes first; surfaces behind a partly transparent one follow it.
         """
         skipped = self._before(rays.length)
         start = self._transport.frame_centre + skipped[:, None] * rays.direction
@@ -193,14 +194,14 @@ class HiddenObject:
             yield CarriedLight(*map(rays.grid, vars(carried).values())), rays.grid(way * rays.cosine - self._distance_m)
 
     def _beyond(self, rays: GridRays) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Light of surfaces that the frame's centre does not see, or only too obliquely: light, coordinates (n, 2), depths.
+        """Yield light of surfaces that the frame centre does not see, or sees too obliquely: light, coordinates (n, 2), depths.
 
         Each ray comes from another point of the frame. A flat object cannot occlude itself.
         """
         if self._flat:
             return
         transport = self._transport
-        # Off-centre pixels see deep parts displaced, so the grid is widened.
+        # Off-centre pixels see deep parts displaced, so the grid is wider.
         wider = self._parallax
         plane = mi.Point3f(points(self.centre + wider * rays.place))
         eye = transport.frame_points(dr.width(plane))
@@ -222,9 +223,9 @@ class HiddenObject:
             yield (carried.radiance * angle)[found], seen, depth
 
     def _seen_from_centre(self, hit: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
-        """Whether a ray of `_layers` meets a surface.
+        """Return whether a ray of `_layers` meets a surface.
 
-        Traced towards the surface: single-precision rays that leave a curved one at a grazing angle may meet it again.
+        The ray is traced towards the surface: single-precision rays that leave a curved surface at a grazing angle may meet it again.
         """
         centre = mi.Point3f(*self._transport.frame_centre.tolist())
         outward = dr.normalize(hit.p - centre)
@@ -235,15 +236,15 @@ class HiddenObject:
         return seen
 
     def _before(self, length: Any) -> Any:
-        """Distance to skip along a ray to start just before the object, whose centre's plane is `length` along it.
+        """Return the distance along a ray to just before the object, whose centre plane is `length` along it.
 
-        So depth keeps its digits however far the wall is.
+        Depth then keeps its digits at any distance of the wall.
         """
         gap, least = length - (2.0 * self._radius_m + 1e-3 * self._distance_m), 1e-4 * self._distance_m
         return np.maximum(gap, least) if isinstance(gap, np.ndarray) else dr.select(gap > least, gap, least)
 
     def _measure(self) -> ObjectTotals:
-        """Sums over the whole object, at `RAYS` along its longer side."""
+        """Return sums over the whole object, with `RAYS` along its longer side."""
         pitch = max(self.extent_m) / RAYS
         shape = tuple(int(np.ceil(extent / pitch)) or 1 for extent in self.extent_m)
         rays = GridRays(self.axes, self._line_m, (pitch, pitch), (shape[0], shape[1]), 1)
@@ -265,7 +266,7 @@ class HiddenObject:
 
 
 def bounds(shapes: list[mi.Shape]) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the box around some shapes; InputError where it is not a finite one."""
+    """Return the corners of the bounding box of shapes. Raises InputError if it is not finite."""
     boxes = [shape.bbox() for shape in shapes]
     low = np.min([np.asarray(box.min, np.float64) for box in boxes], axis=0)
     high = np.max([np.asarray(box.max, np.float64) for box in boxes], axis=0)

@@ -1,14 +1,14 @@
-"""Light from the laser by way of a surface to a pixel, one point of the surface at a time.
+"""Light from the laser by a surface to a pixel, one point of the surface at a time.
 
-The three reflections are Mitsuba's own BSDFs, evaluated for the true directions and distances; every leg is tested for
-occluders. A point x of the surface that fills the solid angle w of the frame's centre carries
+The three reflections are Mitsuba's own BSDFs, evaluated for the true directions and distances; every path segment is tested for
+occluders. A point x of the surface that fills the solid angle w of the frame centre carries
 
     w f_s cos_s / |x - s|^2  f_x cos_x  f_d cos_d / |p - d|^2 cos_p  A_pixel cos A_pupil
 
-photoelectrons per laser photon into a pixel, times transmission and quantum efficiency (the three reflections of the
-paper's section 6.B, unapproximated). The points s of the laser's spot, d of the frame and p of the pupil are spread evenly
-over each by a quasi-random sequence (R_d: Roberts, extremelearning.com.au/unreasonable-effectiveness-of-quasirandom-sequences),
-so that a sum over many points x is a mean over spot, frame and pupil, too.
+photoelectrons per laser photon into a pixel, times transmission and quantum efficiency (the three reflections of Metzler et al.
+2020, section 6.B, without approximation). The points s of the laser spot, d of the frame and p of the pupil follow a quasi-random
+sequence (R_d: Roberts, extremelearning.com.au/unreasonable-effectiveness-of-quasirandom-sequences), so that a sum over many points
+x also averages over spot, frame and pupil.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from sim.plugins.speckle_camera import SpeckleCamera
 from sim.transport.surfaces import evaluate_bsdf, has_masks, transmittance
 
 _GOLDEN_6 = 1.1127756842787055
-"""Root of x^7 = x + 1: the sequence of six dimensions steps by its negative powers."""
+"""Root of x^7 = x + 1; the sequence in six dimensions steps by its negative powers."""
 
 _RUN = 64
 
 
 @dataclass(frozen=True)
 class CarriedLight:
-    """Light carried by points of a surface, (n,) each; 0 where a point is hidden or unlit.
+    """Light carried by points of a surface, (n,) each; 0 for a hidden or dark point.
 
     Attributes:
-        radiance: photoelectrons in a pixel per laser photon and steradian of the place that rays came from.
-        albedo: pi times the BSDF, what a Lambertian surface of equal brightness would have.
+        radiance: photoelectrons in a pixel per laser photon and steradian of the origin of the rays.
+        albedo: pi times the BSDF: the albedo of a Lambertian surface of equal brightness.
         cosine_in, cosine_out: towards the spot and the frame.
     """
 
@@ -47,12 +47,12 @@ class CarriedLight:
 
 @dataclass(frozen=True)
 class LightTransport:
-    """The fixed ends of every light path of a scene.
+    """Fixed ends of every light path of a scene.
 
     Attributes:
-        frame_centre: in the world. right, down: steps on the wall from a pixel to the next, per metre of pitch.
+        frame_centre: in the world. right, down: steps on the wall between adjacent pixels, per metre of pitch.
         wall_albedo: mean albedo of the frame.
-        most_foreshortened: largest `foreshortening` of a pixel at which rays from the frame's centre stand for it.
+        most_foreshortened: maximum `foreshortening` of a pixel that rays from the frame centre represent.
     """
 
     scene: mi.Scene
@@ -67,26 +67,26 @@ class LightTransport:
 
     @property
     def frame_reach_m(self) -> float:
-        """Distance of the frame's farthest corner from its centre."""
+        """Distance of the farthest corner of the frame from its centre."""
         height, width = (0.5 * self.camera.pixel_pitch_m * n for n in self.frame_shape)
         return max(float(np.linalg.norm(height * self.down + side * width * self.right)) for side in (-1.0, 1.0))
 
     def frame_points(self, count: int) -> mi.Point3f:
-        """The points of the frame that `carried` pairs with as many points of a surface."""
+        """Return the points of the frame that `compute_carried_light` pairs with as many points of a surface."""
         return self._wall(_spread(count)[1])[0].p
 
     def foreshortening(self, hit: mi.SurfaceInteraction3f, place: mi.Point3f) -> mi.Float:
-        """Solid angle of a surface as another place of the frame sees it, over that from its centre; negative where they see
-        two sides of it."""
+        """Return the solid angle of a surface as seen from another point of the frame in units of that from its centre;
+        negative if they see two sides of it."""
         way, centre = place - hit.p, mi.Point3f(*self.frame_centre.tolist()) - hit.p
         cosines = dr.dot(hit.n, way) / dr.dot(hit.n, centre)
         return cosines * (dr.norm(centre) / dr.norm(way)) ** 3
 
     def compute_carried_light(self, hit: mi.SurfaceInteraction3f, active: mi.Bool, *, from_centre: bool = True) -> CarriedLight:
-        """What the points of a surface carry.
+        """Return the light carried by points of a surface.
 
         Args:
-            hit: points met by rays from the frame's centre, or else from those of `frame_points`.
+            hit: points met by rays from the frame centre, or else from those of `frame_points`.
         """
         masks = has_masks(self.scene)
         spot, pixel, pupil = _spread(dr.width(hit.p))
@@ -111,7 +111,7 @@ class LightTransport:
         wall.wi = wall.to_local(to_lens)
         imaged = evaluate_bsdf(wall, -to_wall, active & (scattered > 0.0))
         albedo = wall.bsdf().eval_diffuse_reflectance(wall, on_wall)[0]
-        # The frame's texture has an effect of its own: here every pixel counts with the mean albedo.
+        # The texture of the frame is a separate effect: here every pixel has the mean albedo.
         painted = float(dr.mean(dr.select(on_wall & (albedo > 0.0), mi.Float(1.0), 0.0))[0])
         textured = dr.select(albedo > 0.0, imaged / albedo * (self.wall_albedo / max(painted, 1e-9)), 0.0)
 
@@ -142,13 +142,13 @@ class LightTransport:
         )
 
     def _source(self, spread: mi.Point2f) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
-        """Points of the spot on the virtual source, and whether the beam meets its front there."""
+        """Return points of the spot on the virtual source, and whether the beam meets its front there."""
         origin = _disc(self.laser.origin, self.laser.direction, self.laser.spot_diameter_m, spread)
         hit = self.scene.ray_intersect(mi.Ray3f(origin, mi.Vector3f(*self.laser.direction.tolist())))
         return hit, hit.is_valid()
 
     def _wall(self, spread: mi.Point2f) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
-        """Points of the frame on the virtual detector, and whether the camera sees them."""
+        """Return points of the frame on the virtual detector, and whether the camera sees them."""
         height, width = self.frame_shape
         pitch = self.camera.pixel_pitch_m
         place = (
@@ -164,9 +164,9 @@ class LightTransport:
 
 
 def _spread(count: int) -> tuple[mi.Point2f, mi.Point2f, mi.Point2f]:
-    """Three points of the unit square for each of `count` samples, from one sequence of six dimensions."""
+    """Return three points of the unit square per sample, from one sequence in six dimensions."""
     steps = _GOLDEN_6 ** -np.arange(1.0, 7.0)
-    # Short runs of the sequence, each shifted at random: one long run would beat with the raster of the samples.
+    # Short runs of the sequence, each shifted at random, because one long run would interfere with the raster of the samples.
     runs = -(-count // _RUN)
     shifts = np.random.default_rng(count).random((6, runs, 1))
     parts = [
@@ -177,7 +177,7 @@ def _spread(count: int) -> tuple[mi.Point2f, mi.Point2f, mi.Point2f]:
 
 
 def _disc(centre: np.ndarray, axis: np.ndarray, diameter: float, spread: mi.Point2f) -> mi.Point3f:
-    """Points spread evenly over a disc."""
+    """Return points spread uniformly over a disc."""
     across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     across /= np.linalg.norm(across)
     along = np.cross(axis, across)

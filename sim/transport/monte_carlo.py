@@ -1,9 +1,9 @@
-"""Monte Carlo light budget on Mitsuba's own shapes and BSDFs: the hidden object's light, and all that comes another way.
+"""Monte Carlo light budget with Mitsuba's shapes and BSDFs: the light of the hidden object, and stray light.
 
-Paths start at a random point of the frame. Towards a shape they aim at a disc that covers its bounding sphere, so that
-variance stays low at -182 dB; every vertex is connected to a random point of the laser's spot, and the wall to a random point
-of the pupil (next-event estimation; Veach, PhD thesis 1997, sections 8.3 and 9.2). Shares no geometry with the budget that
-frames follow (`light_transport.py`): another sampling, the camera's rays instead of a pixel's footprint.
+Paths start at a random point of the frame. Towards a shape they aim at a disc that covers its bounding sphere, so that the
+variance stays low at -182 dB. Every vertex is connected to a random point of the laser spot, and the wall to a random point of the
+pupil (next-event estimation; Veach, PhD thesis 1997, sections 8.3 and 9.2). The estimate shares no geometry with the light budget
+of the frames (`light_transport.py`): another sampling, and the camera's rays instead of a pixel footprint.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from sim.transport.surfaces import evaluate_bsdf, is_one_of
 DEFAULT_SAMPLES = 2**20
 BATCH = 2**20
 BOUNCES = 4
-"""Most reflections between the laser's spot and the frame on paths of other light."""
+"""Maximum number of reflections between laser spot and frame on paths of stray light."""
 
 MAX_AIMS = 16
-"""Shapes that paths aim at; light by way of others is found by chance, at more variance."""
+"""Number of shapes that paths aim at; light by other shapes is found by chance, with higher variance."""
 
 _NORMAL_95 = 1.959963985
 
@@ -54,19 +54,19 @@ class MonteCarlo:
         return decibel(self.per_frame)
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready; null where no light arrives."""
+        """Return the estimate for JSON; null without light."""
         decibels = [value if math.isfinite(value) else None for value in map(decibel, (self.per_frame, *self.interval))]
         return {"per_frame_db": decibels[0], "interval_db": decibels[1:], "samples": self.samples}
 
 
 @dataclass(frozen=True)
 class OtherLight:
-    """Light that reaches the frame from the laser's spot, but not by one reflection off the hidden object.
+    """Light from the laser spot that reaches the frame other than by one reflection off the hidden object.
 
     Attributes:
         total: of the whole frame.
-        position: world places (n, 3) from which it last came, those of the paths that brought any.
-        weight: photoelectrons of a frame per laser photon of each, (n,); they sum to the total.
+        position: world positions (n, 3) of its last reflection, for the paths that carried light.
+        weight: photoelectrons of a frame per laser photon of each path, (n,); they sum to the total.
     """
 
     total: MonteCarlo
@@ -77,7 +77,7 @@ class OtherLight:
 def estimate_throughput(
     scene: mi.Scene, samples: int = DEFAULT_SAMPLES, seed: int = 0, camera: SpeckleCamera | None = None
 ) -> MonteCarlo:
-    """Estimate the light of the hidden object in a frame, of a loaded scene in the project's vocabulary.
+    """Estimate the light of the hidden object in a frame of a loaded scene.
 
     Raises InputError for too few samples.
     """
@@ -87,9 +87,9 @@ def estimate_throughput(
 def estimate_other_light(
     scene: mi.Scene, samples: int = 2**16, seed: int = 0, camera: SpeckleCamera | None = None
 ) -> OtherLight:
-    """Estimate the laser's light that reaches the frame by way of clutter or by several reflections.
+    """Estimate the stray laser light in a frame, by clutter or by several reflections.
 
-    Light straight from the spot is left out; `Geometry.direct_light` tells of it. Raises InputError for too few samples.
+    Direct light from the spot is excluded; see `Geometry.direct_light`. Raises InputError for too few samples.
     """
     values, positions = zip(*(_other_light(paths) for paths in _batches(scene, samples, seed, camera)), strict=True)
     total, position = np.concatenate(values), np.concatenate(positions)
@@ -98,7 +98,7 @@ def estimate_other_light(
 
 
 def _object_light(paths: PathEnds) -> np.ndarray:
-    """Light of the hidden object brought by each path of a batch."""
+    """Return the light of the hidden object carried by each path of a batch."""
     aims = [Aim(shape) for shape in paths.scene.shapes() if is_hidden_object(shape)]
     chances = np.array([aim.radius_m**2 for aim in aims])
     chances = np.cumsum(chances / chances.sum())
@@ -120,7 +120,7 @@ def _object_light(paths: PathEnds) -> np.ndarray:
 
 
 def _other_light(paths: PathEnds) -> tuple[np.ndarray, np.ndarray]:
-    """Light by other ways that each path of a batch brought (n,), and the place that it came from last (n, 3)."""
+    """Return the stray light carried by each path of a batch (n,), and the position of its last reflection (n, 3)."""
     shapes = sorted(paths.scene.shapes(), key=lambda shape: not is_hidden_object(shape))
     aims = [Aim(shape) for shape in shapes if shape.id() not in ("virtual_detector", "virtual_source")][:MAX_AIMS]
     vertex, active = paths.wall, mi.Bool(paths.active)

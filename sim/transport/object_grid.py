@@ -1,4 +1,4 @@
-"""The grid across the line of sight that an object is sampled on: its rays, its cells, its samples."""
+"""Grid across the line of sight on which an object is sampled: rays, cells, samples."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ class Samples:
     """Visible surface on a grid, each array (rows, columns).
 
     Attributes:
-        weight: light carried by a cell, photoelectrons in a pixel per laser photon, float64; a `FlatObject`'s are relative.
-        albedo: effective power albedo, float32: that of a flat Lambertian object of equal brightness, shading, distance
-            and shape of the BSDF included, scaled so that its sum is that of the surface's own albedo.
-        depth_m: behind the object's centre along the line of sight, mean over the light of a cell.
+        weight: light carried by a cell, photoelectrons in a pixel per laser photon, float64; relative for a `FlatObject`.
+        albedo: effective power albedo, float32: that of a flat Lambertian object of equal brightness, with shading, distance and
+            BSDF, scaled so that its sum is that of the surface's own albedo.
+        depth_m: behind the object's centre along the line of sight, averaged over the light of a cell.
     """
 
     weight: np.ndarray
@@ -27,11 +27,11 @@ class Samples:
 
 
 class GridRays:
-    """Rays from the frame's centre through a grid of cells across the line of sight, `fineness` x `fineness` to each.
+    """Rays from the frame centre through a grid of cells across the line of sight, `fineness` x `fineness` per cell.
 
     Args:
-        line: from the frame's centre to the grid's, (3,).
-        pitch_m: of the cells (rows, columns). shape: how many.
+        line: from the frame centre to the grid centre, (3,).
+        pitch_m: pitch of the cells (rows, columns). shape: their numbers.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ def cell_sums(values: np.ndarray, shape: tuple[int, int], fineness: int) -> np.n
 
 
 def cells(extent_m: float, pitch_m: float, like: int) -> int:
-    """Cells that cover an extent, as even or odd in number as `like`, so that both grids have one middle."""
+    """Return the number of cells that cover an extent, even or odd like `like`, so that both grids have the same centre."""
     needed = math.ceil(extent_m / pitch_m)
     return needed + (like - needed) % 2
 

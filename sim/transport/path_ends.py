@@ -1,4 +1,4 @@
-"""What paths of the Monte Carlo light budget have in common: their ends, and the shapes that they aim at."""
+"""Ends of the paths of the Monte Carlo light budget, and the shapes that they aim at."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from sim.plugins.speckle_camera import SpeckleCamera
 from sim.transport.surfaces import MAX_LAYERS, evaluate_bsdf, has_masks, transmittance
 
 _NEAR = 1.2
-"""A shape nearer than this many radii of its bounding sphere is not aimed at."""
+"""Minimum distance of a target shape in radii of its bounding sphere."""
 
 
 class PathEnds:
-    """Ends that all paths of a batch have: points of the frame, the pupil and the laser's spot."""
+    """Ends of all paths of a batch: points of the frame, the pupil and the laser spot."""
 
     def __init__(self, scene: mi.Scene, count: int, seed: int, camera: SpeckleCamera | None = None) -> None:
         self.scene, self.count = scene, count
@@ -34,7 +34,7 @@ class PathEnds:
         middle = scene.ray_intersect(mi.Ray3f(pupil, axis))
         place = self.uniform2()
         film_point = pupil + across * ((place.x - 0.5) * sides[0]) + up * ((place.y - 0.5) * sides[1])
-        # Every pixel looks along the axis, from just before the wall: what stands nearer is found on the way to the pupil.
+        # Every pixel looks along the axis from just before the wall; nearer shapes are found on the way to the pupil.
         before = dr.dot(middle.p - film_point, middle.n) / dr.dot(axis, middle.n) - 0.02 * middle.t
         self.wall = scene.ray_intersect(mi.Ray3f(film_point + axis * before, axis))
         self.lens = self.disc(pupil, axis, 0.5 * camera.pupil_diameter_m)
@@ -49,7 +49,7 @@ class PathEnds:
         named = {shape.id(): mi.ShapePtr(shape) for shape in scene.shapes()}
         self.active = self.wall.is_valid() & (self.wall.shape == named["virtual_detector"])
         self.active &= self.spot.is_valid() & (self.spot.shape == named["virtual_source"])
-        # Radiance at the wall times this is photoelectrons of the frame.
+        # Radiance at the wall times this factor is photoelectrons of the frame.
         inclination = dr.abs(dr.dot(self.wall.n, axis))
         share = mi.Float64(sides[0] * sides[1] / inclination) * mi.Float64(dr.dot(self.wall.n, towards))
         share *= (
@@ -67,14 +67,14 @@ class PathEnds:
         return mi.Point2f(self.uniform(), self.uniform())
 
     def disc(self, centre: mi.Point3f, axis: mi.Vector3f, radius: Any) -> mi.Point3f:
-        """A random point of a disc."""
+        """Sample a random point of a disc."""
         frame, spread = mi.Frame3f(axis), self.uniform2()
         sine, cosine = dr.sincos(2.0 * np.pi * spread.x)
         reach = radius * dr.sqrt(spread.y)
         return centre + frame.s * (reach * cosine) + frame.t * (reach * sine)
 
     def hits(self, ray: mi.Ray3f, active: mi.Bool) -> Iterator[tuple[mi.SurfaceInteraction3f, mi.Float, mi.Bool]]:
-        """Surfaces along a ray with the share of light that masks before them let through."""
+        """Yield the surfaces along a ray with the fraction of light that masks before them transmit."""
         share = dr.select(active, mi.Float(1.0), 0.0)
         for _ in range(MAX_LAYERS if self.masks else 1):
             hit = self.scene.ray_intersect(ray, active)
@@ -86,7 +86,7 @@ class PathEnds:
                 ray = hit.spawn_ray(ray.d)
 
     def find_obstruction(self, ray: mi.Ray3f, active: mi.Bool) -> tuple[mi.SurfaceInteraction3f, mi.Float]:
-        """The surface that stops a ray, and its probability of doing so; masks pass at random."""
+        """Return the surface that stops a ray, and its probability of doing so; masks transmit at random."""
         hit, through = self.scene.ray_intersect(ray, active), mi.Float(0.0)
         for _ in range(MAX_LAYERS if self.masks else 0):
             through = hit.bsdf().eval_null_transmission(hit, active & hit.is_valid())[0]
@@ -97,7 +97,8 @@ class PathEnds:
         return hit, 1.0 - through
 
     def lit_by_spot(self, vertex: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Float64:
-        """Radiance that leaves a vertex along its `wi` for light straight from a point of the spot, per laser photon."""
+        """Return the radiance that leaves a vertex along its `wi` for light directly from a point of the spot, per laser
+        photon."""
         way = self.spot.p - vertex.p
         distance = dr.norm(way)
         direction = way / distance
@@ -110,7 +111,7 @@ class PathEnds:
 
 
 class Aim:
-    """The disc across the line of sight that covers a shape's bounding sphere."""
+    """Disc across the line of sight that covers the bounding sphere of a shape."""
 
     def __init__(self, shape: mi.Shape) -> None:
         box = shape.bbox()
@@ -122,13 +123,13 @@ class Aim:
         return dr.norm(mi.Point3f(*self.centre.tolist()) - start)
 
     def disc_radius(self, distance: mi.Float) -> mi.Float:
-        """Radius at the centre's distance of the cone that holds the sphere; 0 too near for one."""
+        """Return the radius, at the distance of the centre, of the cone that holds the sphere; 0 if it is too near."""
         ratio = self.radius_m / distance
         far = ratio * _NEAR < 1.0
         return dr.select(far, self.radius_m / dr.sqrt(1.0 - dr.square(dr.select(far, ratio, 0.0))), 0.0)
 
     def sample(self, paths: PathEnds, start: mi.Point3f) -> tuple[mi.Vector3f, mi.Float]:
-        """A direction towards the disc, and its density per steradian."""
+        """Sample a direction towards the disc, with its density per steradian."""
         distance = self.distance(start)
         centre = mi.Point3f(*self.centre.tolist())
         radius = self.disc_radius(distance)
@@ -138,7 +139,7 @@ class Aim:
         return direction, self.density(start, direction)
 
     def density(self, start: mi.Point3f, direction: mi.Vector3f) -> mi.Float:
-        """Density of `sample` in a direction."""
+        """Return the density of `sample` in a direction."""
         distance = self.distance(start)
         radius = self.disc_radius(distance)
         axis = mi.Vector3f(mi.Point3f(*self.centre.tolist()) - start) / distance
@@ -149,7 +150,7 @@ class Aim:
 
 
 def mixture(paths: PathEnds, aims: list[Aim], vertex: mi.SurfaceInteraction3f) -> tuple[mi.Vector3f, mi.Float]:
-    """A direction from a vertex, half of the time by the cosine, else towards a shape; and the density of the mixture."""
+    """Sample a direction from a vertex, half of the time by the cosine, else towards a shape; and the density of the mixture."""
     behind = dr.dot(vertex.n, vertex.to_world(vertex.wi)) < 0.0
     frame, spread = mi.Frame3f(dr.select(behind, -vertex.n, vertex.n)), paths.uniform2()
     sine, cosine = dr.sincos(2.0 * np.pi * spread.x)

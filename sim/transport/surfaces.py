@@ -1,4 +1,4 @@
-"""Which surfaces can be modelled: reflection as Mitsuba evaluates it; transmission, mirrors and media are refused by name."""
+"""Surfaces that can be modelled: reflection as Mitsuba evaluates it; transmission, mirrors and media are refused by name."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import mitsuba as mi
 from correlograph.errors import InputError
 
 MAX_LAYERS = 8
-"""Partly transparent surfaces (masks) that one ray may cross."""
+"""Maximum number of partly transparent surfaces (masks) along one ray."""
 
 _TRANSMITTING = mi.BSDFFlags.DiffuseTransmission | mi.BSDFFlags.GlossyTransmission | mi.BSDFFlags.DeltaTransmission
 _MIRROR = mi.BSDFFlags.DeltaReflection
@@ -18,7 +18,7 @@ ENERGY_TOLERANCE = 1e-3
 
 
 def check_surfaces(scene: mi.Scene) -> None:
-    """Raise InputError for a surface or medium whose light this program does not carry."""
+    """Raise InputError for a surface or medium that cannot be modelled."""
     for shape in scene.shapes():
         bsdf, name = shape.bsdf(), shape.id() or "shape"
         if shape.interior_medium() is not None or shape.exterior_medium() is not None:
@@ -46,7 +46,7 @@ def _kind(bsdf: mi.BSDF) -> str:
 
 
 def check_energy(name: str, hit: mi.SurfaceInteraction3f, lit: mi.Bool) -> None:
-    """Raise InputError where a diffuse surface reflects more than it receives; `hit` lists points of it."""
+    """Raise InputError if a diffuse surface reflects more than it receives; `hit` lists points of it."""
     bsdf = hit.bsdf()
     diffuse = lit & ((bsdf.flags() & int(mi.BSDFFlags.Glossy)) == 0)
     albedo = float(dr.max(dr.select(diffuse, bsdf.eval_diffuse_reflectance(hit, diffuse)[0], 0.0))[0])
@@ -55,12 +55,12 @@ def check_energy(name: str, hit: mi.SurfaceInteraction3f, lit: mi.Bool) -> None:
 
 
 def has_masks(scene: mi.Scene) -> bool:
-    """Whether any surface lets a part of the light pass straight through."""
+    """Return whether any surface transmits a part of the light without deflection."""
     return any(shape.bsdf() is not None and mi.has_flag(shape.bsdf().flags(), mi.BSDFFlags.Null) for shape in scene.shapes())
 
 
 def layers(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> Iterator[tuple[mi.SurfaceInteraction3f, mi.Bool]]:
-    """Surfaces along a ray, nearest first, and whether there is one; those behind a partly transparent one follow it."""
+    """Yield surfaces along a ray, nearest first, and whether there is one; those behind a partly transparent one follow it."""
     masks = has_masks(scene)
     for _ in range(MAX_LAYERS if masks else 1):
         hit = scene.ray_intersect(ray, active)
@@ -75,7 +75,7 @@ def layers(scene: mi.Scene, ray: mi.Ray3f, active: mi.Bool) -> Iterator[tuple[mi
 
 
 def is_one_of(hit: mi.SurfaceInteraction3f, shapes: list[mi.Shape]) -> mi.Bool:
-    """Whether a surface belongs to one of some shapes."""
+    """Return whether a surface belongs to one of some shapes."""
     found = dr.zeros(mi.Bool, dr.width(hit.t))
     for shape in shapes:
         found |= hit.shape == mi.ShapePtr(shape)
@@ -83,17 +83,18 @@ def is_one_of(hit: mi.SurfaceInteraction3f, shapes: list[mi.Shape]) -> mi.Bool:
 
 
 def evaluate_bsdf(surface: mi.SurfaceInteraction3f, direction: mi.Vector3f, active: mi.Bool) -> mi.Float:
-    """BSDF times cosine for light along `surface.wi` and `direction`, both away from the surface."""
+    """Return BSDF times cosine for light along `surface.wi` and `direction`, both away from the surface."""
     return surface.bsdf().eval(mi.BSDFContext(), surface, surface.to_local(direction), active)[0]
 
 
 def transmittance(
     scene: mi.Scene, start: mi.SurfaceInteraction3f | mi.Point3f, end: mi.Point3f, active: mi.Bool, *, masks: bool
 ) -> mi.Float:
-    """Share of the light that passes from one place to another; 0 behind an opaque shape.
+    """Return the fraction of the light that passes between two points; 0 behind an opaque shape.
 
     Args:
-        start: a point of a surface, or in space. end: a point of a surface, drawn in by 1e-4 of the way, lest it hide itself.
+        start: a point of a surface, or in space. end: a point of a surface; the path is shortened by 1e-4 of the distance against
+            self-occlusion.
         masks: whether the scene has any mask; if not, one shadow ray suffices.
     """
     if isinstance(start, mi.SurfaceInteraction3f):
@@ -108,12 +109,12 @@ def transmittance(
         going &= hit.is_valid()
         share = dr.select(going, share * hit.bsdf().eval_null_transmission(hit, going)[0], share)
         going &= share > 0.0
-        ray = _towards(hit.spawn_ray(ray.d).o, end)  # it starts a little beside the surface
+        ray = _towards(hit.spawn_ray(ray.d).o, end)  # it starts slightly off the surface
     return dr.select(going & scene.ray_test(ray, going), 0.0, share)
 
 
 def _towards(start: mi.Point3f, end: mi.Point3f) -> mi.Ray3f:
-    """The ray from one point to just before another."""
+    """Return the ray from one point to just before another."""
     way = end - start
     distance = dr.norm(way)
     ray = mi.Ray3f(start, way / distance)

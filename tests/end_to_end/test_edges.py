@@ -244,8 +244,8 @@ def test_an_interrupt_ends_what_waits_for_ever():
     leaves behind nobody complains."""
     program = """
 import multiprocessing, os, threading, time
-import correlograph.errors as errors
-errors.GRACE_S = 1.0
+import correlograph.command as command
+command.GRACE_S = 1.0
 def main(argv):
     semaphore = multiprocessing.get_context("spawn").Lock()
     threading.Timer(0.3, os.kill, (os.getpid(), 15)).start()
@@ -254,7 +254,7 @@ def main(argv):
             time.sleep(60)
         except KeyboardInterrupt:
             pass
-errors.run_command(main, [])
+command.run_command(main, [])
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=30)
     assert (done.returncode, done.stderr) == (143, "interrupted\n")

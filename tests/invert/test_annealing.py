@@ -47,7 +47,7 @@ def drawn(sampler, seed: int) -> AnnealingResult:
 def test_samples_come_from_noise_to_the_object(sampler):
     """With nothing to begin with they are like the object; another seed draws others."""
     found = drawn(sampler, 1)
-    assert found.samples.shape == found.expected.shape == (4, 64, 64)
+    assert found.samples.shape == found.denoised_means.shape == (4, 64, 64)
     torch.testing.assert_close(found.samples.amax((-2, -1)), torch.ones(4))
     likeness = register_images(zero_pad(found.samples), zero_pad(RIGHT))[1]
     assert float(likeness.min()) > 0.6

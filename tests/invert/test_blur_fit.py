@@ -30,21 +30,23 @@ def frames(character: str, kind: str, photons: float, seed: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("kind", "down", "right"), [("defocus", 1.0, 1.0), ("motion", 0.0, 1.4)])
-def test_a_blur_is_found_undone_and_named(kind, down, right):
-    """Of three letters that blur changes much, those found blurred are found blurred so; the mean correlation gains .03."""
-    found, gained = [], []
+def test_estimated_blur_is_correct_and_improves_the_reconstruction(kind, down, right):
+    """Three letters that blur changes much: at least one blur is found, each found blur is right, and its correction gains
+    more than 0.03 in correlation on average. Undetected blurs leave the reconstruction unchanged."""
+    gains = []
     for seed, character in enumerate("RK5"):
         blurred = frames(character, kind, 2.0, seed)
         result = invert.reconstruct(blurred, quality="fast", patch=PATCH)
-        untouched = invert.reconstruct(blurred, quality="fast", patch=PATCH, blur_pixels=0.0)
-        likeness = [aligned_pearson(one.albedo, letter_cells(character))[0] for one in (result, untouched)]
-        gained.append(likeness[0] - likeness[1])
-        found.append(result.estimate.blur_pixels)
         assert (result.albedo == reconstruct_measurement(result.measurement, UNET, FAST, 0, "cpu").albedo).all()
-        assert (found[-1] is not None) == any("look blurred" in warning for warning in result.warnings)
-    assert found.count(None) < 3
-    assert [one for one in found if one] == [pytest.approx((down, right), abs=0.1)] * (3 - found.count(None))
-    assert np.mean(gained) > 0.03
+        found = result.estimate.blur_pixels
+        assert (found is not None) == any("look blurred" in warning for warning in result.warnings)
+        if found is not None:
+            assert found == pytest.approx((down, right), abs=0.1)
+            untouched = invert.reconstruct(blurred, quality="fast", patch=PATCH, blur_pixels=0.0)
+            pearson = [aligned_pearson(one.albedo, letter_cells(character))[0] for one in (result, untouched)]
+            gains.append(pearson[0] - pearson[1])
+    assert gains
+    assert np.mean(gains) > 0.03
 
 
 @pytest.mark.parametrize("photons", [0.2, 20.0])
@@ -56,14 +58,14 @@ def test_sharp_frames_are_not_taken_for_blurred(photons):
         assert (result.albedo == reconstruct_measurement(result.measurement, UNET, FAST, 0, "cpu").albedo).all()
 
 
-def test_what_is_told_of_the_blur_is_heeded(tmp_path, command):
+def test_blur_pixels_zero_disables_blur_estimation(tmp_path, command):
     files = [tmp_path / "a.npy", tmp_path / "b.npy"]
     for file, frame in zip(files, frames("K", "defocus", 2.0, 1), strict=True):
         np.save(file, frame)
-    for told in ((), ("--blur-pixels", "0")):
-        options = "-o", tmp_path / "out", "--quality", "fast", "--patch", PATCH, *told
+    for given in ((), ("--blur-pixels", "0")):
+        options = "-o", tmp_path / "out", "--quality", "fast", "--patch", PATCH, *given
         assert command(main, *files, *options)[0] == 0
-        said = json.loads((tmp_path / "out" / "result.json").read_text())
-        assert ("blur_found_pixels" in said) is not bool(told)
-    with pytest.raises(InputError, match="--blur-pixels"):
+        summary = json.loads((tmp_path / "out" / "result.json").read_text())
+        assert ("blur_found_pixels" in summary) is not bool(given)
+    with pytest.raises(InputError, match="blur_pixels"):
         invert.reconstruct(frames("R", "sharp", 2.0, 0), blur_pixels=-1.0)

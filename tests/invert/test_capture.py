@@ -57,7 +57,7 @@ def test_options_win_over_headers_and_dark_frames_are_subtracted(tmp_path, rng):
     write_frame(tmp_path / "a.exr", frame, header())
     np.save(tmp_path / "dark.npy", np.full((130, 130), 0.25))
     capture = read_capture([tmp_path / "a.exr"], CameraMetadata(distance_m=2.5))
-    capture = Corrections(tmp_path / "dark.npy").of(capture)
+    capture = Corrections(tmp_path / "dark.npy").apply(capture)
     wavelength_m, distance_m, pitches_m = capture.camera.lag_geometry
     assert (wavelength_m, distance_m, *pitches_m) == pytest.approx((532e-9, 2.5, 6.9e-6, 6.9e-6))
     np.testing.assert_allclose(capture.frames[0], frame - 0.25, atol=1e-6)
@@ -75,11 +75,11 @@ def test_flat_field_and_mask(tmp_path, rng):
     }.items():
         np.save(tmp_path / f"{name}.npy", array)
     corrections = Corrections(tmp_path / "dark.npy", tmp_path / "flat.npy", tmp_path / "mask.npy")
-    found = corrections.of(read_capture([tmp_path / "a.npy"], UNKNOWN)).frames[0]
+    found = corrections.apply(read_capture([tmp_path / "a.npy"], UNKNOWN)).frames[0]
     expected = 3.0 * light * sensitivity.mean()
     np.testing.assert_allclose(found[mask], expected[mask], rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose(found[~mask], expected[mask].mean(), rtol=1e-5)
-    assert Corrections().of(read_capture([tmp_path / "a.npy"], UNKNOWN)).frames[0].max() > 5.0
+    assert Corrections().apply(read_capture([tmp_path / "a.npy"], UNKNOWN)).frames[0].max() > 5.0
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ def test_corrections_that_do_not_fit_are_refused(tmp_path, rng, option, array):
     np.save(tmp_path / "other.npy", array)
     corrections = Corrections(**{option[2:]: tmp_path / "other.npy"})
     with pytest.raises(InputError, match=option):
-        corrections.of(read_capture([tmp_path / "a.npy"], UNKNOWN))
+        corrections.apply(read_capture([tmp_path / "a.npy"], UNKNOWN))
 
 
 def test_a_folder_stands_for_one_kind_of_file(tmp_path, rng):

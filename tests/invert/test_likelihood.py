@@ -101,7 +101,7 @@ def test_samples_that_leave_the_estimate_unexplained_are_doubted():
     for sample, doubted in ((RIGHT, False), (without_stem, True)):
         drawn = Samples(np.stack([sample.numpy()] * 3).astype(np.float32))
         answer, warnings = assess_reliability(
-            replace(found, posterior=drawn), None, measurement, NoiseLikelihood(measurement), {}
+            replace(found, posterior=drawn), None, measurement, lambda: NoiseLikelihood(measurement), None
         )
         assert any("no sample explains" in warning for warning in warnings) is doubted
         assert answer.confidence == (0.5 if doubted else 0.9)

@@ -186,7 +186,7 @@ def test_extremes(rng, name):
         assert not result.albedo.any()
     signal = smooth_by_window(autocorrelate(strokes(rng)))
     one = reconstruct_measurement(
-        read_measurement(gamma_estimate(rng, signal / signal.max() + 0.02, 1.0)), name, "fast", 0, "cpu"
+        read_measurement(gamma_estimate(rng, signal / signal.max() + 0.02, 1.0)), METHODS[name], FAST, 0, "cpu"
     )
     assert np.isfinite(one.albedo).all()
     estimate = gamma_estimate(rng, signal / signal.max() + 0.02, 64.0)

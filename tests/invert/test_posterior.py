@@ -24,7 +24,7 @@ def test_samples_are_laid_over_the_reconstruction():
 
 def test_samples_follow_a_reconstruction_that_is_turned():
     turned = RIGHT.flip((0, 1)).roll((4, -3), (0, 1)).numpy()
-    for one in shown(RIGHT, RIGHT.roll((3, -5), (0, 1))).laid_over(turned).samples:
+    for one in shown(RIGHT, RIGHT.roll((3, -5), (0, 1))).register_to(turned).samples:
         np.testing.assert_allclose(one, turned, atol=1e-6)
 
 
@@ -44,8 +44,8 @@ def test_different_objects_are_different_answers():
     def noisy(image: torch.Tensor) -> torch.Tensor:
         return (image + 0.1 * torch.randn(image.shape, generator=rng)).clamp(0.0, 1.0)
 
-    assert len(shown(*(noisy(RIGHT) for _ in range(8))).alternatives) == 1
-    both = shown(*(noisy(RIGHT) for _ in range(6)), *(noisy(MIRRORED_STEM) for _ in range(2))).alternatives
+    assert len(shown(*(noisy(RIGHT) for _ in range(8))).clusters) == 1
+    both = shown(*(noisy(RIGHT) for _ in range(6)), *(noisy(MIRRORED_STEM) for _ in range(2))).clusters
     assert [one.probability for one in both] == [0.75, 0.25]
     assert [one.members for one in both] == [(0, 1, 2, 3, 4, 5), (6, 7)]
 

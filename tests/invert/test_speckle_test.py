@@ -62,4 +62,4 @@ def test_a_known_blur_is_undone(rng):
 def test_the_same_speckle_twice_is_named(rng):
     light = letter_light(rng)
     result = invert.reconstruct(np.stack([rng.poisson(2.0 * light) for _ in range(2)]), quality="fast", patch=PATCH)
-    assert any("was the laser moved" in warning for warning in result.warnings)
+    assert any("move the laser spot" in warning for warning in result.warnings)
