@@ -3,7 +3,7 @@
 Frames are made here, by code that shares nothing with `sim`: circular Gaussian amplitudes on the object's cells, one FFT,
 squared, Poisson noise. For every nuisance and 1, 2 and 10 frames: correlation with the truth and, in brackets, confidence,
 means over four letters with the same speckle for every nuisance; for 1 and 2 frames of a scene without an object, too. A
-confident wrong picture (confidence above .7, correlation below .5) is printed bold; a cell more than .05 below clean frames has
+confident wrong picture (confidence above 0.7, correlation below 0.5) is printed bold; a cell more than 0.05 below clean frames has
 an asterisk.
 """
 
@@ -27,7 +27,7 @@ from invert.albedo.metrics import aligned_pearson
 SHAPE = (1028, 1232)
 PATCH = 257
 LEVEL = 0.4
-"""Photoelectrons a pixel: a floor of about .15 of (r*r)(0) for a letter."""
+"""Photoelectrons a pixel: a floor of about 0.15 of (r*r)(0) for a letter."""
 
 LETTERS = "FRL5"
 
@@ -125,7 +125,7 @@ LIGHT: dict[str, Nuisance] = {
     "camera moved 5 pixels, textured": shift_frames(5.0),
     "glint": of_light(lambda rng, count: [400.0 * np.exp(-((ROW - 0.2) ** 2 + COLUMN**2) / 2e-5)] * count),
     "levels 1 to 3": each(lambda frame, number: frame * (1.0 + 2.0 * (number % 2))),
-    "blur, deviation .5 pixel": each(lambda frame, number: ndimage.gaussian_filter(frame, 0.5)),
+    "blur, deviation 0.5 pixel": each(lambda frame, number: ndimage.gaussian_filter(frame, 0.5)),
     "blur, deviation 1 pixel": each(lambda frame, number: ndimage.gaussian_filter(frame, 1.0)),
     "dust": of_wall(
         lambda rng: np.prod(
@@ -157,13 +157,13 @@ def lines(value: float) -> Nuisance:
 
 
 SENSOR: dict[str, Nuisance] = {
-    "hot pixels .01 %": damage_pixels(1e-4, 200.0),
-    "hot pixels .01 % of one frame": damage_pixels(1e-4, 200.0, True),
+    "hot pixels 0.01 %": damage_pixels(1e-4, 200.0),
+    "hot pixels 0.01 % of one frame": damage_pixels(1e-4, 200.0, True),
     "dead pixels 1 %": damage_pixels(1e-2, 0.0),
     "dead row and column": lines(0.0),
     "hot row and column": lines(10.0),
     "saturated": each(lambda frame, number: np.minimum(frame, 1.0)),
-    "gain .3, offset 100": each(lambda frame, number: 0.3 * frame + 100.0),
+    "gain 0.3, offset 100": each(lambda frame, number: 0.3 * frame + 100.0),
     "scale: mean .02": each(lambda frame, number: 0.05 * frame),
     "8 bits": each(lambda frame, number: np.clip(np.round(20.0 * frame + 8.0), 0, 255)),
     "pixel response 3 %": lambda frames, rng: frames * rng.normal(1.0, 0.03, SHAPE),
@@ -177,8 +177,8 @@ SENSOR: dict[str, Nuisance] = {
 MOTION = {"motion 5 pixels": 5.0}
 
 PAIRS = (
-    ("vignetting", "hot pixels .01 %"),
-    ("ambient, textured", "gain .3, offset 100"),
+    ("vignetting", "hot pixels 0.01 %"),
+    ("ambient, textured", "gain 0.3, offset 100"),
     ("moving lamp banding", "8 bits"),
     ("wall texture 10 %", "read noise of rows"),
     ("lamp drift 10 %, textured", "dead row and column"),
@@ -231,7 +231,7 @@ def mean_pearson(cell: list[dict[str, Any]]) -> float:
 def written(cell: list[dict[str, Any]], clean: float) -> str:
     """A cell's mean correlation (mean confidence), and how many captures show nothing or are refused.
 
-    Bold where a picture is wrong and confident; with an asterisk where the mean is more than .05 below the clean one.
+    Bold where a picture is wrong and confident; with an asterisk where the mean is more than 0.05 below the clean one.
     """
     found, parts = [one for one in cell if one.get("found")], []
     if found:

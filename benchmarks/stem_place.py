@@ -30,7 +30,7 @@ from radiometry.noise.model import autocorrelate_windowed, draw_estimate
 
 DOF = 64.0
 FLOORS = (0.25, 0.5, 1.0, 2.0, 4.0)
-"""The lab's are .23, .46, .84 and 2.0 at 1/4, 1/8, 1/16 and 1/32 s."""
+"""The lab's are 0.23, 0.46, 0.84 and 2.0 at 1/4, 1/8, 1/16 and 1/32 s."""
 
 COLUMNS = (32, 24, 16, 8, 0)
 """Places of the stem along the bar, the right one first. A stem above the bar is the twin image of one below it."""

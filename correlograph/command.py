@@ -25,11 +25,11 @@ class ArgumentParser(argparse.ArgumentParser):
 
 
 GRACE_S = 20.0
-"""Time that an interrupted command has to clean up."""
+"""Seconds that an interrupted command has for its clean-up."""
 
 
 QUIET_TRACKER = "ignore::UserWarning:multiprocessing.resource_tracker"
-"""Filter of warnings, since the process that tracks semaphores complains of those that an interrupted command leaves behind."""
+"""Filter of warnings: the process that tracks semaphores reports those that an interrupted command leaves behind."""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -41,7 +41,7 @@ class Interrupted(KeyboardInterrupt):
         self.told = False
 
     def leave_in(self, seconds: float) -> None:
-        """End the process after so long, whatever a library then waits for."""
+        """End the process after this time, even if a library waits."""
         watch = threading.Timer(seconds, self._leave)
         watch.daemon = True
         watch.start()
@@ -81,7 +81,7 @@ def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str
     except BaseException:
         if not arrived:
             raise
-        _leave("interrupted", 130, arrived)  # a library half loaded raises what it likes
+        _leave("interrupted", 130, arrived)  # a partly loaded library may raise any exception
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -89,7 +89,7 @@ def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str
 
 
 def run_module(name: str, argv: Sequence[str] | None = None) -> NoReturn:
-    """Import a command's module and run its `main`; an interruption during the import ends in one line, too."""
+    """Import a command's module and run its `main`; an interruption during the import also ends in one line."""
 
     def main(arguments: Sequence[str] | None) -> None:
         import_module(name).main(arguments)
@@ -101,9 +101,9 @@ def _leave(line: str, code: int, arrived: Sequence[Interrupted]) -> NoReturn:
     if arrived:
         line, code = "interrupted", arrived[0].exit_code
         for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)  # clean up undisturbed
+            signal.signal(number, signal.SIG_IGN)  # no further interruption during the clean-up
     print(line, file=sys.stderr, flush=True)
     if arrived:
         arrived[0].told = True
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # libraries that were stopped half-way complain at exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # libraries that were stopped during their work print at exit
     sys.exit(code)

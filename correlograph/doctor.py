@@ -1,4 +1,4 @@
-"""`correlograph doctor`: what this machine has, what is missing, and what each missing piece costs."""
+"""`correlograph doctor`: list missing components and the features that they affect."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def parser() -> ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Print one line a piece; exit 1 where frames cannot be rendered or inverted."""
+    """Print one line per component; exit with 1 if frames cannot be rendered or reconstructed."""
     parser().parse_args(argv)
     healthy = all([_python(), _packages(), _simulator(), _torch(), _weights()])
     sys.exit(0 if healthy else 1)
@@ -68,7 +68,7 @@ def _packages() -> bool:
 
 
 def _simulator() -> bool:
-    """In a process of its own, since a libLLVM can end the one that loads it."""
+    """Check the simulator in another process, because a libLLVM can end the process that loads it."""
     done = subprocess.run([sys.executable, "-c", _SIMULATOR], capture_output=True, text=True, check=False)
     if done.returncode:
         reason = (done.stderr.strip().splitlines() or [f"exit {done.returncode}"])[-1]

@@ -1,18 +1,15 @@
-"""The one error users meet, and the one place that turns it into exit code 2."""
+"""The error that users meet, and checks that raise it."""
 
 from __future__ import annotations
 
 import os
 
 MAX_FOUND_CHARS = 300
-"""Characters of what was found that a message repeats."""
+"""Maximum length of the found value in a message."""
 
 
 class InputError(ValueError):
-    """Input that cannot be used: its name, what was expected, what was found, and the remedy.
-
-    The message is always one line, because a shell prints it as it is.
-    """
+    """Unusable input: name, expected, found, remedy. The message is always one line, because commands print it as it is."""
 
     def __init__(self, name: str, expected: str, found: object, remedy: str) -> None:
         found = f"{found!s:.{MAX_FOUND_CHARS}}" + ("..." if len(str(found)) > MAX_FOUND_CHARS else "")
@@ -21,7 +18,7 @@ class InputError(ValueError):
         self._parts = (name, expected, str(found), remedy)
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str, str]]:
-        """Pickled between worker processes."""
+        """Support pickling between worker processes."""
         return type(self), self._parts
 
 
@@ -30,9 +27,9 @@ SI_MIN = 1e-30
 
 
 def check_positive(name: str, value: float, *, zero_allowed: bool = False) -> float:
-    """Return `value` as a float if it lies within bounds that no physical quantity in SI units leaves.
+    """Return `value` as a float if it lies within the bounds of any physical quantity in SI units.
 
-    Raises InputError for anything else, NaN and text included.
+    Raises InputError for anything else, including NaN and text.
     """
     try:
         number = float(value)
@@ -45,7 +42,7 @@ def check_positive(name: str, value: float, *, zero_allowed: bool = False) -> fl
 
 
 def memory_bytes() -> float:
-    """Memory of this machine, free or not."""
+    """Return the memory of this machine."""
     return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
 
 
@@ -54,7 +51,7 @@ def check_device(device: str) -> None:
     if device not in ("cpu", "cuda"):
         raise InputError("--device", "cpu or cuda", repr(device), "use one of these")
     if device == "cuda":
-        import torch  # heavy, and wanted only here
+        import torch  # a slow import
 
         if not torch.cuda.is_available():
             raise InputError("--device", "a CUDA GPU and a torch build that uses it", "none", "use --device cpu")

@@ -1,4 +1,4 @@
-"""Ranges of numbers: the `type` of an option on the command line, and the check of the same argument in Python."""
+"""Ranges of numbers: the `type` of a command-line option and the check of the same argument in Python."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from correlograph.errors import SI_MAX, SI_MIN, InputError
 
 @dataclass(frozen=True)
 class Range:
-    """Numbers from `least` to `most`: whole ones, multiples of `step`, where these are int."""
+    """Numbers from `least` to `most`; whole numbers, multiples of `step`, if these are int."""
 
     least: float
     most: float
     step: int = 1
 
     def __call__(self, text: str) -> Any:
-        """A number from the command line, an int where whole ones are wanted; argparse names the option."""
+        """Parse a number from the command line, an int for whole numbers; argparse adds the name of the option."""
         try:
             value = int(text) if isinstance(self.least, int) else float(text)
         except ValueError:
@@ -29,7 +29,7 @@ class Range:
         return value
 
     def check(self, name: str, value: float) -> float:
-        """The value, if it lies in the range; InputError otherwise, NaN and text included."""
+        """Return the value if it lies in the range. Raises InputError otherwise, also for NaN and text."""
         if not self._holds(value):
             raise InputError(name, str(self), f"{value!s:.40}", "use a value in this range")
         return value
@@ -52,7 +52,7 @@ SEED = Range(0, 2**31 - 1)
 FRAMES = Range(1, 10**6)
 WORKERS = Range(1, 256)
 SI = Range(SI_MIN, SI_MAX)
-"""Bounds that no physical quantity in SI units leaves."""
+"""Bounds of any physical quantity in SI units."""
 WAVELENGTH = Range(1e-11, 1e-2)
 """Wavelengths in metres, from X-rays to microwaves; a value in nanometres lies outside."""
 BLUR = Range(0.0, 1e4)

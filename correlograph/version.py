@@ -7,7 +7,7 @@ from importlib.metadata import version as installed
 
 
 def version() -> str:
-    """As `pip` knows it; `uninstalled` for a bare checkout."""
+    """Return the version that `pip` reports; `uninstalled` for a bare checkout."""
     try:
         return installed("correlograph")
     except PackageNotFoundError:

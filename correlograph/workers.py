@@ -1,4 +1,4 @@
-"""Dask workers: processes on this machine, or a cluster elsewhere."""
+"""Dask workers: processes on this machine, or a cluster."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from correlograph.ranges import WORKERS
 
 
 def check_workers(workers: int | None, scheduler: str | None) -> int:
-    """The number of workers asked for, or as many as this machine has cores; beside a scheduler there is none to ask for."""
+    """Return the number of workers: the requested one, or one per core. Raises InputError for workers and a scheduler
+    together."""
     if scheduler is not None and workers is not None:
-        raise InputError("--scheduler", "no --workers beside it", workers, "leave one of them out")
+        raise InputError("--scheduler", "no --workers together with it", f"--workers {workers}", "remove one of them")
     return workers if workers is not None else min(os.cpu_count() or 1, int(WORKERS.most))
 
 
 def check_scheduler(address: str) -> None:
-    """Refuse a scheduler that does not answer: asked by another process, since one that accepts and is silent holds its client
-    for ever."""
+    """Refuse a scheduler that does not answer. A subprocess checks it, because a silent scheduler blocks its client."""
     asks = "import sys; from distributed import Client; Client(sys.argv[1], timeout=10, set_as_default=False).close(timeout=5)"
     try:
         done = subprocess.run([sys.executable, "-c", asks, address], capture_output=True, text=True, check=False, timeout=30)
@@ -36,7 +36,7 @@ def check_scheduler(address: str) -> None:
 
 @contextmanager
 def cluster_client(workers: int, scheduler: str | None) -> Iterator:
-    """A Dask client of its own local cluster, or of a running scheduler."""
+    """Yield a Dask client of a local cluster, or of a running scheduler."""
     import dask
     from distributed import Client, LocalCluster
 
@@ -55,7 +55,7 @@ def cluster_client(workers: int, scheduler: str | None) -> Iterator:
 
 @contextmanager
 def _environment_kept() -> Iterator[None]:
-    """Dask sets OMP_NUM_THREADS=1 for its workers in this process, too: later children would inherit it."""
+    """Restore the environment: Dask sets OMP_NUM_THREADS=1 in this process, and later subprocesses would inherit it."""
     before = dict(os.environ)
     try:
         yield

@@ -1,4 +1,4 @@
-"""`python -m data_gen`: targets and their measurements as a Zarr dataset, in parallel, safe to interrupt."""
+"""`python -m data_gen`: generate targets and their measurements as a Zarr dataset, in parallel; runs can be interrupted."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from correlograph.ranges import SEED, SI, WORKERS, Range
 from correlograph.workers import check_scheduler, check_workers
 
 PACKAGES = ("correlograph", "matplotlib", "mitsuba", "numpy", "pillow", "scikit-image", "scipy", "torch", "zarr")
-"""What a dataset's bytes depend on beside its arguments."""
+"""Packages whose versions affect the bytes of a dataset."""
 
 
 def parser() -> ArgumentParser:
@@ -47,7 +47,7 @@ def parser() -> ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Find the photographs, open the store, make the shards that are missing."""
+    """Find the photographs, open the store, make the missing shards."""
     options = parser().parse_args(argv)
     _check(options)
     from correlograph.files.output import sole_writer
@@ -78,26 +78,28 @@ def _check(options: Any) -> None:
     if options.images is None and options.source is None:
         raise InputError("targets", "--images FOLDER or --source NAME", "neither", "add one")
     if options.images is not None and options.source not in (None, "edges", "mixed"):
-        raise InputError("--source", "edges or mixed beside --images", options.source, "leave --images out")
+        raise InputError("--source", "edges or mixed together with --images", f"--source {options.source}", "remove --images")
     if options.measurement == "render" and options.scene is None:
         raise InputError("--scene", "a scene file for --measurement render", "none", "add --scene SCENE.xml")
     if options.measurement == "none" and options.scene is not None:
-        raise InputError("--scene", "--measurement render or noise-model beside it", "none", "leave --scene out")
+        raise InputError(
+            "--scene", "--measurement render or noise-model", "--measurement none", "select one of these or remove --scene"
+        )
     if (options.measurement != "noise-model" or options.scene) and (options.floor_over_peak or options.dof):
         raise InputError(
             "--floor-over-peak, --dof",
             "the noise model without a scene",
             f"--measurement {options.measurement}{' --scene' if options.scene else ''}",
-            "leave them out",
+            "remove them",
         )
     for name, bounds in (("--floor-over-peak", options.floor_over_peak), ("--dof", options.dof)):
         if bounds and bounds[0] > bounds[1]:
-            raise InputError(name, "LOW up to HIGH", bounds, "swap them")
+            raise InputError(name, "LOW up to HIGH", bounds, "exchange them")
     options.workers = check_workers(options.workers, options.scheduler)
 
 
 def _try_out(recipe: Any, scheduler: str | None) -> None:
-    """Refuse what cannot be made before a store is begun: a dark scene, photographs without targets, a silent scheduler."""
+    """Refuse unusable input before a store is created: a dark scene, photographs without targets, a silent scheduler."""
     from data_gen.targets import draw_block
     from data_gen.work import measure
 
@@ -109,7 +111,7 @@ def _try_out(recipe: Any, scheduler: str | None) -> None:
 
 
 def _recipe(options: Any) -> tuple[Any, dict[str, Any]]:
-    """What a dataset is made of, and the manifest that says so."""
+    """Return the recipe of a dataset, and its manifest."""
     from data_gen.edges import find_photographs
     from data_gen.targets import target_source
     from data_gen.work import Recipe

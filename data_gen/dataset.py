@@ -1,4 +1,4 @@
-"""Datasets for torch: samples straight from a Zarr store, or all targets in memory."""
+"""Datasets for torch: samples directly from a Zarr store, or all targets in memory."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from data_gen.store import dataset_schema
 
 
 def open_dataset(address: str) -> zarr.Group:
-    """Open a finished dataset for reading; InputError where there is none, or it is unfinished, damaged or another's."""
+    """Open a finished dataset for reading. Raises InputError if it is missing, unfinished, damaged or of another kind."""
     return open_complete(address, dataset_schema_of(address))
 
 
 def dataset_schema_of(address: str) -> Schema:
-    """The schema of a dataset by the measurement that it was begun with."""
+    """Return the schema of a dataset for its measurement."""
     arguments = arguments_of(address, "dataset").get("arguments")
     found = arguments.get("measurement") if isinstance(arguments, dict) else None
     return dataset_schema(found if found in ("noise-model", "render") else "none")
 
 
 class Samples(torch.utils.data.Dataset):
-    """Samples of one split as dicts of float32 tensors: albedo (64, 64), 0 to 1, and whatever measurement there is."""
+    """Samples of one split as dicts of float32 tensors: albedo (64, 64), 0 to 1, and the measurement if there is one."""
 
     def __init__(self, address: str, *, validation: bool = False) -> None:
         self._group = open_dataset(address)
@@ -44,7 +44,7 @@ class Samples(torch.utils.data.Dataset):
 
 
 def load_targets(address: str) -> tuple[torch.Tensor, torch.Tensor]:
-    """All training and all validation targets in memory, uint8 (n, 64, 64) each."""
+    """Load all training and all validation targets, uint8 (n, 64, 64) each."""
     group = open_dataset(address)
     albedo, split = (read_array(group, address, name, dataset_schema_of(address)) for name in ("albedo", "split"))
     if split.all() or not split.any():
@@ -58,5 +58,5 @@ def load_targets(address: str) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def manifest(address: str) -> dict[str, Any]:
-    """What a dataset was made of."""
+    """Return the manifest of a dataset."""
     return open_dataset(address).attrs.asdict()

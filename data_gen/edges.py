@@ -1,7 +1,7 @@
-"""Canny edges of photographs as targets: the training data of the paper's section 5.A.
+"""Canny edges of photographs as targets: the training data of Metzler et al. 2020, section 5.A.
 
-A photograph is turned, scaled and passed through a Canny edge detector (Canny, IEEE TPAMI 8(6), 679, 1986,
-doi:10.1109/TPAMI.1986.4767851); crops with neither too few nor too many edge pixels become targets.
+A photograph is rotated, scaled and passed through a Canny edge detector (Canny, IEEE TPAMI 8(6), 679, 1986,
+doi:10.1109/TPAMI.1986.4767851). Crops become targets if they have neither too few nor too many edge pixels.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from correlograph.errors import InputError
 from correlograph.lags import OBJECT_SIDE
 
 WINDOW = (36, 60)
-"""Smallest and largest side of a crop; it lies in the target's middle."""
+"""Minimum and maximum side of a crop, which is centred in the target."""
 
 MIN_EDGE_PIXELS, MAX_EDGE_FRACTION = 48, 0.16
-"""Fewest edge pixels of a target, and the largest share of the crop that may be edge."""
+"""Minimum number of edge pixels of a target, and maximum fraction of the crop that may be edge."""
 
 MIN_COMPONENT_PIXELS = 10
-"""Connected edges of fewer pixels are left out: the estimate would not show them."""
+"""Minimum number of pixels of connected edges; smaller ones are removed, because an estimate would not show them."""
 
 MIN_SIDE = 2 * OBJECT_SIDE
-"""Photographs with a shorter side than this hold too few crops."""
+"""Minimum side of a photograph; smaller ones hold too few crops."""
 
 VIEWS = 6
-"""Views of a photograph that are tried before it counts as having no edges."""
+"""Views of a photograph before it counts as one without edges."""
 
 KINDS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp")
 
 
 @dataclass(frozen=True)
 class Photographs:
-    """Usable photographs by name, SHA-256 of each, and the files that were left out, with the reason."""
+    """Usable photographs by name, the SHA-256 of each, and skipped files with the reason."""
 
     folder: Path
     names: tuple[str, ...]
@@ -49,9 +49,9 @@ class Photographs:
 
 
 def find_photographs(folder: Path) -> Photographs:
-    """Photographs in a folder and its sub-folders; InputError where there is none.
+    """Find photographs in a folder and its sub-folders. Raises InputError if there is none.
 
-    Damaged, tiny and other files are listed in `skipped`. Greyscale and CMYK ones are read as luminance.
+    Damaged, tiny and other files are listed in `skipped`. Grey-scale and CMYK photographs are read as luminance.
     """
     if not folder.is_dir():
         raise InputError("--images", "a folder of photographs", f"no {folder}", "check the path")
@@ -68,7 +68,7 @@ def find_photographs(folder: Path) -> Photographs:
                     reason = f"only {luminance.shape[1]} x {luminance.shape[0]} pixels"
                 elif np.ptp(luminance) == 0.0:
                     reason = "the same value everywhere"
-            except Exception as error:  # every decoder raises its own kinds
+            except Exception as error:  # every decoder raises its own exceptions
                 reason = f"cannot be read ({type(error).__name__})"
         if reason:
             skipped.append((name, reason))
@@ -80,14 +80,14 @@ def find_photographs(folder: Path) -> Photographs:
             "--images",
             f"photographs of at least {MIN_SIDE} x {MIN_SIDE} pixels",
             f"none among {len(skipped)} files in {folder}",
-            "give another folder",
+            "use another folder",
         )
     return Photographs(folder, tuple(names), tuple(hashes), tuple(skipped))
 
 
 @lru_cache(maxsize=512)
 def read_luminance(file: Path) -> np.ndarray:
-    """Luminance of a photograph, uint8 (H, W), at most 1024 pixels a side."""
+    """Return the luminance of a photograph, uint8 (H, W), at most 1024 pixels along a side."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", Image.DecompressionBombWarning)
         with Image.open(file) as picture:
@@ -98,9 +98,9 @@ def read_luminance(file: Path) -> np.ndarray:
 
 
 def edge_targets(luminance: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray | None:
-    """`count` crops of the edges of one photograph, all of one turn and scale; uint8 (count, 64, 64), 0 or 255.
+    """Return `count` crops of the edges of one photograph, with one rotation and scale; uint8 (count, 64, 64), 0 or 255.
 
-    None where the photograph has too few edges in every view that was tried.
+    None if the photograph has too few edges in every view.
     """
     for _ in range(VIEWS):
         edges = _edges(luminance, rng)
@@ -111,7 +111,7 @@ def edge_targets(luminance: np.ndarray, count: int, rng: np.random.Generator) ->
 
 
 def _edges(luminance: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Canny edges of a turned and scaled view, bool."""
+    """Return the Canny edges of a rotated and scaled view, bool."""
     turn, scale = rng.uniform(-180.0, 180.0), 2.0 ** rng.uniform(-1.3, 0.3)
     view = Image.fromarray(luminance)
     size = tuple(max(OBJECT_SIDE, round(side * scale)) for side in view.size)
@@ -147,7 +147,7 @@ def _crops(edges: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarra
 
 
 def _remove_small_components(crop: np.ndarray) -> np.ndarray:
-    """Only the connected edges (eight neighbours) of at least `MIN_COMPONENT_PIXELS` pixels."""
+    """Keep connected edges (eight neighbours) of at least `MIN_COMPONENT_PIXELS` pixels."""
     label, _ = ndimage.label(crop, np.ones((3, 3)))
     large = np.bincount(label.ravel()) >= MIN_COMPONENT_PIXELS
     large[0] = False

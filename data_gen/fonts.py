@@ -1,4 +1,4 @@
-"""DejaVu Sans, the font that matplotlib carries: the same on every machine, whatever else is installed."""
+"""DejaVu Sans, the font in matplotlib: equal on every machine."""
 
 from __future__ import annotations
 
@@ -12,6 +12,6 @@ from PIL import ImageFont
 
 @lru_cache(maxsize=64)
 def dejavu_sans(size: int, weight: str = "normal", style: str = "normal") -> ImageFont.FreeTypeFont:
-    """The font at so many pixels; weight normal or bold, style normal or oblique."""
+    """Return the font at a size in pixels; weight normal or bold, style normal or oblique."""
     wanted = FontProperties(family="DejaVu Sans", weight=weight, style=style)
     return ImageFont.truetype(findfont(wanted, directory=str(Path(matplotlib.get_data_path()) / "fonts" / "ttf")), size)

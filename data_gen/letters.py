@@ -1,7 +1,7 @@
 """Characters as albedo bitmaps or solid meshes for scenes: `python -m data_gen.letters FOLDER F 7 R [--mesh-depth-m D]`.
 
-DejaVu Sans (the font that matplotlib carries) on a 1 cm square of 256 x 256 cells, 8-bit, white is
-albedo 1; strokes are thinned or thickened until 0.2 cm^2 reflect, the area of the paper's figures.
+DejaVu Sans (the font in matplotlib) on a 1 cm square of 256 x 256 cells, 8-bit, white is albedo 1. Strokes are thinned or
+thickened to a reflective area of 0.2 cm^2, as in the figures of Metzler et al. 2020.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ FILL = 0.2
 
 
 def letter(character: str) -> np.ndarray:
-    """Binary bitmap of a character, uint8 (256, 256), as high or wide as the square."""
+    """Return the binary bitmap of a character, uint8 (256, 256), as high or wide as the square."""
     font = dejavu_sans(1000)
     canvas = Image.new("L", (2000, 2000))
     ImageDraw.Draw(canvas).text((500, 400), character, fill=255, font=font)
@@ -38,7 +38,7 @@ def letter(character: str) -> np.ndarray:
 
 
 def _on_square(ink: np.ndarray) -> np.ndarray:
-    """Crop to the ink and scale it to fill the square, binary 0 or 255."""
+    """Crop to the character and scale it to fill the square, binary 0 or 255."""
     glyph = Image.fromarray(ink.astype(np.uint8) * 255)
     glyph = glyph.crop(glyph.getbbox())
     scale = BITMAP_SIDE / max(glyph.size)
@@ -49,7 +49,7 @@ def _on_square(ink: np.ndarray) -> np.ndarray:
 
 
 def save_mesh(path: Path, bitmap: np.ndarray, depth_m: float, cells: int = 64) -> None:
-    """A bitmap as a solid, 1 cm high, columns along x and rows along y, its front at z = 0 facing +z (binary PLY)."""
+    """Write a bitmap as a solid, 1 cm high, columns along x and rows along y, its front at z = 0 facing +z (binary PLY)."""
     import trimesh
     from skimage.measure import marching_cubes
 

@@ -14,10 +14,10 @@ from radiometry.prediction import noise_terms, predict
 def model_measurement(
     albedo: torch.Tensor, floor_over_peak: torch.Tensor, dof: torch.Tensor, rng: torch.Generator
 ) -> torch.Tensor:
-    """Noisy estimates, in units of (r*r)(0), from radiometry's noise model.
+    """Sample noisy estimates, in units of (r*r)(0), from the noise model.
 
     Args:
-        albedo: (n, 64, 64), none of them empty.
+        albedo: (n, 64, 64), each with light.
         floor_over_peak, dof: (n,).
 
     Returns:
@@ -30,7 +30,7 @@ def model_measurement(
 def draw_noise_levels(
     count: int, floor_over_peak: tuple[float, float], dof: tuple[float, float], rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Floors over peak and degrees of freedom, log-uniform in their ranges, each float32 (count,)."""
+    """Sample floors over peak and degrees of freedom, log-uniform in their ranges, each float32 (count,)."""
 
     def log_uniform(low: float, high: float) -> np.ndarray:
         return np.exp(rng.uniform(np.log(low), np.log(high), count)).astype(np.float32)
@@ -39,11 +39,11 @@ def draw_noise_levels(
 
 
 class SceneMeasurement:
-    """Measurements of targets in a scene's place, light and noise, rendered or from the noise model.
+    """Measurements of targets in place of a scene's object, rendered or from the noise model.
 
     Args:
-        scene_path: scene whose hidden object the targets replace, one cell a lag.
-        frames: frames of one measurement.
+        scene_path: scene whose hidden object the targets replace, one cell per lag.
+        frames: frames per measurement.
     """
 
     def __init__(self, scene_path: str, frames: int = 2) -> None:
@@ -61,7 +61,7 @@ class SceneMeasurement:
             raise InputError("--scene", "light from the hidden object", f"none in {scene_path}", "choose another scene")
 
     def noise_level(self, albedo: np.ndarray) -> tuple[float, float]:
-        """Floor and (r*r)(0) of the estimate of an albedo (64, 64), in electrons squared."""
+        """Return the floor and (r*r)(0) of the estimate of an albedo (64, 64), in electrons squared."""
         geometry = self._simulation.geometry.with_object(albedo, self._pitches_m)
         terms = noise_terms(geometry, albedo, self._pitches_m[0] * self._pitches_m[1] * geometry.hidden_object.axes.cell)
         floor = terms.signal + terms.ambient + terms.dark + terms.read + terms.quantisation
@@ -70,12 +70,12 @@ class SceneMeasurement:
         return floor, terms.signal**2 * terms.grain_pixels
 
     def render(self, albedo: np.ndarray, seed: int) -> np.ndarray:
-        """Estimate (127, 127) from rendered frames, in units of (r*r)(0)."""
+        """Return the estimate (127, 127) from rendered frames, in units of (r*r)(0)."""
         shown = self._simulation.with_object(albedo, self._pitches_m)
         frames = (shown.frame(seed, number) for number in range(self._frames))
         return estimate_autocorrelation(frames, self._grid)[0] / self.noise_level(albedo)[1]
 
     def model(self, albedo: torch.Tensor, floor_over_peak: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
-        """Estimates (n, 127, 127) from the noise model with the camera's H, in units of (r*r)(0)."""
+        """Sample estimates (n, 127, 127) from the noise model with the camera's H, in units of (r*r)(0)."""
         signal = autocorrelate_windowed(albedo) / albedo.square().sum((-2, -1))[..., None, None]
         return draw_estimate(expected_spectrum(signal, floor_over_peak, self._transfer), self.dof, rng, correlated=True)

@@ -1,4 +1,5 @@
-"""`python -m data_gen.preview OUT.zarr`: a contact sheet, objects above their autocorrelations, as in the paper's Fig. 6."""
+"""`python -m data_gen.preview OUT.zarr`: plot a contact sheet, objects above their autocorrelations (Metzler et al.
+2020, Fig. 6)."""
 
 from __future__ import annotations
 
@@ -55,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def save_sheet(path: Path, albedo: np.ndarray, lags: np.ndarray, captions: list[str]) -> None:
-    """Draw albedos (n, 64, 64) above their autocorrelations (n, 127, 127), eight to a row."""
+    """Plot albedos (n, 64, 64) above their autocorrelations (n, 127, 127), eight per row."""
     from matplotlib.figure import Figure
 
     rows = -(-len(albedo) // COLUMNS)

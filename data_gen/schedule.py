@@ -1,4 +1,4 @@
-"""Shards over Dask workers, with progress."""
+"""Shards on Dask workers, with progress."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from data_gen.work import Recipe, make_shard, measure
 
 
 def make_shards(address: str, recipe: Recipe, shards: list[int], workers: int, scheduler: str | None) -> int:
-    """Make shards in parallel; returns the number of samples made.
+    """Make shards in parallel; return the number of samples.
 
-    A shard whose worker dies is given to another. Whatever stops the work, finished shards stay.
+    The shard of a worker that dies is given to another. Finished shards remain after any interruption.
     """
     from distributed import KilledWorker, as_completed
 
@@ -44,7 +44,7 @@ def make_shards(address: str, recipe: Recipe, shards: list[int], workers: int, s
 
 
 def predicted_seconds(recipe: Recipe, workers: int) -> float:
-    """Time of all samples, timed on one block of each kind of target."""
+    """Return the predicted duration of all samples, from one timed block of each kind of target."""
     begin = time.perf_counter()
     for block in range(len(recipe.source.kinds)):
         targets, _ = draw_block(recipe.source, recipe.seed, block)

@@ -1,7 +1,7 @@
-"""Drawn targets that need no download: glyphs of other scripts, strokes, filled shapes.
+"""Synthetic targets: glyphs of non-Latin scripts, strokes, filled shapes.
 
-Drawn four times larger than the lag grid and averaged over cells, so edges are grey as an albedo's cell
-means are. Latin letters and digits are left to the tests: no target here shows one.
+They are rendered four times larger than the lag grid and averaged over cells, so edges are grey like the cell means of an albedo.
+Latin letters and digits are reserved for the tests: no target shows one.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ FINE = 4
 _CANVAS = OBJECT_SIDE * FINE
 
 ALPHABET = "γδεζθλμξπστφψΔΘΞΠΦΨΩгджйлфцшщъыюяДЖЛФЦШЩЮאבגדהזחטכלמנספצקשת←↑→↔⇒∂∇∑√∞∫≈≠≤≥⊕⊗★♠♣♥♪✈✓✚"
-"""Characters of DejaVu Sans that cannot be taken for a Latin letter or digit, even mirrored or turned."""
+"""Characters of DejaVu Sans that cannot be mistaken for a Latin letter or digit, even mirrored or rotated."""
 
 FONTS = (("normal", "normal"), ("bold", "normal"), ("normal", "oblique"))
 """Weight and style."""
 
 
 ASPECT = 3.0
-"""Largest stretch along one axis over the other: what a wall seen, or lit, at a slant does to an object."""
+"""Maximum ratio of the stretches along the two axes, as by a tilted wall."""
 
 
 def glyph(character: str, rng: np.random.Generator) -> np.ndarray:
-    """A character of random font, size, slant and turn, uint8 (64, 64)."""
+    """Return a character of random font, size, slant and rotation, uint8 (64, 64)."""
     canvas = Image.new("L", (_CANVAS, _CANVAS))
     font = dejavu_sans(150, *FONTS[rng.integers(len(FONTS))])
     ImageDraw.Draw(canvas).text((_CANVAS // 2, _CANVAS // 2), character, fill=255, font=font, anchor="mm")
@@ -49,13 +49,13 @@ def glyph(character: str, rng: np.random.Generator) -> np.ndarray:
 
 
 def _stretch(rng: np.random.Generator) -> np.ndarray:
-    """Factors along the two axes, the larger one 1; half of all objects keep their proportions."""
+    """Return factors along the two axes, the larger one 1; half of all objects keep their proportions."""
     aspect = ASPECT ** rng.uniform(-1.0, 1.0) if rng.random() < 0.5 else 1.0
     return np.minimum(1.0, np.array([aspect, 1.0 / aspect]))
 
 
 def strokes(rng: np.random.Generator) -> np.ndarray:
-    """One to four strokes (quadratic curves and corners), as a pen draws them; uint8 (64, 64)."""
+    """Return one to four pen strokes (quadratic curves and corners); uint8 (64, 64)."""
     canvas = Image.new("L", (_CANVAS, _CANVAS))
     pen = ImageDraw.Draw(canvas)
     reach = 0.5 * FINE * rng.uniform(18.0, 52.0) * _stretch(rng)
@@ -77,7 +77,7 @@ def strokes(rng: np.random.Generator) -> np.ndarray:
 
 
 def filled_shape(rng: np.random.Generator) -> np.ndarray:
-    """One to three filled polygons and ellipses of different albedo, some with a hole; uint8 (64, 64)."""
+    """Return one to three filled polygons and ellipses of different albedo, some with a hole; uint8 (64, 64)."""
     canvas = Image.new("L", (_CANVAS, _CANVAS))
     pen = ImageDraw.Draw(canvas)
     reach = 0.5 * FINE * rng.uniform(16.0, 46.0) * _stretch(rng)
@@ -100,7 +100,7 @@ def filled_shape(rng: np.random.Generator) -> np.ndarray:
 
 
 def _cells(canvas: Image.Image, rng: np.random.Generator) -> np.ndarray:
-    """Cell means, in one case of three under uneven light; blank pictures get a square, so that none is empty."""
+    """Return cell means, one of three non-uniformly illuminated; empty images get a square."""
     fine = np.asarray(canvas, np.float32)
     cells = fine.reshape(OBJECT_SIDE, FINE, OBJECT_SIDE, FINE).mean((1, 3))
     if rng.random() < 0.33:

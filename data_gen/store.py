@@ -1,8 +1,8 @@
-"""What a dataset holds: targets, and measurements of them.
+"""Content of a dataset: targets and their measurements.
 
-Arrays: `albedo` uint8 (n, 64, 64), 255 for albedo 1; `split` uint8 (n,), 0 training, 1 validation; and, unless the dataset
-holds targets only, `autocorrelation` float16 (n, 127, 127) in units of (r*r)(0), zero lag at [63, 63], `floor_over_peak` and
-`dof` float32 (n,). The manifest is the group's attributes; how a store is kept whole: `correlograph/files/store.py`.
+Arrays: `albedo` uint8 (n, 64, 64), 255 for albedo 1; `split` uint8 (n,), 0 training, 1 validation. Unless the dataset holds targets
+only: `autocorrelation` float16 (n, 127, 127) in units of (r*r)(0), zero lag at [63, 63], `floor_over_peak` and `dof` float32 (n,).
+The manifest is stored in the attributes of the group; `correlograph/files/store.py` keeps a store complete.
 """
 
 from __future__ import annotations
@@ -12,16 +12,17 @@ from correlograph.lags import LAG_SIDE, OBJECT_SIDE
 from data_gen.targets import BLOCK
 
 PAIR_BYTES = OBJECT_SIDE * OBJECT_SIDE // 16 + 2 * LAG_SIDE * LAG_SIDE + 8
-"""Bytes of a sample with its measurement, targets compressed about sixteenfold."""
+"""Bytes of a sample with its measurement; targets are compressed about sixteenfold."""
 
 
 def shard_size(measurement: str) -> int:
-    """Samples of one shard (one file an array, one unit of work): a minute of rendering, or seconds of anything else."""
+    """Return the samples of one shard (one file per array, one unit of work): a minute of rendering, or seconds of
+    anything else."""
     return BLOCK if measurement == "render" else 32 * BLOCK
 
 
 def dataset_schema(measurement: str) -> Schema:
-    """Schema of a dataset with this measurement."""
+    """Return the schema of a dataset with this measurement."""
     arrays: dict[str, tuple[tuple[int, ...], str]] = {"albedo": ((OBJECT_SIDE, OBJECT_SIDE), "uint8"), "split": ((), "uint8")}
     if measurement != "none":
         arrays |= {

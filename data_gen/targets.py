@@ -1,7 +1,7 @@
-"""Targets by source, in blocks that depend on nothing but the seed and the block's number.
+"""Targets by source, in blocks that depend only on the seed and the number of the block.
 
-A block holds `BLOCK` targets of one origin: crops of one photograph in one view, variants of one glyph, or
-strokes, or filled shapes. Training and validation are split by origin, never by crop.
+A block holds `BLOCK` targets of one origin: crops of one photograph in one view, variants of one glyph, strokes, or filled shapes.
+Training and validation are split by origin, never by crop.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from data_gen.edges import Photographs, edge_targets, read_luminance
 from data_gen.shapes import ALPHABET, filled_shape, glyph, strokes
 
 BLOCK = 64
-"""Targets of one origin."""
+"""Targets per origin."""
 
 VALIDATION_SHARE = 0.1
 
@@ -28,19 +28,19 @@ SOURCES = {
     "shapes": ("filled", "strokes"),
     "mixed": ("edges", "glyphs", "strokes", "filled"),
 }
-"""Names on the command line, and the kinds of target that take turns in each."""
+"""Names on the command line, and the kinds of target in rotation."""
 
 
 @dataclass(frozen=True)
 class TargetSource:
-    """What targets are drawn from: kinds that take turns, and the photographs where edges are among them."""
+    """Source of targets: kinds in rotation; photographs for edge targets."""
 
     kinds: tuple[str, ...]
     photographs: Photographs | None = None
 
 
 def target_source(name: str, photographs: Photographs | None) -> TargetSource:
-    """A source by name; `mixed` leaves edges out where there are no photographs."""
+    """Return a source by name; `mixed` has no edges without photographs."""
     kinds = SOURCES[name]
     if photographs is None:
         if name == "edges":
@@ -50,15 +50,15 @@ def target_source(name: str, photographs: Photographs | None) -> TargetSource:
 
 
 def held_out(origin: str) -> bool:
-    """Whether an origin (a photograph's hash, a character, a block's number) belongs to validation."""
+    """Return whether an origin (hash of a photograph, character, number of a block) belongs to validation."""
     digest = hashlib.sha256(origin.encode()).digest()
     return int.from_bytes(digest[:8], "big") < VALIDATION_SHARE * 2.0**64
 
 
 def draw_block(source: TargetSource, seed: int, block: int) -> tuple[np.ndarray, bool]:
-    """Targets of a block, uint8 (BLOCK, 64, 64), 255 for albedo 1, and whether they are for validation.
+    """Return the targets of a block, uint8 (BLOCK, 64, 64), 255 for albedo 1, and whether they are for validation.
 
-    Raises InputError where no photograph has edges enough.
+    Raises InputError if no photograph has enough edges.
     """
     rng = np.random.default_rng([seed, block])
     kind = source.kinds[block % len(source.kinds)]
@@ -81,5 +81,5 @@ def _edge_block(photographs: Photographs | None, rng: np.random.Generator) -> tu
         "--images",
         f"photographs with crops of {OBJECT_SIDE} x {OBJECT_SIDE} pixels that hold edges",
         "none",
-        "give another folder",
+        "use another folder",
     )

@@ -1,4 +1,4 @@
-"""One unit of work: the targets and measurements of a shard, the same whoever computes them."""
+"""Unit of work: targets and measurements of one shard, equal on every worker."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from data_gen.targets import BLOCK, TargetSource, draw_block
 
 @dataclass(frozen=True)
 class Recipe:
-    """All that a shard's content depends on.
+    """Everything that the content of a shard depends on.
 
     Attributes:
         measurement: `none`, `noise-model` or `render`.
-        scene: scene file that rendered measurements, or the noise model's levels and H, come from; None for ranges.
+        scene: scene file of rendered measurements, or of the levels and H of the noise model; None for ranges.
         floor_over_peak, dof: ranges of the noise model without a scene.
     """
 
@@ -36,8 +36,8 @@ class Recipe:
 
 
 def make_shard(address: str, recipe: Recipe, shard: int) -> int:
-    """Compute and write one shard; returns its number of samples."""
-    torch.set_num_threads(1)  # shards run side by side
+    """Compute and write one shard; return its number of samples."""
+    torch.set_num_threads(1)  # shards run in parallel processes
     size = shard_size(recipe.measurement)
     start, stop = shard * size, min((shard + 1) * size, recipe.count)
     parts = []
@@ -58,7 +58,7 @@ def make_shard(address: str, recipe: Recipe, shard: int) -> int:
 
 
 def measure(recipe: Recipe, block: int, targets: np.ndarray) -> dict[str, np.ndarray]:
-    """Measurements of a block's targets, uint8 (n, 64, 64)."""
+    """Return the measurements of a block's targets, uint8 (n, 64, 64)."""
     albedo = targets.astype(np.float32) / np.float32(255.0)
     streams = np.random.SeedSequence([recipe.seed, block, 1]).spawn(2)
     rng = torch.Generator().manual_seed(int(streams[1].generate_state(1)[0]))

@@ -49,7 +49,7 @@ def divide(
     """Return divisions of `budget_s` seconds of exposure into `counts` frames, fewest first.
 
     Args:
-        geometry: of the scene; its own exposure is ignored.
+        geometry: geometry of the scene; its own exposure is ignored.
         resolution_m: required lag pitch; the patch size with the closest pitch is used.
 
     The subjective speckle of the virtual detector is excluded, because it does not depend on the division, except in the longest

@@ -23,7 +23,7 @@ def maximum_permissible_exposure(wavelength_m: float, duration_s: float = AVERSI
             "look the limit up in IEC 60825-1",
         )
     if not 18e-6 <= duration_s <= 10.0:
-        raise InputError("duration", "18 us to 10 s", duration_s, "choose another")
+        raise InputError("duration", "18 us to 10 s", duration_s, "use another value")
     return 18.0 * duration_s**0.75 / duration_s
 
 

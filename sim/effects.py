@@ -63,7 +63,7 @@ def parse_effects(texts: Iterable[str]) -> tuple[tuple[str, bool], ...]:
     for text in texts:
         name, _, value = text.partition("=")
         if name not in FORCEABLE or value not in ("on", "off", "auto"):
-            raise InputError("--effect", f"NAME=on|off|auto, NAME of {', '.join(FORCEABLE)}", text, "correct it")
+            raise InputError("--effect", f"NAME=on|off|auto, NAME of {', '.join(FORCEABLE)}", text, "correct the value")
         if name in forced:
             raise InputError(f"--effect {name}", "one setting", "two", "give it once")
         if value != "auto":
@@ -117,7 +117,7 @@ def decide(
         Effect(
             "ambient",
             lit,
-            f"{'other emitters' if lit else 'no emitter beside the laser'}, as floor over peak",
+            f"{'other emitters' if lit else 'no emitter except the laser'}, as floor over peak",
             terms.over_peak()["ambient"] or 0.0,
         ),
         Effect(

@@ -142,11 +142,11 @@ def autocovariance(frames: list[np.ndarray]) -> np.ndarray:
         grains = binned.sum((1, 3))
         padded = [2 * n for n in grains.shape]
 
-        def correlated(image: np.ndarray, shape: list[int] = padded) -> np.ndarray:
+        def correlate(image: np.ndarray, shape: list[int] = padded) -> np.ndarray:
             return np.fft.irfft2(np.abs(np.fft.rfft2(image, s=shape)) ** 2, s=shape)
 
-        pairs = correlated(np.ones_like(grains))
-        lags = correlated(grains - grains.mean()) / np.maximum(pairs, 1.0)
+        pairs = correlate(np.ones_like(grains))
+        lags = correlate(grains - grains.mean()) / np.maximum(pairs, 1.0)
         reach = [min(63, n - 1) for n in grains.shape]
         rows, columns = (np.arange(-n, n + 1) for n in reach)
         total[63 - reach[0] : 64 + reach[0], 63 - reach[1] : 64 + reach[1]] += lags[np.ix_(rows, columns)]

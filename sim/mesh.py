@@ -27,7 +27,7 @@ def parser() -> ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> None:
     options = parser().parse_args(argv)
     if options.output.suffix.lower() != ".ply":
-        raise InputError("output", "a name that ends in .ply", options.output, "rename it")
+        raise InputError("output", "a name that ends in .ply", options.output, "use another name")
     if not options.input.is_file():
         raise InputError("input", "a mesh", f"no {options.input}", "check the path")
     import trimesh

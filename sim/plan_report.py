@@ -110,9 +110,9 @@ def disagreement(geometry: Geometry, monte_carlo: MonteCarlo) -> list[str]:
     if abs(expected - monte_carlo.per_frame) <= allowed or expected == monte_carlo.per_frame:
         return []
     return [
-        f"light budget: {budget.per_frame_db:.2f} dB a frame, but {monte_carlo.per_frame_db:.2f} dB by Monte Carlo (95 %: "
+        f"light budget: {budget.per_frame_db:.2f} dB per frame, but {monte_carlo.per_frame_db:.2f} dB by Monte Carlo (95 %: "
         + " to ".join("dark" if db is None else f"{db:.2f}" for db in monte_carlo.as_dict()["interval_db"])
-        + "); surfaces may be finer, or highlights sharper, than the samples"
+        + "); surfaces or highlights may be finer than the sampling"
     ]
 
 
@@ -121,8 +121,8 @@ def advice(plan: Plan, frames: int) -> str:
     for factor in (2.0**n for n in range(1, 61)):
         longer = plan.prediction.with_exposure(factor)
         if (longer.signal_to_noise(frames) or 0.0) >= MIN_DETECTABLE_SNR:
-            return f"expose {factor * plan.geometry.electronics.exposure_s:.2g} s to see it"
-    return "no exposure shows it in so few patches; take more frames"
+            return f"expose {factor * plan.geometry.electronics.exposure_s:.2g} s to detect it"
+    return "the object stays below the noise at any exposure; increase --frames"
 
 
 def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> str:
@@ -138,12 +138,12 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
     floor, budget = prediction.terms.floor_over_peak(), light_budget(geometry.light_path)
     lines = [
         "{} x {} pixels, ".format(*geometry.frame_shape) + f"{frames} frames of {geometry.electronics.exposure_s:g} s",
-        f"light           {plan.mean_photoelectrons:.3g} photoelectrons a pixel; {budget.per_pixel_db:.2f} dB a pixel, "
-        f"{budget.per_frame_db:.2f} dB a frame"
+        f"light           {plan.mean_photoelectrons:.3g} photoelectrons per pixel; {budget.per_pixel_db:.2f} dB per pixel, "
+        f"{budget.per_frame_db:.2f} dB per frame"
         + ("" if monte_carlo is None else f" ({monte_carlo.per_frame_db:.2f} dB by Monte Carlo)"),
         f"grain           {grain[0]:.1f} x {grain[1]:.1f} pixels",
         f"estimate        {grid.rows} x {grid.columns} patches of {grid.patch_shape[0]} x {grid.patch_shape[1]} pixels, "
-        f"{pitches[0] * 1e6:.0f} x {pitches[1] * 1e6:.0f} um a lag, K {dof:.3g}",
+        f"{pitches[0] * 1e6:.0f} x {pitches[1] * 1e6:.0f} um per lag, K {dof:.3g}",
         f"noise           floor over peak {'none' if floor is None else f'{floor:.3g}'}, signal to noise "
         f"{'none' if ratio is None else f'{ratio:.2g}'}, of the third moment {'none' if third is None else f'{third:.2g}'}"
         + (f"; {advice(plan, frames)}" if ratio is not None and ratio < MIN_DETECTABLE_SNR else ""),
@@ -151,13 +151,13 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
         f"{kernel.predicted_error:.2g} of {plan.settings.tolerance:g} allowed, {content['scatterers']} scatterers, about "
         f"{content['seconds']:.1f} s",
         "modelled        " + ", ".join(name for name, effect in plan.effects.items() if effect.modelled),
-        "left out        "
+        "omitted         "
         + ", ".join(
             f"{name} ({effect.predicted_error:.1g})" if effect.predicted_error else name
             for name, effect in plan.effects.items()
             if not effect.modelled
         )
-        + f", defocus (of {defocus_pixels(geometry):.2g} pixels, were the sensor not tilted along with the wall)",
+        + f", defocus ({defocus_pixels(geometry):.2g} pixels if the sensor is not tilted with the wall)",
     ]
     return "\n".join(lines + [f"warning: {warning}" for warning in content["warnings"]])
 
@@ -169,14 +169,14 @@ def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[s
     share = specular_share(geometry)
     if share > 1e-3:
         warnings.append(
-            f"virtual_source: {100 * share:.3g} % of the light is specular, past or onto the object; "
+            f"virtual_source: {100 * share:.3g} % of the light is specular and misses or meets the object; "
             "the light budget counts all of it as scattered"
         )
     common = overlap(geometry)
     if common > 0.0:
         warnings.append(
-            f"scan_step: {100 * common:.3g} % of the spot is shared by one frame and the next, whose speckle then "
-            f"correlates by {common**2:.2g}: fewer degrees of freedom than predicted; move it by "
+            f"scan_step: {100 * common:.3g} % of the spot is common to consecutive frames, whose speckle then "
+            f"correlates by {common**2:.2g}, with fewer degrees of freedom than predicted; move it by "
             f"{geometry.spot.diameter_m:.3g} m or more"
         )
     for width_m, pitch_m in zip(geometry.hidden_object.extent_m, pitches_m, strict=True):
@@ -197,15 +197,13 @@ def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[s
             * budget.laser_photons_per_s
         )
         warnings.append(
-            "direct_light: nothing stands between virtual source and virtual detector; "
-            f"{per_frame:.3g} photoelectrons/s a frame come straight from the source (none if it faces away) "
+            "direct_light: no shape blocks the path from virtual source to virtual detector; "
+            f"{per_frame:.3g} photoelectrons/s per frame arrive directly from the source (0 if it faces away) "
             "and are not modelled; add a baffle"
         )
     mean = budget.photoelectrons_per_pixel_s * electronics.exposure_s
     # The intensity of speckle is exponentially distributed; this fraction of the pixels lies above the full well.
     saturated = math.exp(-electronics.full_well / mean) if electronics.full_well and mean else 0.0
     if saturated > 1e-3:
-        warnings.append(
-            f"full_well: {100 * saturated:.3g} % of the pixels will saturate, which the noise prediction leaves out"
-        )
+        warnings.append(f"full_well: {100 * saturated:.3g} % of the pixels will saturate, which the noise prediction omits")
     return warnings

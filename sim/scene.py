@@ -84,7 +84,7 @@ class Scene:
         """Return the scene as a matplotlib figure, from above and from the side, to scale."""
         from sim.scene_drawing import draw_scene
 
-        return draw_scene(self)
+        return draw_scene(self.mitsuba, self.geometry, self.name)
 
     def show(self) -> None:
         """Open the drawing of the scene in a window, or below a notebook cell."""
@@ -126,7 +126,7 @@ def load(scene: str | Path | dict[str, Any] | mi.Scene, /, **parameters: Any) ->
 
     Args:
         scene: name of a shipped scene, scene file, dictionary as for `mi.load_dict`, or loaded scene.
-        parameters: of the scene file, as for `-D`; numpy numbers are allowed.
+        parameters: values for the scene file, as for `-D`; numpy numbers are allowed.
 
     Raises InputError for a scene that cannot be loaded, and for parameters that it does not have.
     """

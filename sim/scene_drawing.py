@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from sim.scene import Scene
-
 SURFACE_POINTS = 33
 """Points along each side of the grid that samples a surface."""
 
@@ -27,14 +25,13 @@ MIN_STRAY_FRACTION = 1e-3
 COLOURS = {"virtual_source": "tab:green", "virtual_detector": "tab:blue", "hidden_object": "tab:red"}
 
 
-def draw_scene(scene: Scene) -> Figure:
+def draw_scene(scene: mi.Scene, geometry: Geometry, name: str) -> Figure:
     """Draw a scene from above and from the side.
 
     The view from above shows the plane of spot, object and frame centre; the view from the side is along that plane.
     """
     from matplotlib.figure import Figure
 
-    geometry = scene.geometry
     first, second, normal = _view_axes(geometry)
     figure = Figure(figsize=(12.0, 5.6), layout="constrained")
     views = figure.subplots(1, 2)
@@ -43,7 +40,7 @@ def draw_scene(scene: Scene) -> Figure:
         (views[1], "from the side", first, normal),
     ):
         _draw_view(axes, scene, geometry, across, up)
-        axes.set_title(f"{scene.name or 'scene'} {title}", fontsize=10)
+        axes.set_title(f"{name or 'scene'} {title}", fontsize=10)
         axes.set_aspect("equal", adjustable="datalim")
         axes.margins(0.12)
         axes.grid(color="0.9", lw=0.5)
@@ -67,13 +64,13 @@ def _view_axes(geometry: Geometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.cross(second, normal), second, normal
 
 
-def _draw_view(axes: Axes, scene: Scene, geometry: Geometry, across: np.ndarray, up: np.ndarray) -> None:
+def _draw_view(axes: Axes, scene: mi.Scene, geometry: Geometry, across: np.ndarray, up: np.ndarray) -> None:
     def project(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         points = np.atleast_2d(points) - geometry.spot.centre
         return points @ across, points @ up
 
     centres = {}
-    for number, shape in enumerate(scene.mitsuba.shapes()):
+    for number, shape in enumerate(scene.shapes()):
         points = _surface_points(shape)
         centres[shape.id()] = points.mean(0)
         colour = next((value for name, value in COLOURS.items() if shape.id().startswith(name)), "0.35")
@@ -87,7 +84,7 @@ def _draw_view(axes: Axes, scene: Scene, geometry: Geometry, across: np.ndarray,
         axes.plot(*project(np.array(points)), label=label, **style)
 
     spot, detector, hidden = geometry.spot.centre, geometry.detector_centre, geometry.hidden_object.centre
-    laser = next(emitter for emitter in scene.mitsuba.emitters() if isinstance(emitter, Laser))
+    laser = next(emitter for emitter in scene.emitters() if isinstance(emitter, Laser))
     path([np.asarray(laser.origin), spot], "laser beam", color="tab:green", lw=1.5)
     path([spot, hidden, detector], "light by way of the object", color="tab:red", lw=1.0)
     path([detector, geometry.pupil_centre], "camera axis", color="tab:blue", lw=1.0)

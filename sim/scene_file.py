@@ -51,7 +51,7 @@ def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -
     try:
         root = ElementTree.fromstring(content)
     except (ElementTree.ParseError, LookupError, ValueError) as error:  # the latter two for unknown encodings
-        raise InputError("scene", "well-formed XML", f"{path} ({error})", "correct the file") from None
+        raise InputError("scene", "well-formed XML", f"{path} ({error})", "edit the file") from None
     check_loadable(root)
     defaults = {node.get("name", ""): node.get("value", "") for node in root.iter("default")}
     given = dict(definitions or {})
@@ -96,7 +96,7 @@ def _assets(root: ElementTree.Element, folder: Path, parameters: Mapping[str, st
         try:
             included = ElementTree.fromstring(file.read_bytes())
         except (ElementTree.ParseError, LookupError, ValueError) as error:
-            raise InputError("scene", "well-formed XML", f"{file} ({error})", "correct the file") from None
+            raise InputError("scene", "well-formed XML", f"{file} ({error})", "edit the file") from None
         check_loadable(included)
         own = {node.get("name", ""): node.get("value", "") for node in included.iter("default")}
         # Mitsuba resolves files relative to the outermost scene.

@@ -1,4 +1,4 @@
-"""`python -m radiometry.plan`: how to divide a photon budget into frames, with the curve, checked by rendering."""
+"""`python -m radiometry.plan`: divide an exposure into frames; plot the predicted error and check it by rendering."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def parser() -> ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Predict the error of every division, choose, check by rendering if asked, draw the curve."""
+    """Predict the error of every division, select the best, check it by rendering if asked, plot the curve."""
     options = parser().parse_args(argv)
     from correlograph.files.output import output_folder, save_json
     from radiometry.exposure_planner import best, divide
@@ -75,7 +75,7 @@ def render_errors(geometry: Any, divisions: list[Any], seed: int) -> dict[int, f
     errors = {}
     if not divisions:
         return errors
-    prediction = predict(geometry, divisions[0].patch)  # all divisions share the patch size
+    prediction = predict(geometry, divisions[0].patch)  # all divisions have the same patch size
     with tqdm(total=sum(d.frames for d in divisions), desc="frames", unit="frame", disable=None) as bar:
         for division in divisions:
             simulation = Simulation(geometry.with_exposure(division.exposure_s))
@@ -88,7 +88,7 @@ def render_errors(geometry: Any, divisions: list[Any], seed: int) -> dict[int, f
 
 
 def draw(path: Path, divisions: list[Any], chosen: Any, checked: dict[int, float]) -> None:
-    """Error against the number of frames, as far as it stays within ten times the least."""
+    """Plot the error against the number of frames, up to ten times the lowest error."""
     from matplotlib.figure import Figure
 
     from correlograph.files.output import atomic

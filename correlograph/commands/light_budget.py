@@ -24,7 +24,7 @@ def parser() -> ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Load, account, print."""
+    """Load the scene, compute the account, print it."""
     options = parser().parse_args(argv)
     from sim.plan import check
     from sim.scene_file import load_scene, parse_definitions
@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: int) -> dict[str, Any]:
-    """Everything the command prints, as JSON: see the README for the keys."""
+    """Return everything that the command prints, for JSON; docs/radiometry.md describes the keys."""
     from radiometry.prediction import predict
     from radiometry.safety import spot_safety
     from radiometry.throughput import closed_form, light_budget
@@ -73,7 +73,7 @@ def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: in
 
 
 def as_text(account: dict[str, Any]) -> str:
-    """The account as a table to read."""
+    """Return the account as a table."""
 
     def db(value: float | None) -> str:
         return "dark" if value is None else f"{value:9.2f} dB"

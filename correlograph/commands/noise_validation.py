@@ -1,4 +1,5 @@
-"""`python -m radiometry.validate`: the paper's Figs. 4 and 5 from rendered frames and from lab estimates, beside prediction."""
+"""`python -m radiometry.validate`: Figs. 4 and 5 of Metzler et al. 2020 from rendered frames and lab estimates, with the
+prediction."""
 
 from __future__ import annotations
 
@@ -28,7 +29,7 @@ def parser() -> ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Render series over exposure and patches, read the lab's, fit both, draw."""
+    """Render series over exposures and patches, read those of the lab, fit both, plot."""
     options = parser().parse_args(argv)
     if options.measured is not None and not options.measured.is_dir():
         raise InputError("--measured", "a folder of autocorrelation pictures", options.measured, "check the path")
@@ -74,7 +75,7 @@ def _validate(folder: Path, options: Any) -> None:
 
 
 class Renderer:
-    """Frames of one scene at any exposure, for the series."""
+    """Frames of one scene at any exposure."""
 
     def __init__(self, scene: str | Path, seed: int) -> None:
         from radiometry.prediction import predict
@@ -96,7 +97,7 @@ class Renderer:
         return (simulation.frame(self.seed, number) for number in range(count))
 
     def over_exposure(self) -> list[dict[str, float]]:
-        """Two frames of 64 patches, scaled to a maximum of 255 as the lab's pictures are."""
+        """Return the series of two frames with 64 patches each, scaled to a maximum of 255 like the published images."""
         from radiometry.estimation.whole_frames import estimate_autocorrelation
 
         grid = self.prediction.grid
@@ -107,7 +108,7 @@ class Renderer:
         return corners
 
     def over_patches(self) -> list[dict[str, float]]:
-        """Two frames of 1/8 s, the first patches of the grid only."""
+        """Return the series of two frames of 1/8 s, with the first patches of the grid only."""
         from radiometry.autocorrelation import PatchGrid
         from radiometry.estimation.whole_frames import estimate_autocorrelation
 
@@ -128,12 +129,13 @@ class Renderer:
         return corners
 
     def shot_floor_s(self) -> float | None:
-        """Ideal shot-noise floor over peak, times the exposure: b = a / t."""
+        """Return the ideal shot-noise floor over peak times the exposure: b = a / t."""
         floor = self.prediction.shot_floor_over_peak
         return None if floor is None else floor * self.geometry.electronics.exposure_s
 
     def budgets(self) -> list[tuple[str, np.ndarray]]:
-        """The paper's Fig. 4: one photon budget of 10 s, spent in three ways. One frame is pooled over its patches."""
+        """Return estimates for Fig. 4: a total exposure of 10 s, divided in three ways. A single frame is pooled over
+        its patches."""
         from radiometry.estimation.whole_frames import estimate_autocorrelation
 
         grid = self.prediction.grid
@@ -144,7 +146,7 @@ class Renderer:
 
 
 def _as_picture(estimate: np.ndarray) -> np.ndarray:
-    """Zero lag set to zero, largest lag 255: the scale of the published pictures, unrounded."""
+    """Scale an estimate like the published images: zero lag 0, maximum 255, not rounded."""
     picture = np.array(estimate, np.float64)
     picture[picture.shape[0] // 2, picture.shape[1] // 2] = 0.0
     return picture * (255.0 / picture.max())

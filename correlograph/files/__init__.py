@@ -1,10 +1,11 @@
-"""Files: frames, captures, pictures, results.
+"""Files: frames, captures, images, figures, stores.
 
-capture.py         frames with the facts of their camera, in memory
-capture_folder.py  the folder of them, replaced as a whole
-corrections.py     dark frame, flat field, mask
+capture.py         frames with the metadata of their camera, in memory
+capture_folder.py  folder of a capture, replaced as a whole
+corrections.py     dark frame, flat-field frame, mask
 frames.py          EXR frames with their header (exr_version.py: one attribute of it)
-pictures.py        monochrome pictures and arrays of any kind
-store.py           Zarr stores: whose they are, whether they are whole
-output.py          folders and files, never half-written
+images.py          monochrome images and arrays
+figures.py         figures: saving, showing, scale bars
+store.py           Zarr stores: ownership and completeness
+output.py          folders and files, complete or absent
 """

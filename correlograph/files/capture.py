@@ -1,4 +1,4 @@
-"""A capture: frames of one scene and what is known about the camera that took them, between `sim` and `invert`."""
+"""A capture: frames of one scene and the metadata of their camera; the interface between `sim` and `invert`."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class CameraMetadata:
 
     @property
     def lag_geometry(self) -> tuple[float, float, tuple[float, float]] | None:
-        """(wavelength, distance, pitches of rows and of columns as the object sees them), None unless all are known."""
+        """(wavelength, distance, pitches of rows and of columns as the object sees them); None unless all are known."""
         if self.wavelength_m is None or self.distance_m is None or self.pixel_pitch_m is None:
             return None
         pitches = self.row_pitch_m or self.pixel_pitch_m, self.column_pitch_m or self.pixel_pitch_m
@@ -47,7 +47,8 @@ class CameraMetadata:
 
     @classmethod
     def of(cls, header: FrameHeader | None) -> CameraMetadata:
-        """What a frame's header says, in the single precision of its file: memory and file are inverted alike."""
+        """Return the metadata of a frame's header in the single precision of its file, so that memory and file give
+        equal results."""
         if header is None:
             return cls()
         values = (
@@ -72,11 +73,11 @@ class Capture:
 
     Attributes:
         frames: each float32 (H, W).
-        camera: what is known of the camera.
-        names: of the frames, for reports.
-        truth: the hidden object's albedo on the lag grid, (64, 64), where the frames were rendered.
-        record: what `sim.json` holds of rendered frames, the plan among it.
-        headers: of rendered frames.
+        camera: metadata of the camera.
+        names: names of the frames, for reports.
+        truth: albedo of the hidden object on the lag grid, (64, 64), for rendered frames.
+        record: content of `sim.json` for rendered frames, including the plan.
+        headers: headers of rendered frames.
     """
 
     frames: Sequence[np.ndarray]
@@ -136,11 +137,11 @@ class Capture:
 
     @property
     def plan(self) -> dict[str, Any] | None:
-        """The plan that rendered frames followed, None for captured ones."""
+        """The plan of rendered frames, None for captured ones."""
         return self.record.get("plan")
 
     def save(self, folder: str | Path) -> Path:
-        """Write rendered frames with truth.npy and sim.json, as `python -m sim` does. InputError for captured frames."""
+        """Write rendered frames with truth.npy and sim.json, as `python -m sim` does. Raises InputError for captured frames."""
         if len(self.headers) != len(self.frames) or self.truth is None:
             raise InputError("capture", "frames that were rendered", "captured ones", "their files are elsewhere already")
         target = output_folder(folder)

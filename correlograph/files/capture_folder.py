@@ -1,4 +1,4 @@
-"""The folder of a capture: an interrupted run leaves the previous capture intact, or a mark that readers heed."""
+"""Folder of a capture. An interrupted run leaves the previous capture intact, or a marker file that readers refuse."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from correlograph.errors import InputError
 from correlograph.files.output import PARTIAL, sole_writer
 
 MOVING = ".capture-is-being-moved"
-"""Stands in a folder while a finished capture moves into place; what a killed run leaves there is neither old nor new."""
+"""Marker file, present while a finished capture moves into its folder; if it remains, the folder holds parts of two captures."""
 
 
 def check_complete(folder: Path) -> None:
@@ -33,7 +33,7 @@ def frame_path(folder: Path, number: int) -> Path:
 
 @contextmanager
 def stage_capture(folder: Path) -> Iterator[Path]:
-    """A fresh hidden folder inside `folder`, gone afterwards, for the only process that writes there."""
+    """Create a hidden folder inside `folder` for a single writer, and remove it afterwards."""
     with sole_writer(folder):
         staging = folder / f"{PARTIAL}{os.getpid()}"
         staging.mkdir()

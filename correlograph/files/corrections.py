@@ -1,4 +1,4 @@
-"""A camera's own pictures: dark frame, flat field and mask, applied to frames before anything else."""
+"""Calibration frames of a camera: dark frame, flat-field frame and mask, applied to frames first."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from correlograph.files.capture import Capture
 from correlograph.files.images import read_image
 
 MIN_USED_FRACTION = 0.25
-"""Share of a frame that a mask must leave."""
+"""Minimum fraction of a frame that a mask must keep."""
 
 
 @dataclass(frozen=True)
 class Corrections:
-    """Files of the frames' size; None for what there is not.
+    """Calibration files of the size of the frames; None for a missing one.
 
     Attributes:
-        dark: frame without light, subtracted.
-        flat: frame of even light; frames are divided by it, less the dark frame, over its mean.
-        mask: picture whose zero pixels are left out: they take the mean of the others, and so tell nothing.
+        dark: frame without light; it is subtracted.
+        flat: frame of uniform light; frames are divided by it (without the dark frame, relative to its mean).
+        mask: image; its zero pixels are excluded: they take the mean of the others.
     """
 
     dark: Path | None = None
@@ -31,12 +31,12 @@ class Corrections:
     mask: Path | None = None
 
     def apply(self, capture: Capture) -> Capture:
-        """The capture, its frames corrected. Raises InputError for files that do not fit."""
+        """Return the capture with corrected frames. Raises InputError for unsuitable files."""
         if self == Corrections():
             return capture
-        return replace(capture, frames=self._applied(capture.frames))
+        return replace(capture, frames=self._correct(capture.frames))
 
-    def _applied(self, frames: Sequence[np.ndarray]) -> list[np.ndarray]:
+    def _correct(self, frames: Sequence[np.ndarray]) -> list[np.ndarray]:
         shape = frames[0].shape
         dark = _read("--dark", self.dark, shape) if self.dark else np.float32(0.0)
         corrected = [frame - dark for frame in frames]
@@ -68,7 +68,7 @@ def _read(option: str, file: Path, shape: tuple[int, ...]) -> np.ndarray:
         raise InputError(option, "a picture", f"no {file}", "check the path")
     pixels, _ = read_image(file)
     if not np.isfinite(pixels).all():
-        raise InputError(option, "finite pixels", f"NaN or infinity in {file.name}", "give another")
+        raise InputError(option, "finite pixels", f"NaN or infinity in {file.name}", "use another file")
     if pixels.shape != shape:
-        raise InputError(option, f"the frames' size {shape}", pixels.shape, "give another")
+        raise InputError(option, f"the frames' size {shape}", pixels.shape, "use another file")
     return pixels

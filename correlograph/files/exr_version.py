@@ -1,7 +1,7 @@
-"""The EXR header attribute `version`, which the OpenEXR binding (3.5) neither writes nor shows.
+"""The EXR header attribute `version`, which the OpenEXR binding (3.5) neither writes nor reads.
 
-The name belongs to the frame contract and the format allows it, so it is added to, and read from,
-the header's bytes. Layout: https://openexr.com/en/latest/OpenEXRFileLayout.html
+The frame contract defines the name and the format allows it, so it is written into and read from the bytes of the header. Layout:
+https://openexr.com/en/latest/OpenEXRFileLayout.html
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ _FIRST_ATTRIBUTE = 8  # after the magic number and the format's version field
 
 
 def _attributes(content: bytes) -> Iterator[tuple[int, str, bytes]]:
-    """(offset of the attribute's end, name, value) of each attribute of a single-part header."""
+    """Yield (offset of the end, name, value) of each attribute of a single-part header."""
     place = _FIRST_ATTRIBUTE
     while content[place]:
         name_end = content.index(b"\0", place)
@@ -38,8 +38,8 @@ def add_version(path: Path, version: str, blocks: int) -> None:
 
 
 def read_version(path: Path) -> str | None:
-    """The attribute `version` of a file, None where there is none."""
+    """Return the attribute `version` of a file, None without one."""
     try:
         return next((value.decode() for _, name, value in _attributes(path.read_bytes()) if name == "version"), None)
-    except (IndexError, ValueError, struct.error):  # not laid out as one part: the library will tell what it is
+    except (IndexError, ValueError, struct.error):  # not a single-part file; the library reports what it is
         return None

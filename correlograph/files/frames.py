@@ -1,4 +1,4 @@
-"""Speckle frames as EXR files: one float32 channel `photoelectrons` and the facts of the capture."""
+"""Speckle frames as EXR files: one float32 channel `photoelectrons` and the metadata of the capture."""
 
 from __future__ import annotations
 
@@ -20,9 +20,11 @@ _LINES_PER_BLOCK = 16  # of ZIP compression
 
 @dataclass(frozen=True)
 class FrameHeader:
-    """Attributes of a frame file. Lengths in metres; `pixel_pitch_m` is on a wall that faces the camera, `distance_m` from
-    object to virtual detector; `row_pitch_m` and `column_pitch_m` are the distances of neighbouring rows and columns of
-    the wall as the object sees them. What may be unknown in files of other origin is None."""
+    """Attributes of a frame file; None for attributes that other software may omit.
+
+    Lengths in metres. `pixel_pitch_m` holds for a wall that faces the camera, `distance_m` is from object to virtual detector.
+    `row_pitch_m` and `column_pitch_m` are the distances of neighbouring rows and columns of the wall as the object sees them.
+    """
 
     wavelength_m: float
     pixel_pitch_m: float
@@ -39,7 +41,7 @@ class FrameHeader:
 
 
 def write_frame(path: Path, photoelectrons: np.ndarray, header: FrameHeader) -> None:
-    """Write a frame (H, W) with its header; the file appears only when it is whole."""
+    """Write a frame (H, W) with its header; the file appears only when it is complete."""
     attributes: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     attributes.update({name: value for name, value in asdict(header).items() if value is not None and name != "version"})
     pixels = np.ascontiguousarray(photoelectrons, np.float32)

@@ -18,7 +18,7 @@ FRAME_KINDS = (".exr", ".tif", ".tiff", ".png", ".npy")
 
 
 def read_image(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
-    """One monochrome picture as float32 (H, W), with its header if it is one of the simulator's frames."""
+    """Read one monochrome image as float32 (H, W), with its header if it is a frame of the simulator."""
     pixels, header = _read_pixels(file)
     if pixels.size and not (np.abs(np.nan_to_num(pixels, posinf=0.0, neginf=0.0)) <= MAX_PIXEL).all():
         raise InputError("frame", f"pixels up to {MAX_PIXEL:g}", f"larger ones in {file.name}", "scale the frames down")
@@ -39,13 +39,13 @@ def _read_pixels(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
             from skimage import io
 
             with Image.open(file) as picture:
-                picture.verify()  # of a PNG every checksum and its end; reading alone takes what there is
+                picture.verify()  # checks all checksums of a PNG file and its end; reading alone accepts truncated files
             pixels = io.imread(file)
         else:
             raise InputError("frame", f"one of {', '.join(FRAME_KINDS)}", file.name, "convert it")
     except InputError:
         raise
-    except Exception as error:  # every decoder raises its own kinds
+    except Exception as error:  # every decoder raises its own exceptions
         raise InputError(
             "frame", "a picture that can be read", f"{file} ({type(error).__name__})", "write it again or leave it out"
         ) from None
@@ -62,9 +62,9 @@ def _read_pixels(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
 
 
 def read_autocorrelation(file: Path) -> tuple[np.ndarray, float]:
-    """A published autocorrelation picture or array: float32 (127, 127), and its quantisation step.
+    """Read a published autocorrelation image or array: float32 (127, 127), and its quantisation step.
 
-    A 127 x 254 picture is read as its left half. Raises InputError where it is not one.
+    A 127 x 254 image is read as its left half. Raises InputError for anything else.
     """
     if not file.is_file():
         found = "a folder" if file.is_dir() else "no"
@@ -80,7 +80,7 @@ def read_autocorrelation(file: Path) -> tuple[np.ndarray, float]:
             "crop it, zero lag in the middle",
         )
     if not np.isfinite(pixels).all() or (pixels < 0.0).any():
-        raise InputError("autocorrelation", "finite lags, zero or more", f"others in {file.name}", "correct the file")
+        raise InputError("autocorrelation", "finite lags, zero or more", f"others in {file.name}", "edit the file")
     step = 0.0 if file.suffix.lower() in (".npy", ".exr") else 1.0
     asymmetry = np.abs(pixels - pixels[::-1, ::-1]).max()
     if asymmetry > step + 1e-3 * pixels.max():

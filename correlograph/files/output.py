@@ -1,4 +1,4 @@
-"""Output folders and files: nothing is ever half-written under a final name."""
+"""Output folders and files; a final name never refers to a partially written file."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ import numpy as np
 from correlograph.errors import InputError
 
 PARTIAL = ".correlograph-partial-"
-"""Begins the names of what is not whole yet."""
+"""Prefix of the names of incomplete files."""
 
 
 def output_folder(path: str | Path) -> Path:
-    """Create (or accept) a folder that can be written to; raise InputError otherwise."""
+    """Create or accept a writable folder. Raises InputError otherwise."""
     if not str(path).strip():
         raise InputError("output folder", "a name", "an empty one", "choose another with -o")
     folder = Path(path)
@@ -41,9 +41,9 @@ def output_folder(path: str | Path) -> Path:
 
 @contextmanager
 def sole_writer(output: str | Path, name: str = "output folder") -> Iterator[None]:
-    """Keep other processes of this machine from writing the same folder or file, and remove what killed ones left half-written.
+    """Exclude other processes of this machine from writing the same folder or file, and remove partial files of killed ones.
 
-    Raises InputError where another process is writing it. Addresses of other machines are not guarded.
+    Raises InputError if another process is writing. Addresses of other machines are not protected.
     """
     from filelock import FileLock, Timeout
 
@@ -70,7 +70,7 @@ def sole_writer(output: str | Path, name: str = "output folder") -> Iterator[Non
 
 
 def _remove_leftovers(path: Path) -> None:
-    """Remove what killed runs left half-written in a folder, or beside a file of that name."""
+    """Remove partial files of killed runs in a folder, or next to a file."""
     of = "" if path.is_dir() else f"{path.stem}."
     for left in (path if path.is_dir() else path.parent).glob(f"{PARTIAL}*"):
         if left.is_dir() and not of:
@@ -81,7 +81,7 @@ def _remove_leftovers(path: Path) -> None:
 
 @contextmanager
 def atomic(path: Path) -> Iterator[Path]:
-    """Give a temporary name beside `path`; rename it to `path` only when the block succeeds."""
+    """Yield a temporary name in the folder of `path`; rename it to `path` only if the block succeeds."""
     partial = path.with_name(f"{PARTIAL}{os.getpid()}-{path.name}")
     try:
         yield partial
@@ -111,7 +111,7 @@ def save_json(path: Path, content: dict[str, Any]) -> None:
 
 @contextmanager
 def silence_output() -> Iterator[None]:
-    """Keep a library's messages off the terminal where our own error repeats them."""
+    """Suppress the messages of a library whose errors are reported by InputError."""
     sys.stderr.flush()
     kept = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)

@@ -1,8 +1,7 @@
-"""Zarr stores that are filled part by part: whose they are, what they hold, and whether they are whole.
+"""Zarr stores that are filled part by part: ownership, schema, completeness.
 
-A store's attributes hold an owner's mark, the schema's version and the arguments that it was begun with; `complete` holds 1 for
-each part that is whole, `crc32` the checksum of each array's part. Nothing that this program did not write is ever deleted or
-overwritten.
+The attributes of a store hold an ownership attribute, the version of the schema, and the arguments of its creation. `complete`
+is 1 for each complete part, and `crc32` holds the checksums. The program deletes and overwrites only its own files.
 """
 
 from __future__ import annotations
@@ -24,14 +23,14 @@ OWNER = "correlograph"
 
 @dataclass(frozen=True)
 class Schema:
-    """What a kind of store holds.
+    """Content of a kind of store.
 
     Attributes:
         kind: `dataset` or `warm starts`.
-        made_by: the command that writes it, for messages.
-        version: of the format; stores of another are refused.
-        arrays: by name, the shape of one sample and the dtype.
-        part: samples written at once, one file an array.
+        made_by: command that writes it, for messages.
+        version: version of the format; other versions are refused.
+        arrays: shape of one sample and dtype by name.
+        part: samples written at once, one file per array.
         chunk: samples compressed together.
     """
 
@@ -48,16 +47,16 @@ class Schema:
 
 
 def store_address(text: str) -> str:
-    """An address as the command line gives it: `file://` is a path, and memory is no place for a store."""
+    """Return an address from the command line: `file://` is a path; addresses in memory are refused."""
     if text.startswith("memory:"):
         raise InputError("store", "an address that other processes can open", text, "give a path")
     return text.removeprefix("file://")
 
 
 def begin(address: str, schema: Schema, arguments: dict[str, Any], count: int) -> zarr.Group:
-    """Open a store to go on with, or make an empty one where nothing is.
+    """Open a store to continue it, or create an empty one.
 
-    Raises InputError where there is anything else, or a store that was begun with other arguments.
+    Raises InputError for any other content, and for a store that was created with other arguments.
     """
     group = _open(address, "r+", schema.kind)
     if group is None:
@@ -70,7 +69,7 @@ def begin(address: str, schema: Schema, arguments: dict[str, Any], count: int) -
     found = {key: value for key, value in group.attrs.asdict().items() if key not in schema.mark}
     if not found:
         _create_arrays(group, address, schema, count)
-        group.attrs.update(arguments)  # last: without it a store counts as not begun
+        group.attrs.update(arguments)  # last, because a store without arguments counts as not created
         return group
     for key, value in arguments.items():
         if found.get(key) != value:
@@ -88,13 +87,13 @@ def begin(address: str, schema: Schema, arguments: dict[str, Any], count: int) -
 
 
 def arguments_of(address: str, kind: str) -> dict[str, Any]:
-    """What a store was begun with, unchecked; empty where there is none."""
+    """Return the arguments of a store without checks; empty without a store."""
     group = _open(address, "r", kind)
     return {} if group is None else group.attrs.asdict()
 
 
 def open_complete(address: str, schema: Schema) -> zarr.Group:
-    """Open a finished store for reading; InputError where there is none, or it is unfinished, damaged or of another kind."""
+    """Open a finished store for reading. Raises InputError if it is missing, unfinished, damaged or of another kind."""
     group = _open(address, "r", schema.kind)
     if group is None:
         raise InputError(schema.kind, f"one made by {schema.made_by}", f"none at {address}", "check the address")
@@ -102,7 +101,7 @@ def open_complete(address: str, schema: Schema) -> zarr.Group:
     _check_arrays(group, address, schema)
     try:
         missing = missing_parts(group)
-    except Exception as error:  # codecs raise their own kinds
+    except Exception as error:  # codecs raise their own exceptions
         raise _damage_error(address, schema, f"marks that cannot be read ({_one_line(error)})") from None
     if missing:
         found = f"{len(missing)} of {group['complete'].shape[0]} parts missing in {address}"
@@ -115,11 +114,11 @@ def open_complete(address: str, schema: Schema) -> zarr.Group:
 
 
 def read_array(group: zarr.Group, address: str, name: str, schema: Schema) -> np.ndarray:
-    """All of an array, its checksums verified."""
+    """Read a whole array and verify its checksums."""
     try:
         values = np.asarray(group[name])
         known = np.asarray(group["crc32"])[:, list(schema.arrays).index(name)]
-    except Exception as error:  # codecs raise their own kinds
+    except Exception as error:  # codecs raise their own exceptions
         raise _damage_error(address, schema, f"{name} that cannot be read ({_one_line(error)})") from None
     for part, expected in enumerate(known):
         if _crc(values[part * schema.part : (part + 1) * schema.part]) != int(expected):
@@ -128,22 +127,22 @@ def read_array(group: zarr.Group, address: str, name: str, schema: Schema) -> np
 
 
 def read_rows(group: zarr.Group, address: str, name: str, rows: np.ndarray, schema: Schema) -> np.ndarray:
-    """Some samples of an array, as far as the codecs' own checksums verify them."""
+    """Read some samples of an array; only the checksums of the codecs are verified."""
     try:
         return np.stack([np.asarray(group[name][int(row)]) for row in rows])
-    except Exception as error:  # codecs raise their own kinds
+    except Exception as error:  # codecs raise their own exceptions
         raise _damage_error(address, schema, f"{name} that cannot be read ({_one_line(error)})") from None
 
 
 def missing_parts(group: zarr.Group) -> list[int]:
-    """Parts that are not whole yet."""
+    """Return the incomplete parts."""
     return np.flatnonzero(np.asarray(group["complete"]) == 0).tolist()
 
 
 def write_part(group: zarr.Group, schema: Schema, part: int, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write one part of every array and, when they are in place, mark it complete."""
+    """Write one part of every array, then mark it complete."""
     start = part * schema.part
-    with zarr.config.set({"array.write_empty_chunks": True}):  # a file of zeros is told from one that is missing
+    with zarr.config.set({"array.write_empty_chunks": True}):  # distinguishes a file of zeros from a missing one
         for name, values in arrays.items():
             group[name][start : start + len(values)] = values
         group["crc32"][part] = [_crc(arrays[name]) for name in schema.arrays]
@@ -155,17 +154,17 @@ def _crc(values: np.ndarray) -> int:
 
 
 def _open(address: str, mode: str, kind: str) -> zarr.Group | None:
-    """The group at an address, or None where there is none."""
+    """Open the group at an address; None without one."""
     try:
         return zarr.open_group(address, mode=mode)
     except (GroupNotFoundError, FileNotFoundError):
         return None
-    except Exception as error:  # fsspec, aiohttp and damaged metadata raise their own kinds
+    except Exception as error:  # fsspec, aiohttp and damaged metadata raise their own exceptions
         raise _unusable(address, kind, error) from None
 
 
 def _check_empty(address: str, kind: str) -> None:
-    """Refuse a file, or a folder that holds anything."""
+    """Refuse a file, or a folder that is not empty."""
     if "://" in address:
         return
     path = Path(address)
@@ -197,7 +196,7 @@ def _check_mark(group: zarr.Group, address: str, schema: Schema) -> None:
 
 
 def _create_arrays(group: zarr.Group, address: str, schema: Schema, count: int) -> None:
-    """The arrays of an empty store; those that a stopped run made are kept."""
+    """Create the arrays of an empty store; arrays of a stopped run are kept."""
     parts = -(-count // schema.part)
     try:
         for name, (shape, dtype) in schema.arrays.items():
@@ -223,7 +222,7 @@ def _create_arrays(group: zarr.Group, address: str, schema: Schema, count: int) 
 
 
 def _check_arrays(group: zarr.Group, address: str, schema: Schema) -> None:
-    """The arrays of a schema, all of one length, and the marks of their parts."""
+    """Check the arrays of a schema: equal lengths, checksums, completeness."""
     try:
         held = {name: group[name] for name in (*schema.arrays, "crc32", "complete")}
         count = held[next(iter(schema.arrays))].shape[0]
@@ -231,7 +230,7 @@ def _check_arrays(group: zarr.Group, address: str, schema: Schema) -> None:
         parts = -(-count // schema.part)
         wanted |= {"crc32": ((parts, len(schema.arrays)), np.dtype("uint32")), "complete": ((parts,), np.dtype("uint8"))}
         wrong = [name for name, (shape, dtype) in wanted.items() if held[name].shape != shape or held[name].dtype != dtype]
-    except Exception as error:  # damaged metadata raises what it likes
+    except Exception as error:  # damaged metadata raises any exception
         raise _damage_error(address, schema, f"arrays that cannot be read ({_one_line(error)})") from None
     if wrong or count == 0:
         raise _damage_error(address, schema, f"{wrong[0]} of another shape or dtype" if wrong else "no samples")
@@ -242,7 +241,7 @@ def _damage_error(address: str, schema: Schema, found: str) -> InputError:
 
 
 def _unusable(address: str, kind: str, error: Exception) -> InputError:
-    return InputError(kind, "an address that can be read and written", f"{address} ({_one_line(error)})", "choose another")
+    return InputError(kind, "an address that can be read and written", f"{address} ({_one_line(error)})", "use another value")
 
 
 def _one_line(error: Exception) -> str:
@@ -250,7 +249,7 @@ def _one_line(error: Exception) -> str:
 
 
 def _difference(found: Any, wanted: Any) -> str:
-    """What differs between two entries."""
+    """Return the difference of two entries."""
     if isinstance(found, dict) and isinstance(wanted, dict):
         keys = [key for key in {**found, **wanted} if found.get(key) != wanted.get(key)]
         return ", ".join(f"{key} {found.get(key)!r:.60} there and {wanted.get(key)!r:.60} here" for key in keys)

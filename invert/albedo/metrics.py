@@ -1,4 +1,4 @@
-"""How good a reconstruction is: scores against a truth after registration, and agreement with the estimate without one."""
+"""Scores of a reconstruction: against a truth after registration, and against the estimate without a truth."""
 
 from __future__ import annotations
 
@@ -16,22 +16,23 @@ from radiometry.autocorrelation import autocorrelate, smooth_by_window
 from radiometry.noise.level import HALF_PLANE, RING
 
 SUCCESS = 0.8
-"""Registered Pearson correlation from which a reconstruction counts as a success."""
+"""Registered Pearson correlation of a successful reconstruction."""
 
 
 PERFECT_DB = 300.0
-"""PSNR given to an exact match."""
+"""PSNR of an exact match."""
 
 
 @dataclass(frozen=True)
 class Scores:
-    """Scores of one reconstruction, registered and brought to the truth's brightness by least squares.
+    """Scores of one reconstruction, registered to the truth and scaled to its brightness by least squares.
 
     Attributes:
-        pearson: correlation over the truth's window.
+        pearson: correlation over the window of the truth.
         ssim: structural similarity (Wang et al., doi:10.1109/TIP.2003.819861), Gaussian window of 1.5 pixels.
-        psnr_db: peak signal-to-noise ratio; the peak is the truth's.
-        iou: intersection over union of the truth's pixels above half its maximum and the image's brightest ones, as many.
+        psnr_db: peak signal-to-noise ratio; the peak is that of the truth.
+        iou: intersection over union of the truth's pixels above half of its maximum and as many of the brightest pixels of the
+            image.
         edge_f1: F1 score of the outlines of those two sets, one pixel of tolerance.
         success: whether the correlation reaches `SUCCESS`.
     """
@@ -48,19 +49,21 @@ class Scores:
 
 
 def aligned_pearson(image: np.ndarray, truth: np.ndarray) -> tuple[float, np.ndarray]:
-    """Pearson correlation after the best whole-pixel shift and 180-degree turn (no mirroring).
+    """Return the Pearson correlation after the best whole-pixel shift and rotation by 180 degrees (no mirroring).
 
-    Both are zero-padded to twice their size for the search, so nothing wraps.
+    Both images are zero-padded to twice their size for the search, so nothing wraps around.
 
     Returns:
-        the correlation over the truth's own window, and the image moved onto it.
+        the correlation over the window of the truth, and the registered image.
+
+    Raises InputError for images that are not finite numbers of shape (height, width).
     """
     moved = register_images(on_grid(image)[None], on_grid(truth))[0][0, : truth.shape[0], : truth.shape[1]].numpy()
     return _pearson(moved, truth), moved
 
 
-def aligned(image: np.ndarray, truth: np.ndarray) -> tuple[float, np.ndarray]:
-    """As `aligned_pearson`, then moved by a fraction of a pixel where that correlates better."""
+def register_subpixel(image: np.ndarray, truth: np.ndarray) -> tuple[float, np.ndarray]:
+    """Register like `aligned_pearson`, then by a fraction of a pixel if that correlates better."""
     pearson, moved = aligned_pearson(image, truth)
     if pearson == 0.0:
         return pearson, moved
@@ -71,10 +74,10 @@ def aligned(image: np.ndarray, truth: np.ndarray) -> tuple[float, np.ndarray]:
 
 
 def score(image: np.ndarray, truth: np.ndarray) -> Scores:
-    """Scores of a reconstruction (64, 64) against the truth (64, 64); an empty image scores zero."""
+    """Score a reconstruction (64, 64) against the truth (64, 64); an empty image scores zero."""
     if np.ptp(truth) == 0.0:
         raise ValueError("a truth without contrast cannot be compared with")
-    pearson, moved = aligned(image.astype(np.float64), truth.astype(np.float64))
+    pearson, moved = register_subpixel(image.astype(np.float64), truth.astype(np.float64))
     peak = float(truth.max())
     fitted = moved * float((moved * truth).sum() / max((moved * moved).sum(), 1e-30))
     ssim = structural_similarity(
@@ -96,7 +99,7 @@ def _pearson(image: np.ndarray, truth: np.ndarray) -> float:
 
 
 def _brightest(image: np.ndarray, count: int) -> np.ndarray:
-    """The `count` brightest pixels above zero, bool."""
+    """Return a mask of the `count` brightest pixels above zero, bool."""
     chosen = np.zeros(image.size, bool)
     chosen[np.argsort(-image.ravel(), kind="stable")[:count]] = True
     return chosen.reshape(image.shape) & (image > 0.0)
@@ -117,9 +120,9 @@ def _edge_f1(drawn: np.ndarray, shown: np.ndarray) -> float:
 
 
 def agreement(albedo: np.ndarray, estimate: np.ndarray, floor: float, signal_ring: int) -> float:
-    """Pearson correlation of the reconstruction's autocorrelation with the estimate, over the lags that hold signal.
+    """Return the Pearson correlation of the reconstruction's autocorrelation with the estimate, over the lags with signal.
 
-    Says that a reconstruction explains the data, not that it is right: a bright point beside a faint copy of the object
+    A high value shows that a reconstruction explains the data, not that it is right: a bright point with a faint copy of the object
     explains them too.
     """
     used = HALF_PLANE & (signal_ring >= RING) & (np.hypot(*np.mgrid[-LAGS : LAGS + 1, -LAGS : LAGS + 1]) > 1.5)
@@ -127,7 +130,7 @@ def agreement(albedo: np.ndarray, estimate: np.ndarray, floor: float, signal_rin
 
 
 def bootstrap_error(values: np.ndarray, resamples: int = 2000, seed: int = 0) -> float:
-    """Standard error of a mean over test images, by resampling them (Efron, doi:10.1214/aos/1176344552)."""
+    """Return the standard error of a mean over test images by bootstrap (Efron, doi:10.1214/aos/1176344552)."""
     found = bootstrap(
         (np.asarray(values, np.float64),), np.mean, n_resamples=resamples, method="percentile", rng=np.random.default_rng(seed)
     )

@@ -1,4 +1,5 @@
-"""Whether the light is speckle of the object reconstructed: by its third moment, and by what of the estimate is left over."""
+"""Consistency of the light with speckle of the reconstruction: third moment, and signal that the reconstruction leaves
+unexplained."""
 
 from __future__ import annotations
 
@@ -16,13 +17,13 @@ from radiometry.noise.level import RING
 
 @dataclass(frozen=True)
 class SpeckleTest:
-    """What frames and estimate say of a reconstruction.
+    """Consistency of frames and estimate with a reconstruction.
 
     Attributes:
-        third_moment: of the frames, over what speckle from the reconstruction has: 1 for polarised light, 0.7 for unpolarised
-            light, 0 for texture, much more for a glint.
+        third_moment: third moment of the frames in units of that of speckle from the reconstruction: 1 for polarised light, 0.7 for
+            unpolarised light, 0 for texture, much more for a specular highlight.
         error: its standard error.
-        unexplained: relative L2 error with which the reconstruction's r*r explains the estimate, beyond noise.
+        unexplained: relative L2 error of the reconstruction's r*r against the estimate, in excess of noise.
     """
 
     third_moment: float | None

@@ -1,4 +1,4 @@
-"""Many captures on Dask workers: what is done already is kept, what cannot be inverted is named; a table and sheets of all."""
+"""Many captures on Dask workers, with resumption, a table and contact sheets."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from invert.output.report import save_contact_sheet
 from invert.output.result_files import read_truth
 
 SHEET_CAPACITY = 60
-"""Reconstructions on one contact sheet."""
+"""Maximum number of reconstructions on one contact sheet."""
 
 
 def invert_captures(request: Request, captures: Captures, output: Path, workers: int, scheduler: str | None) -> None:
-    """Invert each capture into a folder of its name; then write table.md, captures.json and the contact sheets.
+    """Reconstruct each capture into a folder of its name; then write table.md, captures.json and the contact sheets.
 
-    Each result is the same whatever the number of workers. Raises InputError at the end where captures could not be inverted.
+    Results do not depend on the number of workers. Raises InputError at the end if captures failed.
     """
     check_request(request)
     truth = read_truth(request.truth) if request.truth else None
@@ -52,7 +52,7 @@ def invert_captures(request: Request, captures: Captures, output: Path, workers:
 
 
 def _known(request: Request, files: Sequence[Path], folder: Path) -> dict[str, Any] | None:
-    """The result of an earlier run that asked the same of the same files."""
+    """Return the row of an earlier result of the same request and files; None without one."""
     try:
         np.load(folder / "albedo.npy", allow_pickle=False)
         summary = json.loads((folder / "result.json").read_text())
@@ -84,15 +84,15 @@ def _invert_missing(
 
 
 def _in_worker(request: Request, output: Path, name: str, files: Sequence[Path]) -> dict[str, Any]:
-    torch.set_num_threads(1)  # captures run side by side, and sums depend on the number of threads
+    torch.set_num_threads(1)  # captures run in parallel processes, and sums depend on the number of threads
     try:
         return _row(invert_capture(request, files, output / name)[1])
-    except (InputError, OSError, MemoryError, RuntimeError) as error:  # one capture's trouble is not that of the others
+    except (InputError, OSError, MemoryError, RuntimeError) as error:  # a failed capture must not stop the others
         return {"error": " ".join(str(error).split())[:300] or type(error).__name__}
 
 
 def _row(summary: dict[str, Any]) -> dict[str, Any]:
-    """What the table tells of a result."""
+    """Return the row of the table for a result."""
     noise = summary["noise"]
     row = {
         "object_found": summary["object_found"],
@@ -125,7 +125,7 @@ def _write_table(path: Path, rows: list[dict[str, Any]]) -> None:
 
 
 def _save_contact_sheets(output: Path, rows: list[dict[str, Any]], truth: np.ndarray | None) -> None:
-    """Sheets of all reconstructions, registered to the truth where there is one; those of an earlier run go."""
+    """Plot contact sheets of all reconstructions, registered to the truth if there is one; remove those of an earlier run."""
     for old in output.glob(f"{CONTACT_SHEET}*.png"):
         old.unlink()
     for number, begin in enumerate(range(0, len(rows), SHEET_CAPACITY)):

@@ -1,4 +1,4 @@
-"""A cell of an evaluation on disk: scores, albedos and truths of one method on one level; read only if whole."""
+"""One cell of an evaluation on disk: scores, albedos and truths of one method on one level."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FORMAT = 2
 
 @dataclass(frozen=True)
 class Cell:
-    """What was asked, a row of scores a case, and pictures (cases, 64, 64)."""
+    """Arguments of a cell, one row of scores per case, and images (cases, 64, 64)."""
 
     asked: dict[str, Any]
     rows: list[dict[str, Any]]
@@ -26,7 +26,7 @@ class Cell:
 
 
 def write_cell(folder: Path, cell: Cell) -> None:
-    """Write arrays first and the JSON, which holds their SHA-256, last."""
+    """Write the arrays first, and last the JSON with their SHA-256."""
     file = _stem(folder, cell.asked)
     for name, array in _arrays(cell).items():
         save_array(_array_file(file, name), array)
@@ -35,7 +35,7 @@ def write_cell(folder: Path, cell: Cell) -> None:
 
 
 def read_cell(folder: Path, asked: dict[str, Any]) -> Cell | None:
-    """The cell that answers `asked`; None where there is none, or where it is damaged, of another format or asked otherwise."""
+    """Return the cell with the arguments `asked`; None if it is missing, damaged, of another format or has other arguments."""
     file = _stem(folder, asked)
     try:
         known = json.loads(file.with_suffix(".json").read_text())
@@ -53,7 +53,7 @@ def read_cell(folder: Path, asked: dict[str, Any]) -> Cell | None:
 
 
 def _stem(folder: Path, asked: dict[str, Any]) -> Path:
-    """Name without suffix; the method's may differ from another's in punctuation alone, hence the digest."""
+    """Return the file name without suffix; the digest separates methods whose names differ only in punctuation."""
     name = asked["method"]
     plain = "".join(letter if letter.isalnum() else "-" for letter in f"{asked['set']} {asked['level']} {name}")
     return folder / f"{plain}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"

@@ -1,4 +1,4 @@
-"""`python -m invert.evaluate -o DIR`: methods on test sets, as tables, pictures and JSON; resumes where it stopped."""
+"""`python -m invert.evaluate -o DIR`: compare methods on test sets by tables, figures and JSON; resumable."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from invert.evaluation.cells import Cell, read_cell, write_cell
 
 SETS = ("edges", "shapes", "grey", "rendered", "rendered-edges", "measured")
 CHARACTER_SETS = ("rendered", "measured 7", "measured letters")
-"""Test sets whose truths are upright characters, which a reconstruction should be recognised as."""
+"""Test sets of upright characters, in which the reconstructed character is identified."""
 
 
 def parser() -> ArgumentParser:
@@ -54,7 +54,7 @@ def parser() -> ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Each method on each level of each set, then the report."""
+    """Evaluate each method on each level of each set, then write the report."""
     options = parser().parse_args(argv)
     methods = _check(options)
     from tqdm import tqdm
@@ -63,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     from invert.evaluation.report import write_report
 
     levels = _levels(options)
-    levels = chain([next(levels)], levels)  # what cannot be had is refused before a folder is made
+    levels = chain([next(levels)], levels)  # refuses unusable input before a folder is created
     output = output_folder(options.output)
     cells = output_folder(output / "cells")
     with sole_writer(output), sole_writer(cells):
@@ -97,7 +97,7 @@ def _levels(options: Any) -> Iterator:
 
 
 def _cell(cells: Path, level: Any, name: str, settings: dict[str, Any], options: Any) -> Cell:
-    """One method on one level: read from an earlier run of the same arguments, or computed and written."""
+    """Evaluate one method on one level; a finished cell of the same arguments is read from disk."""
     asked = {
         "set": level.test_set,
         "level": level.label,
@@ -148,7 +148,7 @@ def _score_case(level: Any, case: Any, settings: dict[str, Any], options: Any) -
 
 
 def _digest(level: Any, settings: dict[str, Any]) -> str:
-    """SHA-256 of a level's estimates and truths, and of the network that will see them."""
+    """Return the SHA-256 of a level's estimates and truths, and of the network weights."""
     whole = hashlib.sha256()
     for case in level.cases:
         whole.update(case.estimate.lags.tobytes() + case.truth.tobytes())
@@ -162,7 +162,7 @@ def _digest(level: Any, settings: dict[str, Any]) -> str:
 
 
 def _check(options: Any) -> dict[str, dict[str, Any]]:
-    """Check options; returns the settings of each method by name."""
+    """Check the options; return the settings of each method by name."""
     if options.images is None and {"edges", "grey", "rendered-edges"} & set(options.sets):
         raise InputError(
             "--images", "a folder of photographs for the sets of edges and of grey pieces", "none", "add --images FOLDER"
@@ -175,14 +175,14 @@ def _check(options: Any) -> dict[str, dict[str, Any]]:
         name, _, quality = text.partition(":")
         if name not in METHODS or (quality or BALANCED.name) not in QUALITIES:
             raise InputError(
-                "--methods", f"NAME[:QUALITY] of {', '.join(METHODS)} and {', '.join(QUALITIES)}", text, "correct it"
+                "--methods", f"NAME[:QUALITY] of {', '.join(METHODS)} and {', '.join(QUALITIES)}", text, "correct the value"
             )
         methods[text] = {"method": METHODS[name], "quality": QUALITIES[quality] if quality else BALANCED}
     for text in options.weights:
         name, equals, file = text.partition("=")
         if not equals or not Path(file).is_file():
-            raise InputError("--weights", "NAME=FILE, an existing file", text, "correct it")
+            raise InputError("--weights", "NAME=FILE, an existing file", text, "correct the value")
         if name in methods:
-            raise InputError("--weights", "names of their own", f"{name} twice", "give another name")
+            raise InputError("--weights", "names of their own", f"{name} twice", "use another name")
         methods[name] = {"method": UNET, "quality": FAST, "weights": Path(file)}
     return methods

@@ -1,4 +1,4 @@
-"""Which character a reconstruction shows: templates in every pose of a tilted, roughly upright object."""
+"""Identification of the character that a reconstruction shows, by templates in all poses of a tilted, roughly upright object."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from data_gen.fonts import dejavu_sans
 from invert.albedo.registration import correlation_maps, on_grid
 
 CHARACTERS = string.ascii_uppercase + string.digits + "abdefghnqrty"
-"""Capitals, digits and the small letters that are not a smaller copy of their capital."""
+"""Capitals, digits, and those small letters that differ from their capital."""
 
 _PADDING_PIXELS = 32
 _TURNS_DEG = (-30, -20, -10, 0, 10, 20, 30)
@@ -27,7 +27,7 @@ _COMPRESSION = 0.7
 
 @lru_cache(maxsize=4)
 def glyphs(characters: str = CHARACTERS) -> np.ndarray:
-    """Characters of DejaVu Sans as white on black, float32 (n, 256, 256), centred."""
+    """Return characters of DejaVu Sans as white on black, float32 (n, 256, 256), centred."""
     font = dejavu_sans(150)
     drawn = []
     for character in characters:
@@ -38,16 +38,15 @@ def glyphs(characters: str = CHARACTERS) -> np.ndarray:
 
 
 def identify(image: np.ndarray, *, mirrored: bool = False, characters: str = CHARACTERS) -> list[tuple[str, float]]:
-    """Rank characters by their best registered correlation with a reconstruction.
+    """Rank characters by their highest registered correlation with a reconstruction.
 
-    Each template takes every pose of a tilted, roughly upright object: turned by up to 30 degrees,
-    sheared, stretched along the picture's rows, and scaled to the reconstruction's spread; then it
-    is registered over all shifts and the 180-degree turn. Brightness is compressed (power 0.7): a
-    character is one material, its light seldom even.
+    Each template takes every pose of a tilted, roughly upright object: rotated by up to 30 degrees, sheared, stretched along the rows,
+    and scaled to the extent of the reconstruction. It is then registered over all shifts and the rotation by 180 degrees. Brightness
+    is compressed (power 0.7), because a character is one material under illumination that is seldom uniform.
 
     Args:
         image: reconstruction (64, 64).
-        mirrored: also try mirrored templates, for captures whose axes are the wall's, not the object's.
+        mirrored: whether to try mirrored templates as well, for captures with the axes of the wall instead of the object's.
 
     Returns:
         (character, correlation), best first.
@@ -70,14 +69,14 @@ def identify(image: np.ndarray, *, mirrored: bool = False, characters: str = CHA
 
 
 def _pose(flip: float, turn_deg: float, shear: float, stretch: float) -> torch.Tensor:
-    """Linear map of a pose, (2, 2) in (column, row) order: flip, then turn, shear, stretch."""
+    """Return the linear map of a pose, (2, 2) in (column, row) order: mirror, then rotate, shear, stretch."""
     angle = np.deg2rad(turn_deg)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     return torch.as_tensor(np.diag([stretch**0.5, stretch**-0.5]) @ [[1.0, shear], [0.0, 1.0]] @ turn @ np.diag([flip, 1.0]))
 
 
 def _covariance(image: torch.Tensor) -> torch.Tensor:
-    """Covariance of an image's mass, pixels squared, (..., 2, 2) in (column, row) order."""
+    """Return the covariance of an image's light, pixels squared, (..., 2, 2) in (column, row) order."""
     n_row, n_column = image.shape[-2:]
     row = torch.arange(n_row, dtype=image.dtype)[:, None].expand(n_row, n_column)
     column = torch.arange(n_column, dtype=image.dtype)[None].expand(n_row, n_column)
@@ -89,7 +88,7 @@ def _covariance(image: torch.Tensor) -> torch.Tensor:
 
 
 def _warp(templates: torch.Tensor, covariance: torch.Tensor, pose: torch.Tensor, size: float) -> torch.Tensor:
-    """Templates (n, 1, 256, 256) in a pose and scaled to a spread of `size` pixels, on (n, 64, 64)."""
+    """Return templates (n, 1, 256, 256) in a pose, scaled to an extent of `size` pixels, on (n, 64, 64)."""
     scale = size / torch.sqrt(torch.diagonal(pose @ covariance @ pose.T, dim1=-2, dim2=-1).sum(-1))
     inverse = torch.linalg.inv(scale[:, None, None] * pose)
     # affine_grid maps output coordinates in [-1, 1] (32 pixels) to input ones (128 pixels)

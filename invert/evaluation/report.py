@@ -1,4 +1,4 @@
-"""An evaluation as tables, the paper's Fig. 9 layout, and accuracy against time."""
+"""Report of an evaluation: tables, figures, accuracy against time."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from invert.evaluation.cells import Cell
 SCORES = ("pearson", "ssim", "iou", "edge_f1", "psnr_db", "success", "agreement", "nats", "recognised")
 
 LEAD_SCORES = ("pearson", "ssim", "iou")
-"""Scores whose lead of the first method over the others is reported."""
+"""Scores for which the lead of the first method is reported."""
 
 
 def write_report(output: Path, results: list[Cell]) -> None:
-    """Write table.md, results.json, one picture a test set and pareto.png."""
+    """Write table.md, results.json, one figure per test set and pareto.png."""
     summary, leads = [_summary(result) for result in results], _leads(results)
     with atomic(output / "table.md") as partial:
         partial.write_text(_tables(summary, leads))
@@ -31,7 +31,7 @@ def write_report(output: Path, results: list[Cell]) -> None:
 
 
 def _summary(result: Cell) -> dict[str, Any]:
-    """Means over the cases of a cell, each with its bootstrap error (None of a single case)."""
+    """Return the means over the cases of a cell, each with its bootstrap error (None for a single case)."""
     rows, asked = result.rows, result.asked
     scores = {}
     for name in SCORES:
@@ -50,7 +50,7 @@ def _summary(result: Cell) -> dict[str, Any]:
 
 
 def _leads(results: list[Cell]) -> list[dict[str, Any]]:
-    """How far the first method is ahead of each other one, image by image: images differ far more than methods do."""
+    """Return the leads of the first method, image by image, because images differ more than methods."""
     rows = {(result.asked["set"], result.asked["level"], result.asked["method"]): result.rows for result in results}
     first = results[0].asked["method"]
     leads = []
@@ -75,7 +75,8 @@ def _format_score(score: dict[str, Any] | None) -> str:
 
 
 def _tables(summary: list[dict[str, Any]], leads: list[dict[str, Any]]) -> str:
-    """One Markdown table a test set and score: methods down, levels across; below them the lead of the first method."""
+    """Return one Markdown table per test set and score: methods in rows, levels in columns; below them the leads of the
+    first method."""
     parts = []
     for test_set in dict.fromkeys(entry["set"] for entry in summary):
         entries = [entry for entry in summary if entry["set"] == test_set]
@@ -83,7 +84,7 @@ def _tables(summary: list[dict[str, Any]], leads: list[dict[str, Any]]) -> str:
         by_method: dict[str, dict[str, Any]] = defaultdict(dict)
         for entry in entries:
             by_method[entry["method"]][entry["level"]] = entry
-        parts.append(f"## {test_set}, {entries[0]['cases']} images a level\n")
+        parts.append(f"## {test_set}, {entries[0]['cases']} images per level\n")
         for name in SCORES:
             if not any(name in entry for entry in entries):
                 continue
@@ -104,12 +105,12 @@ def _tables(summary: list[dict[str, Any]], leads: list[dict[str, Any]]) -> str:
             f"{method} {np.mean([entry['confidence_error'] for entry in row.values()]):.2f}"
             for method, row in by_method.items()
         )
-        parts.append(f"Seconds an image: {seconds}. Mean difference of confidence and correlation: {errors}.\n")
+        parts.append(f"Seconds per image: {seconds}. Mean difference of confidence and correlation: {errors}.\n")
     return "\n".join(parts)
 
 
 def _save_panels(path: Path, results: list[Cell]) -> None:
-    """The first case of each level: truth above, one row a method."""
+    """Plot the first case of each level: the truth on top, one row per method."""
     from matplotlib.figure import Figure
 
     from invert.albedo.metrics import aligned_pearson
@@ -136,7 +137,7 @@ def _save_panels(path: Path, results: list[Cell]) -> None:
 
 
 def _save_pareto(path: Path, summary: list[dict[str, Any]]) -> None:
-    """Mean correlation over each set's levels against seconds an image."""
+    """Plot the mean correlation over the levels of each set against seconds per image."""
     from matplotlib.figure import Figure
 
     sets = list(dict.fromkeys(entry["set"] for entry in summary))
@@ -150,7 +151,7 @@ def _save_pareto(path: Path, summary: list[dict[str, Any]]) -> None:
                 axes.plot(seconds, pearson, "o")
                 axes.annotate(method, (seconds, pearson), fontsize=8, xytext=(3, 3), textcoords="offset points")
         axes.set_xscale("log")
-        axes.set_xlabel("seconds an image")
+        axes.set_xlabel("seconds per image")
         axes.set_ylabel("registered correlation, mean over levels")
         axes.set_title(test_set, fontsize=9)
     with atomic(path) as partial:

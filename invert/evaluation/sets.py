@@ -1,4 +1,4 @@
-"""Test sets of an evaluation: measurements with their truths, at levels of noise or exposure."""
+"""Test sets of an evaluation: estimates with their truths, at levels of noise or exposure."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ from invert.pipeline import reconstruct
 from invert.training.data import at_noise
 
 NOISE_LEVELS = ((80.0, 64.0), (80.0, 16.0), (80.0, 256.0), (80.0, 1e4), (5.0, 64.0), (5.0, 1e4), (200.0, 64.0), (200.0, 256.0))
-"""Floor (of 255 at the largest lag but zero) and K; near the paper's training point (b 70, K 67) first."""
+"""Noise floor (of 255 at the maximum lag except zero) and K; near the training point of Metzler et al. 2020 (b 70, K 67)
+first."""
 
 EXPOSURES_S = tuple(2.0**-power for power in range(2, 10))
 EDGE_EXPOSURES_S = (1 / 8, 1 / 32, 1 / 128)
 JUDGES_S = 0.5
-"""Shortest exposure that judges reconstructions from others."""
+"""Minimum exposure of the captures that score reconstructions of other captures."""
 
 LETTERS = ("F", "7", "L", "R", "5", "t")
 UNSEEN_CHARACTERS = "EGHJKMNPSYZ2345679"
-"""Characters of the out-of-family set: none is drawn for training, mirrored or turned."""
+"""Characters of the out-of-family set; no training target shows one, mirrored or rotated."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class Level:
 
 
 def edges(images: Path, count: int, seed: int) -> Iterator[Level]:
-    """Canny edges of photographs, one crop each, with noise drawn from the noise model."""
+    """Canny edges of photographs, one crop each, with noise from the noise model."""
     yield from _noise_model_levels("edges", _edge_targets(images, count, seed), seed)
 
 
@@ -68,7 +69,7 @@ def _edge_targets(images: Path, count: int, seed: int) -> np.ndarray:
         if found is not None:
             truths.append(found[0].astype(np.float32) / np.float32(255.0))
     if not truths:
-        raise InputError("--images", "photographs with edges", f"none in {images}", "give another folder")
+        raise InputError("--images", "photographs with edges", f"none in {images}", "use another folder")
     return np.stack(truths)
 
 
@@ -82,7 +83,7 @@ def shapes(count: int, seed: int) -> Iterator[Level]:
 
 
 def grey(images: Path, count: int, seed: int) -> Iterator[Level]:
-    """Pieces of photographs, a filled shape each, with noise from the noise model."""
+    """Pieces of photographs in filled shapes, with noise from the noise model."""
     from skimage.transform import resize
 
     from data_gen.edges import find_photographs, read_luminance
@@ -175,8 +176,8 @@ def _rendered_levels(
 def load_measured_set(folder: Path) -> Iterator[Level]:
     """Published captures: the exposure series of a 7, and letters over the patches of two frames.
 
-    No truth is known; in its place stands what many-start classical retrieval makes of the longest exposure, or of
-    fifty frames. Each reconstruction of the 7 is also judged by the likelihood of the other long exposures.
+    There is no truth. Its substitute is the classical reconstruction, from many starts, of the longest exposure or of fifty frames.
+    The other long exposures score each reconstruction of the 7 by their likelihood as well.
     """
     files = sorted(folder.glob("*.png"))
     series = sorted((file for file in files if "usec" in file.name), key=_microseconds, reverse=True)

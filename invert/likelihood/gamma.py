@@ -15,27 +15,26 @@ from radiometry.noise.level import HALF_PLANE, RING
 from radiometry.noise.model import autocorrelate_windowed
 
 PEDESTAL_SIGMA_LAGS = 32.0
-"""Standard deviation of the pedestal that an estimate may have, half the 64-lag window of the object. The lab's estimates have
-such an excess, 1 to 4 % of the largest lag, of unknown origin; taken for part of the object it favours smeared albedos."""
+"""Standard deviation of the pedestal of an estimate, half of the 64-lag window of the object. Lab estimates contain such
+an excess, 1 to 4 % of the maximum lag, of unknown origin. A model without it favours smeared albedos."""
 
 MIN_FLOOR = 1e-3
-"""Over the largest lag used; model errors of this size are to be expected of any albedo."""
+"""Minimum floor in units of the maximum lag; model errors of this size occur with any albedo."""
 
 _LAG_MASK = torch.from_numpy((RING > 1) & HALF_PLANE)
-"""Lags next to zero lag say little of a shape."""
+"""Lags used; those adjacent to zero lag carry little information."""
 
 _PROFILE = torch.exp(-0.5 * (torch.arange(-LAGS, LAGS + 1).double() / PEDESTAL_SIGMA_LAGS).square())
 PEDESTAL_PROFILE = torch.outer(_PROFILE, _PROFILE)
-"""At every lag (127, 127), 1 at zero lag."""
+"""Pedestal at every lag (127, 127), 1 at zero lag."""
 
 
 class NoiseLikelihood:
     """Log-likelihood of one measurement as a function of its object; differentiable.
 
-    The noise model's: Gamma of shape K with mean S = a H (r*r) + c p + b, with b and K as they were read (b at least
-    `MIN_FLOOR`, K 1 where there is no noise, which leaves the order) and p a wide pedestal; a and c, zero or more, are the
-    likeliest for each (weighted least squares, weights 1 / S^2, repeated). Where lags correlate, K counts less by the inflation
-    of their sums.
+    The noise model is Gamma of shape K with mean S = a H (r*r) + c p + b. Floor b (at least `MIN_FLOOR`) and K (1 without noise, which
+    keeps the order) are read from the estimate, and p is a wide pedestal. The gains a and c, zero or more, are fitted for each albedo
+    (weighted least squares, weights 1 / S^2, repeated). For correlated lags, K is divided by the variance inflation of their sums.
 
     Args:
         kind: dtype of the computation.
@@ -60,16 +59,16 @@ class NoiseLikelihood:
 
     @property
     def lags(self) -> int:
-        """How many lags are used: one of every pair."""
+        """Number of lags used: one of every pair."""
         return len(self._estimate)
 
     def __call__(self, albedo: torch.Tensor) -> torch.Tensor:
-        """Log-likelihood of each albedo (n, 64, 64), up to an additive constant; (n,)."""
+        """Return the log-likelihood of each albedo (n, 64, 64), up to an additive constant; (n,)."""
         return self.by_lag(albedo).sum(1)
 
     def misfit(self, albedo: torch.Tensor) -> float:
-        """Nats by which the estimate is less likely with this object (64, 64) than with an expectation fitted to each lag,
-        beyond those that noise costs."""
+        """Return the log-likelihood deficit (nats) of an albedo (64, 64) against the saturated model, minus its
+        expectation under noise."""
         likeliest = self._estimate.clamp_min(self._floor)
         best = -self._dof * float((likeliest.log() + self._estimate / likeliest).sum())
         dof = self._dof * self.inflation
@@ -77,10 +76,10 @@ class NoiseLikelihood:
         return best - by_noise - float(self(albedo[None])[0])
 
     def by_lag(self, albedo: torch.Tensor, weight: torch.Tensor | None = None) -> torch.Tensor:
-        """What each used lag adds to the log-likelihood of each albedo, (n, lags).
+        """Return the contribution of each lag to the log-likelihood of each albedo, (n, lags).
 
         Args:
-            weight: of each lag, (lags,) or (n, lags), in the fit of the brightnesses; a lag of weight zero has no say in it.
+            weight: weight of each lag, (lags,) or (n, lags), in the fit of the gains.
         """
         weight = torch.ones_like(self._estimate) if weight is None else weight
         signal = autocorrelate_windowed(albedo.to(self._estimate.dtype))[:, self._used] * self._transfer
@@ -92,21 +91,21 @@ class NoiseLikelihood:
 
 @torch.no_grad()
 def log_likelihoods(albedo: torch.Tensor, measurement: Measurement) -> torch.Tensor:
-    """Log-likelihood of a measurement if its object looked like each albedo (n, 64, 64), up to an additive constant; (n,)."""
+    """Return the log-likelihood of a measurement for each albedo (n, 64, 64), up to an additive constant; (n,)."""
     return NoiseLikelihood(measurement, albedo.device)(albedo)
 
 
 def log_likelihood_leads(reference: np.ndarray, albedo: np.ndarray, captures: Sequence[Measurement]) -> list[float]:
-    """How much likelier each noisy capture of an object is, in nats, if it looks like `albedo` than like `reference`.
+    """Return the lead in log-likelihood (nats) of `albedo` over `reference`, for each of several captures of the object.
 
-    For captures that neither was made from, neither has fitted the noise.
+    The captures must not be those of the reconstructions; their noise is then fitted by neither.
     """
     both = torch.from_numpy(np.stack((albedo, reference)))
     likelihoods = [log_likelihoods(both, capture) for capture in captures]
     return [float(ours - theirs) for ours, theirs in likelihoods]
 
 
-@torch.no_grad()  # at the likeliest brightnesses the likelihood does not change to first order
+@torch.no_grad()  # the likelihood is stationary at the fitted gains
 def fit_brightnesses(
     signal: torch.Tensor,
     pedestal: torch.Tensor,
@@ -115,10 +114,10 @@ def fit_brightnesses(
     weight: torch.Tensor,
     rounds: int,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Of object and pedestal, a, c (n,): weighted least squares, weights over the squared expectation, repeated.
+    """Fit the gains a and c (n,) of object and pedestal by weighted least squares, repeated with weights over the squared expectation.
 
     Args:
-        signal: of each object, (n, lags); the others in these shapes, or such as broadcast to them.
+        signal: r*r of each object, (n, lags); the other arguments broadcast to this shape.
     """
     expected = torch.zeros_like(signal) + floor
     for _ in range(rounds):
@@ -130,11 +129,12 @@ def fit_brightnesses(
 def _least_squares_brightnesses(
     signal: torch.Tensor, pedestal: torch.Tensor, excess: torch.Tensor, weight: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Weighted least squares: a, c (n,), zero or more, that bring a * signal (n, lags) + c * pedestal nearest to an excess."""
+    """Return gains a, c (n,), zero or more, that fit a * signal (n, lags) + c * pedestal to an excess by weighted least
+    squares."""
     limits = torch.finfo(signal.dtype)
     ss, pp = (weight * signal.square()).sum(1).clamp_min(limits.tiny), (weight * pedestal.square()).sum(1)
     sp, se, pe = ((weight * one * other).sum(1) for one, other in ((signal, pedestal), (signal, excess), (pedestal, excess)))
     faint = (pe - sp * (se / ss)) / (pp - sp * (sp / ss)).clamp_min(16.0 * limits.eps * pp)
-    # Where the best signal would be negative, the pedestal is fitted alone.
+    # if the best signal would be negative, the pedestal is fitted alone
     faint = torch.minimum(faint, pe / pp).clamp_min(0.0)
     return ((se - sp * faint) / ss).clamp_min(0.0), faint

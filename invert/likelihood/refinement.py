@@ -1,8 +1,8 @@
-"""Likelihood ascent of a reconstruction, stopped early by two-fold cross-validation over the lags.
+"""Refinement of a reconstruction by likelihood ascent, stopped early by two-fold cross-validation over the lags.
 
-Where noise is low a network's picture stops short of what the data hold; where it is high, whatever the likelihood gains is
-noise. So two copies ascend, each on one half of the lags, and are scored on the other half; the number of steps at which their
-held-out log-likelihood is largest is then taken on all lags.
+At low noise the image of a network stops short of the information in the data; at high noise every gain of the likelihood is
+noise. Two copies therefore ascend, each on one half of the lags, and are scored on the other half. The number of steps with the
+highest held-out log-likelihood is then repeated with all lags.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ PATIENCE = 12
 """Steps without improvement after which the ascent stops."""
 
 MIN_GAIN_SIGMA = 2.0
-"""Standard errors by which the held-out log-likelihood must have risen."""
+"""Minimum gain of the held-out log-likelihood in standard errors."""
 
 LEARNING_RATE = 0.01
-"""Of the root of the albedo, whose largest value is 1; Adam's."""
+"""Learning rate of Adam for the root of the albedo, whose maximum is 1."""
 
 MIN_ALBEDO = 1e-4
-"""Albedo that a dark pixel starts from: at zero, the root has no slope."""
+"""Initial albedo of dark pixels, because the root has no slope at zero."""
 
 
 def refine_by_likelihood(albedo: torch.Tensor, measurement: Measurement) -> torch.Tensor:
-    """A reconstruction (64, 64), largest value 1, after the ascent; itself where the held-out gain may be chance."""
+    """Return a reconstruction (64, 64), maximum 1, after the ascent; unchanged if the held-out gain is not significant."""
     likelihood = NoiseLikelihood(measurement, albedo.device, torch.float32)
     half = (torch.rand(likelihood.lags, generator=torch.Generator().manual_seed(0)) < 0.5).float().to(albedo.device)
     steps = _validated_steps(albedo, likelihood, torch.stack((half, 1.0 - half)))
@@ -42,7 +42,8 @@ def refine_by_likelihood(albedo: torch.Tensor, measurement: Measurement) -> torc
 
 @torch.no_grad()
 def _validated_steps(albedo: torch.Tensor, likelihood: NoiseLikelihood, halves: torch.Tensor) -> int:
-    """Number of steps of largest held-out log-likelihood, of copies that see one half (2, lags) each; 0 if it may be chance."""
+    """Return the number of steps with the highest held-out log-likelihood, of copies with one half (2, lags) each; 0 if
+    it is not significant."""
     held_out = []
     best, most = 0, 0.0
     for step, copies in enumerate(islice(_ascent(albedo.expand(2, -1, -1), likelihood, halves), MAX_STEPS)):
@@ -57,7 +58,7 @@ def _validated_steps(albedo: torch.Tensor, likelihood: NoiseLikelihood, halves: 
 
 
 def _ascent(albedo: torch.Tensor, likelihood: NoiseLikelihood, weight: torch.Tensor) -> Iterator[torch.Tensor]:
-    """Albedos (n, 64, 64) before each step, without end."""
+    """Yield albedos (n, 64, 64) before each step, without limit."""
     root = (albedo.clamp_min(0.0) + MIN_ALBEDO).sqrt().requires_grad_()
     adam = torch.optim.Adam([root], lr=LEARNING_RATE)
     while True:

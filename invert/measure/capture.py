@@ -1,4 +1,4 @@
-"""What users hand in: rendered or captured frames, or published autocorrelation pictures."""
+"""Reading and validation of user input: rendered frames, captured frames."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from correlograph.files.images import FRAME_KINDS, MAX_PIXEL, read_image
 from correlograph.lags import LAG_SIDE
 
 MIN_PIXEL = 1e-9
-"""Squares and their sums keep their digits in single precision above this."""
+"""Minimum of the brightest pixel; squares and sums keep their digits in single precision above it."""
 
 OWN_RESULTS = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "samples.npy", "truth.npy"}
-"""Files that this program writes beside frames, never frames themselves."""
+"""Output files of this program, which are never frames."""
 
 CONTACT_SHEET = "contact_sheet"
-"""Prefix of the contact sheets' file names."""
+"""Prefix of the names of contact sheets."""
 
 
 def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
-    """Frame files of the inputs in order; a folder stands for the frames in it."""
+    """Return the frame files of the inputs in order; a folder stands for its frames."""
     files: list[Path] = []
     for item in map(Path, inputs):
         if item.is_dir():
@@ -47,7 +47,7 @@ def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
 
 
 def frames_inside(folder: Path) -> list[Path]:
-    """Frame files of a folder in order, all of one kind."""
+    """Return the frame files of a folder in order, all of one kind."""
     inside = sorted(
         path
         for path in folder.iterdir()
@@ -61,10 +61,10 @@ def frames_inside(folder: Path) -> list[Path]:
 
 
 def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture:
-    """Read all frames as one capture; options (`known`) win over file headers.
+    """Read all frames as one capture; options (`known`) override file headers.
 
-    Raises InputError for damaged, colour, constant, non-finite or differently sized frames, for
-    headers that contradict one another, and for one frame given twice.
+    Raises InputError for damaged, colour, constant, non-finite or differently sized frames, for contradictory headers, and for a frame
+    that is given twice.
     """
     files = find_frames(inputs)
     frames: list[np.ndarray] = []
@@ -96,7 +96,7 @@ def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture
         first = header if not frames else first
         frames.append(pixels)
     given = {name: check_positive(name, value) for name, value in vars(known).items() if value is not None}
-    if "pixel_pitch_m" in given:  # the header's angles went with its own pitch
+    if "pixel_pitch_m" in given:  # the angles of the header belong to its own pitch
         given = {"row_pitch_m": None, "column_pitch_m": None, **given}
     facts = replace(CameraMetadata.of(first), **given)
     lacking = [name for name in ("wavelength_m", "pixel_pitch_m", "distance_m") if getattr(facts, name) is None]
@@ -107,12 +107,12 @@ def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture
 
 
 def printable(name: str) -> str:
-    """A file's name with question marks for bytes that are no UTF-8."""
+    """Return the name of a file with question marks for bytes that are not UTF-8."""
     return name.encode("utf-8", "replace").decode()
 
 
 def check_frame(pixels: np.ndarray, file: Path) -> None:
-    """Refuse frames that cannot be speckle. All-zero frames are legal: a short exposure may be empty."""
+    """Refuse frames that cannot be speckle. Frames of zeros are legal, because a short exposure may be empty."""
     if not np.isfinite(pixels).all():
         raise InputError("frame", "finite pixels", f"NaN or infinity in {file.name}", "leave the frame out")
     largest = float(np.abs(pixels).max(initial=0.0))
@@ -142,5 +142,5 @@ def check_frame(pixels: np.ndarray, file: Path) -> None:
 
 
 def _capture_of(header: FrameHeader | None) -> FrameHeader | None:
-    """What all frames of a capture have in common: their header but for seed and number."""
+    """Return the part of a header that all frames of a capture share."""
     return header and replace(header, seed=0, frame=0)

@@ -1,7 +1,7 @@
-"""Patch size that suits the object: small enough that the lags hold it, large enough that it is more than a spot.
+"""Patch size for the object: small enough that the lags contain it, large enough that it covers more than a few lags.
 
-The lag pitch is lambda z / (patch size x pixel pitch). An object wider than 64 lags needs smaller patches; one of a few
-lags shows more in larger ones, if at fewer degrees of freedom.
+The lag pitch is lambda z / (patch size x pixel pitch). An object wider than 64 lags needs smaller patches. An object of a few lags
+shows more detail in larger ones, with fewer degrees of freedom.
 """
 
 from __future__ import annotations
@@ -16,36 +16,36 @@ from radiometry.autocorrelation import PatchGrid, patch_grid
 from radiometry.noise.level import HALF_PLANE, RING
 
 MIN_EXTENT_LAGS, MAX_EXTENT_LAGS = 24.0, 44.0
-"""Lags, of 64, up to which a small object is magnified and a large one reduced."""
+"""Extents, of 64 lags, up to which a small object is magnified and a large one reduced."""
 
 MAX_RELIABLE_EXTENT_LAGS = 50
-"""Extent from which on an object may be wider than the lags show."""
+"""Extent above which an object may be wider than the lags."""
 
 MAX_SIZE_RATIO, MIN_SIZE_RATIO = 2.0, 1.2
 
 ENCLOSED_SIGNAL_FRACTION = 0.98
-"""Share of the signal inside an object's extent; the rest is leakage of patches, and noise."""
+"""Fraction of the signal inside an object's extent; the rest is leakage of patches and noise."""
 
 
 def is_wider_than_lags(measurement: Measurement) -> bool:
-    """Whether the object may be wider than the lags show."""
+    """Return whether the object may be wider than the lags."""
     return measurement.detectable and signal_extent_lags(measurement) >= MAX_RELIABLE_EXTENT_LAGS
 
 
 def signal_extent_lags(measurement: Measurement) -> int:
-    """How far r*r reaches, in lags: about the width of the object."""
+    """Return the extent of r*r in lags, about the width of the object."""
     excess = np.where(HALF_PLANE, measurement.estimate.astype(np.float64) - measurement.noise.floor, 0.0)
     inside = np.bincount(RING.ravel(), excess.ravel(), LAGS + 1).cumsum()
     return int(np.argmax(inside >= ENCLOSED_SIGNAL_FRACTION * inside[-1]))
 
 
 def choose_patch_grid(grid: PatchGrid, measured: Callable[[PatchGrid], Measurement]) -> PatchGrid:
-    """The grid that suits the object; `grid` itself where it does, or none is found.
+    """Return the grid for the object; `grid` itself if it is suitable or no object is detected.
 
-    Patches change by a factor of two at most, and stay between 127 pixels (all lags fit) and half of the frame.
+    Patch sizes change by a factor of at most two and stay between 127 pixels (all lags fit) and half of the frame.
 
     Args:
-        measured: the measurement on a grid.
+        measured: returns the measurement on a grid.
     """
     first = measured(grid)
     if not first.detectable:
@@ -57,7 +57,7 @@ def choose_patch_grid(grid: PatchGrid, measured: Callable[[PatchGrid], Measureme
 
 
 def _enlarge_patches(grid: PatchGrid, ratio: float) -> PatchGrid:
-    """With larger patches, where that is a change worth making."""
+    """Return a grid of larger patches if the change is large enough."""
     return _scale_patches(grid, min(ratio, MAX_SIZE_RATIO)) if ratio >= MIN_SIZE_RATIO else grid
 
 

@@ -1,4 +1,4 @@
-"""From a noisy autocorrelation estimate to the Fourier modulus that phase retrieval starts from."""
+"""Measurement: noise level, detection and Fourier modulus of a noisy autocorrelation estimate."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ RESOLUTION_LAGS = 0.5
 """Standard deviation, in lags, of the Gaussian that limits the resolution of a noisy reconstruction."""
 
 RESOLVED_ERROR = 0.01
-"""Relative error of the estimate above which noise is guarded against in full; below, in proportion."""
+"""Relative error of the estimate above which protection against noise is complete; below it, it is proportional."""
 
 
 DETECTION_LIMIT = 6.0
-"""Standard deviations above the floor below which no object is claimed."""
+"""Minimum significance of a signal, in standard deviations above the floor; below it, no object is reported."""
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """An estimate with what was read from it.
+    """An estimate with its noise level and signal.
 
     Attributes:
         estimate: (127, 127) float32, zero lag at [63, 63], lines through zero lag interpolated.
-        noise: floor, degrees of freedom, ring where the signal ends.
-        peak: (r*r)(0) above the floor, patch window deconvolved; 0 where no object is found.
+        noise: floor, degrees of freedom, ring at which the signal ends.
+        peak: (r*r)(0) above the floor, patch window deconvolved; 0 without an object.
         peak_error: its standard error.
-        detection: how many standard deviations the signal stands above the floor (all lags together).
-        interpolated: names of lines through zero lag that were replaced ("row", "column").
+        detection: significance of the signal above the floor in standard deviations, over all lags.
+        interpolated: names of the lines through zero lag that were replaced ("row", "column").
     """
 
     estimate: np.ndarray
@@ -46,12 +46,12 @@ class Measurement:
 
     @property
     def detectable(self) -> bool:
-        """Whether it shows enough for a retrieval to begin."""
+        """Whether the signal suffices for a reconstruction."""
         return self.detection >= DETECTION_LIMIT and self.peak > 0.0
 
     @property
     def box(self) -> int:
-        """Side of a square that holds the object: r*r that ends at a ring is that of one as wide as its radius, plus one."""
+        """Side of a square support from the signal extent: an object is as wide as the radius of its r*r plus one."""
         return min(OBJECT_SIDE, self.noise.signal_ring + 3)
 
     @property
@@ -65,20 +65,21 @@ class Measurement:
 
 
 SLOPE_WEIGHT = 1.5
-"""A signal must stand out of a sloping floor as well, by two thirds of what it must out of a flat one."""
+"""Weight of the excess over a sloping background; the signal must exceed that as well, by two thirds of the limit for a
+flat floor."""
 
 
 def read_measurement(estimate: np.ndarray, quantisation: float = 0.0, transfer: np.ndarray | None = None) -> Measurement:
-    """Read the noise level, interpolate read-noise lines and fill zero lag of a raw estimate (127, 127).
+    """Read the noise level of an estimate (127, 127), interpolate lines of read noise and fill zero lag.
 
     Args:
-        transfer: H of the camera per lag (127, 127) where it is known; the signal is divided by it.
+        transfer: H of the camera per lag (127, 127), if it is known; the signal is divided by it.
     """
     noise = read_noise_level(estimate, quantisation)
     interpolated_estimate, interpolated = interpolate_lines(estimate, noise)
     found = detection(interpolated_estimate, noise)
     if transfer is not None:
-        # Beyond the signal there is nothing to restore, only noise to raise.
+        # beyond the signal, division by H would only amplify noise
         usable = np.where(noise.signal_ring >= RING, np.maximum(transfer, 0.05), 1.0)
         interpolated_estimate = noise.floor + (interpolated_estimate - np.float32(noise.floor)) / usable.astype(np.float32)
     peak, peak_error = extrapolated_peak(interpolated_estimate, noise)
@@ -86,11 +87,11 @@ def read_measurement(estimate: np.ndarray, quantisation: float = 0.0, transfer: 
 
 
 def interpolate_lines(estimate: np.ndarray, noise: NoiseLevel) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Replace the row or column through zero lag by its neighbours' mean where its outer part stands out.
+    """Replace the row or column through zero lag by the mean of its neighbours if its outer part exceeds them.
 
-    Read noise that whole sensor rows (or columns) share is white along them, so it fills exactly
-    that line of the power spectrum. Signal that leaks along an axis has a cusp there too, but fills
-    the lines beside it, so a line is judged against what these extrapolate to.
+    Read noise that whole sensor rows (or columns) share is white along them, so it fills exactly that line of the power spectrum.
+    Signal that leaks along an axis has a cusp there too, but fills the neighbouring lines as well. A line is therefore compared with
+    the value that its neighbours extrapolate to.
     """
     interpolated = np.array(estimate, np.float32)
     names = []
@@ -108,10 +109,10 @@ def interpolate_lines(estimate: np.ndarray, noise: NoiseLevel) -> tuple[np.ndarr
 
 
 def detection(estimate: np.ndarray, noise: NoiseLevel) -> float:
-    """Signal strength in standard deviations: the largest of the summed excesses over growing rings.
+    """Return the significance of the signal in standard deviations: the highest of the summed excesses over growing rings.
 
-    A matched filter for blobs of unknown size around zero lag; zero lag itself is left out. The excess is that over the
-    floor or, where less, `SLOPE_WEIGHT` times that over a floor a + b r^2 of the lags outside the ring, extrapolated into it.
+    It is a matched filter for blobs of unknown size around zero lag; zero lag itself is excluded. The excess is measured from the
+    floor or, if that gives less, `SLOPE_WEIGHT` times from a floor a + b r^2 of the lags outside the ring, extrapolated into it.
     """
     if noise.floor <= 0.0:
         return float("inf") if estimate[HALF_PLANE].max() > 0.0 else 0.0
@@ -130,7 +131,7 @@ def detection(estimate: np.ndarray, noise: NoiseLevel) -> float:
 
 
 def estimate_noise(measurement: Measurement) -> float:
-    """Relative L2 error that the noise model gives the estimate's signal: sqrt(sum S^2 / K / sum A^2)."""
+    """Return the relative L2 error of the estimate's signal under the noise model: sqrt(sum S^2 / K / sum A^2)."""
     if not measurement.noise.dof:
         return 0.0
     kept = measurement.estimate[measurement.noise.signal_ring + 1 >= RING].astype(np.float64)
@@ -139,17 +140,16 @@ def estimate_noise(measurement: Measurement) -> float:
 
 
 def fourier_modulus(measurement: Measurement) -> torch.Tensor:
-    """|F(r)| on the retrieval grid, float32 (128, 65), scaled to 1 at zero frequency.
+    """Return |F(r)| on the retrieval grid, float32 (128, 65), scaled to 1 at zero frequency.
 
-    Floor subtracted, noisy lags beyond the signal set to zero, patch window deconvolved (dividing the
-    spectrum by the triangle it was multiplied with), resolution limited. Zero lag is free in the
-    data: its value lifts all frequencies alike. Without noise it is filled so that the least of the
-    highest frequencies falls to zero; with noise, so that four fifths of them do, since an object
-    has next to nothing there and noise would be read as structure.
+    The floor is subtracted, noisy lags beyond the signal are set to zero, the patch window is deconvolved (by division of the
+    spectrum by its triangle), and the resolution is limited. Zero lag is free: its value raises all frequencies alike. Without noise
+    it is chosen so that the lowest of the highest frequencies becomes zero; with noise, so that four fifths of them do, because an
+    object has almost no power there and noise would appear as structure.
     """
     guard = _guard(measurement)
     excess = fill_zero_lag(measurement.estimate - np.float32(measurement.noise.floor), 0.0)
-    if measurement.noise.dof:  # without noise even what leaks beyond the signal is worth keeping
+    if measurement.noise.dof:  # without noise, leakage beyond the signal is useful
         excess[measurement.noise.signal_ring + 1 < RING] = 0.0
     spectrum = _power(excess)
     spectrum -= np.quantile(spectrum[(_ROW > 0.3) & (_COLUMN > 0.3)], 0.8 * guard)
@@ -157,32 +157,29 @@ def fourier_modulus(measurement: Measurement) -> torch.Tensor:
 
 
 def denoised_modulus(signal: np.ndarray, measurement: Measurement) -> torch.Tensor:
-    """|F(r)| as `fourier_modulus` gives it, from the signal (127, 127) that a network found in a measurement.
-
-    It holds neither floor nor noise, and zero lag, too.
-    """
+    """Return |F(r)| like `fourier_modulus`, from the denoised signal (127, 127) of a measurement, which includes zero lag."""
     return _modulus(_power(signal), _guard(measurement))
 
 
 _ROW = np.abs(np.fft.fftfreq(GRID))[:, None]
 _COLUMN = np.fft.rfftfreq(GRID)[None, :]
-"""Cycles per lag of the retrieval grid's spectrum."""
+"""Cycles per lag of the spectrum on the retrieval grid."""
 
 
 def _guard(measurement: Measurement) -> float:
-    """How far noise has to be guarded against, 0 to 1."""
+    """Return the degree of protection against noise, 0 to 1."""
     return min(1.0, estimate_noise(measurement) / RESOLVED_ERROR)
 
 
 def _power(lags: np.ndarray) -> np.ndarray:
-    """Spectrum of centro-symmetric lags (127, 127), (128, 65)."""
+    """Return the spectrum (128, 65) of centro-symmetric lags (127, 127)."""
     padded = np.zeros((GRID, GRID), np.float32)
     padded[:LAG_SIDE, :LAG_SIDE] = lags
     return np.fft.rfft2(np.roll(padded, (-LAGS, -LAGS), (0, 1))).real
 
 
 def _modulus(power: np.ndarray, guard: float) -> torch.Tensor:
-    """Patch window deconvolved, resolution limited, root taken, 1 at zero frequency; `power` is used up."""
+    """Deconvolve the patch window, limit the resolution, and take the root, 1 at zero frequency; `power` is overwritten."""
     power /= (1.0 - _ROW) * (1.0 - _COLUMN)
     power *= np.exp(-((2.0 * np.pi * guard * RESOLUTION_LAGS) ** 2) * (_ROW**2 + _COLUMN**2))
     modulus = np.sqrt(np.maximum(power, 0.0))

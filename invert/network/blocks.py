@@ -1,4 +1,4 @@
-"""What this project's networks are built of: residual blocks, self-attention, a U-net of both, a decoder."""
+"""Building blocks of the networks: residual blocks, self-attention, U-net, decoder."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ GROUPS = 4
 
 
 class ResidualBlock(nn.Module):
-    """Two 3 x 3 convolutions behind group norms, added to their input."""
+    """Two 3 x 3 convolutions after group norms, added to their input."""
 
     def __init__(self, inputs: int, outputs: int) -> None:
         super().__init__()
@@ -26,7 +26,7 @@ class ResidualBlock(nn.Module):
 
 
 class Attention(nn.Module):
-    """Self-attention over all places of a feature map, because each lag involves the whole object."""
+    """Self-attention over all positions of a feature map, because each lag involves the whole object."""
 
     def __init__(self, channels: int, heads: int = 4) -> None:
         super().__init__()
@@ -44,9 +44,9 @@ class Attention(nn.Module):
 
 
 class Unet(nn.Module):
-    """Three levels of `width`, twice and four times as many channels; attention at the coarsest.
+    """U-net of three levels with `width`, 2 `width` and 4 `width` channels; attention at the coarsest.
 
-    Maps (n, inputs, h, w) to (n, width, h, w), and the mean of the coarsest level (n, 4 width).
+    It maps (n, inputs, h, w) to (n, width, h, w), and returns the mean of the coarsest level (n, 4 width) as well.
     """
 
     def __init__(self, inputs: int, width: int) -> None:
@@ -73,7 +73,7 @@ class Unet(nn.Module):
 
 
 class Decoder(nn.Module):
-    """From features (n, width, 32, 32) to images (n, outputs, 64, 64)."""
+    """Decoder from features (n, width, 32, 32) to images (n, outputs, 64, 64)."""
 
     def __init__(self, width: int, outputs: int) -> None:
         super().__init__()

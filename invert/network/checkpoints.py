@@ -1,4 +1,4 @@
-"""Networks on disk: safetensors with a card in the header; never a pickle."""
+"""Weights files: safetensors with metadata in the header; never a pickle."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ NETWORKS: dict[str, type[nn.Module]] = {"unet": CorrelographyNet, "paper": Paper
 
 
 def save_weights(path: Path, tensors: dict[str, torch.Tensor], card: dict[str, Any]) -> None:
-    """Write tensors with a card (strict JSON) in the header, whole or not at all."""
+    """Write tensors with metadata (strict JSON) in the header; the file appears only when it is complete."""
     tensors = {name: value.contiguous() for name, value in tensors.items()}
     metadata = {"card": json.dumps(card, allow_nan=False), "sha256": _sha256(tensors)}
     with atomic(path) as partial:
         save_file(tensors, partial, metadata=metadata)
-        partial.chmod(0o644)  # safetensors writes for the owner alone
+        partial.chmod(0o644)  # safetensors restricts the file to its owner
 
 
 def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
-    """Tensors and card of a file; InputError where it is damaged or another's."""
+    """Read tensors and metadata of a file. Raises InputError for a damaged or foreign file."""
     if not path.is_file():
         raise InputError("--weights", "a .safetensors file", f"no {path}", "check the path")
     try:
@@ -44,7 +44,7 @@ def read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, Any]]:
             if not isinstance(card, dict):
                 raise ValueError("no card")
             tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118 - no mapping
-            if "sha256" in metadata and metadata["sha256"] != _sha256(tensors):  # files of older versions have none
+            if "sha256" in metadata and metadata["sha256"] != _sha256(tensors):  # files of older versions have no digest
                 raise ValueError("damaged")
     except (SafetensorError, KeyError, ValueError, OSError) as error:
         raise InputError(
@@ -66,7 +66,7 @@ def _sha256(tensors: dict[str, torch.Tensor]) -> str:
 
 @lru_cache(maxsize=4)
 def load_network(path: Path, device: str = "cpu") -> tuple[nn.Module, dict[str, Any]]:
-    """A network ready to be used, and its card."""
+    """Load a network and its metadata."""
     tensors, card = read_weights(path)
     kind, width = card.get("network"), card.get("width")
     if not isinstance(kind, str) or kind not in NETWORKS or type(width) is not int or not 8 <= width <= 512 or width % 8:

@@ -1,4 +1,4 @@
-"""What the confidence of a network's reconstruction is made of: features known without a truth, weighted by a calibration."""
+"""Confidence of a network's reconstruction: features known without a truth, combined by a calibrated logistic function."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from scipy.special import expit, logit
 
 
 class ConfidenceFeatures(NamedTuple):
-    """Known of a reconstruction without a truth.
+    """Features of a reconstruction that are known without a truth.
 
     Attributes:
-        expected: logit of the correlation with the truth that the network expects.
-        agreement: of the augmentations or samples that were averaged; see `logit_correlation_with_new_sample`.
-        retrieval_agreement: of the classical starts, from the estimate as it is.
-        denoised_agreement: of the classical starts, from the denoised estimate.
+        expected: logit of the correlation with the truth that the network predicts.
+        agreement: pairwise correlation of the augmentations or samples; see `logit_correlation_with_new_sample`.
+        retrieval_agreement: mean correlation of the classical starts from the estimate.
+        denoised_agreement: mean correlation of the classical starts from the denoised estimate.
     """
 
     expected: float
@@ -26,25 +26,26 @@ class ConfidenceFeatures(NamedTuple):
 
 
 def logit_correlation_with_new_sample(agreement: float, count: int) -> float:
-    """Logit of the correlation of the mean of `count` pictures, any two of which correlate by `agreement`, with one more.
+    """Return the logit of the correlation of the mean of `count` images, which correlate by `agreement` in pairs, with a new one.
 
-    Were the truth one more of them, this would be the mean's correlation with it: that of samples of the posterior.
+    If the truth were a further sample, this would be its correlation with the mean.
     """
     alike = min(max(agreement, 0.01), 1.0)
     return float(logit(min(alike / (alike + (1.0 - alike) / count) ** 0.5, 0.99)))
 
 
 DEFAULT_COEFFICIENTS = (0.0, 1.0, 0.0, 0.0, 0.0)
-"""Coefficients of a network without calibration: what it expects of itself."""
+"""Coefficients of a network without calibration: its own prediction."""
 
 
 def confidence(coefficients: Sequence[float], features: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Expected correlation with the truth, 0 to 1, of features (..., 4): a logistic function, its offset first."""
+    """Return the predicted correlation with the truth, 0 to 1, of features (..., 4): a logistic function, offset first."""
     return expit(coefficients[0] + np.asarray(features) @ np.asarray(coefficients[1:]))
 
 
 def is_calibration(found: Any) -> bool:
-    """Whether a card's entry holds coefficients of each quality, and, if any, rising quantiles of the errors of sizes."""
+    """Return whether an entry of the metadata holds coefficients of each quality and increasing quantiles of the size
+    errors, if any."""
     if not isinstance(found, dict):
         return False
     coefficients = [one for name, one in found.items() if name != "sizes"]
@@ -57,5 +58,5 @@ def is_calibration(found: Any) -> bool:
 
 
 def _finite(found: Any) -> bool:
-    """Whether it is a list of finite numbers."""
+    """Return whether an object is a list of finite numbers."""
     return isinstance(found, list) and all(type(value) in (int, float) and abs(value) < 1e300 for value in found)

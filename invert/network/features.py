@@ -1,4 +1,4 @@
-"""Input features of the networks: signal, significance of each lag, noise level, and classical reconstructions."""
+"""Input features of the networks: signal, significance of each lag, noise level, classical reconstructions."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ LAG_CHANNELS = 2 * 2 * 4 + 2 + 2
 """Two maps and their mirror images, 2 x 2 lags to 4 channels; two numbers; two coordinates."""
 
 SKETCH_CHANNELS, FUSION_CHANNELS = (maps * (16 + 4) + 2 for maps in (2, 3))
-"""Maps: 4 x 4 blocks of all lags, 2 x 2 blocks of the inner ones (the albedo's extent); two numbers."""
+"""Maps: 4 x 4 blocks of all lags, 2 x 2 blocks of the inner ones (the extent of the albedo); two numbers."""
 
 PICTURES = 4
-"""Classical pictures that the fusion is shown."""
+"""Number of classical reconstructions in the input of the fusion."""
 
 DOF_RANGE = (1.0, 1e6)
 
 
 @dataclass(frozen=True)
 class Observation:
-    """What is known of each of n objects.
+    """Observation of n objects, the conditioning input of the networks.
 
     Attributes:
         estimate: (n, 127, 127), zero lag at [63, 63], floor included.
         floor, dof: noise level of each, (n,).
-        denoised: output of the denoiser, the signal without floor and noise, (n, 127, 127); zeros where it was not run.
-        classical: what classical retrieval makes of the estimate and of its denoised signal, (n, PICTURES, 64, 64), largest
-            value 1 each: from each, the mean of the best starts and the start of least residual; zeros where not run.
+        denoised: output of the denoiser, the signal without floor and noise, (n, 127, 127); zeros before denoising.
+        classical: classical reconstructions from the estimate and from its denoised signal, (n, PICTURES, 64, 64), maximum 1 each:
+            from each, the mean of the best starts and the start with the lowest residual; zeros before retrieval.
     """
 
     estimate: torch.Tensor
@@ -41,7 +41,7 @@ class Observation:
 
     @classmethod
     def from_estimate(cls, estimate: torch.Tensor, floor: torch.Tensor, dof: torch.Tensor) -> Observation:
-        """Estimates alone, the rest left at zero."""
+        """Return observations of estimates alone; the other inputs are zero."""
         pictures = estimate.new_zeros(len(estimate), PICTURES, OBJECT_SIDE, OBJECT_SIDE)
         return cls(estimate, floor, dof, torch.zeros_like(estimate), pictures)
 
@@ -49,18 +49,21 @@ class Observation:
         return len(self.estimate)
 
     def part(self, which: slice, device: str | torch.device) -> Observation:
-        """Some of the objects, on a device."""
+        """Return some of the objects on a device."""
         return Observation(*(getattr(self, field.name)[which].to(device) for field in fields(self)))
 
 
 def _normalise_features(seen: Observation) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """Dimensionless, zero lag replaced by its neighbours' mean: the signal over its height near zero lag (n, 127, 127); the
-    signal over its own noise, logarithmic where large; floor over height and K, logarithmic (n, 2); the height (n,)."""
+    """Return dimensionless maps, zero lag replaced by the mean of its neighbours.
+
+    These are the signal in units of its height near zero lag (n, 127, 127); the signal in units of its noise, logarithmic if large;
+    floor over height and K, logarithmic (n, 2); and the height (n,).
+    """
     floor, freedom = seen.floor, seen.dof.clamp(*DOF_RANGE)
     filled = fill_zero_lag_by_neighbours(seen.estimate)
     signal = filled - floor[:, None, None]
     near = mean_near_zero_lag(signal)
-    # Where there is no signal its height is a few times its error.
+    # without signal the height is a few times its error
     height = torch.maximum(near, 3.0 * floor * (freedom * 4.0).rsqrt()).clamp_min(1e-30)
     scale = height[:, None, None]
     significance = torch.asinh(signal * freedom.sqrt()[:, None, None] / filled.clamp_min(1e-3 * scale)) / 3.0
@@ -73,12 +76,12 @@ def _root(picture: torch.Tensor) -> torch.Tensor:
 
 
 def lag_features(seen: Observation) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """What the denoiser sees.
+    """Return the input of the denoiser.
 
     Returns:
-        (n, LAG_CHANNELS, 64, 32): the half plane of column lags 0 to 63. Beside each lag (v, h) stands (-v, h), so that
-        what lies across the cut, where h changes sign, is near as well;
-        the signal over its height (n, 127, 127); that height (n,).
+        (n, LAG_CHANNELS, 64, 32): the half plane of column lags 0 to 63, with (-v, h) next to each lag (v, h), so that lags across
+        the cut, at which h changes sign, are close as well;
+        the signal in units of its height (n, 127, 127); that height (n,).
     """
     relative, significance, numbers, height = _normalise_features(seen)
     maps = half_plane(torch.stack((_root(relative), significance), 1))
@@ -92,66 +95,67 @@ def lag_features(seen: Observation) -> tuple[torch.Tensor, torch.Tensor, torch.T
 
 
 def sketch_features(seen: Observation) -> torch.Tensor:
-    """What the sketch sees, (n, SKETCH_CHANNELS, 32, 32)."""
+    """Return the input of the sketch, (n, SKETCH_CHANNELS, 32, 32)."""
     relative, significance, numbers, _ = _normalise_features(seen)
     return _stack_cells(torch.stack((_root(relative), significance), 1), numbers)
 
 
 def picture_features(seen: Observation) -> torch.Tensor:
-    """What the fusion sees beside pictures, (n, FUSION_CHANNELS, 32, 32): the same and the denoised signal."""
+    """Return the input of the fusion without images, (n, FUSION_CHANNELS, 32, 32): that of the sketch, and the denoised
+    signal."""
     relative, significance, numbers, height = _normalise_features(seen)
     return _stack_cells(torch.stack((_root(relative), significance, _root(seen.denoised / height[:, None, None])), 1), numbers)
 
 
 def _stack_cells(maps: torch.Tensor, numbers: torch.Tensor) -> torch.Tensor:
-    """Maps (n, m, 127, 127) and numbers (n, k) as channels of 32 x 32 cells."""
+    """Stack maps (n, m, 127, 127) and numbers (n, k) as channels of 32 x 32 cells."""
     maps = functional.pad(maps, (1, 0, 1, 0))
     planes = numbers[:, :, None, None].expand(-1, -1, 32, 32)
     return torch.cat((functional.pixel_unshuffle(maps, 4), functional.pixel_unshuffle(maps[:, :, 32:96, 32:96], 2), planes), 1)
 
 
 def half_plane(lags: torch.Tensor) -> torch.Tensor:
-    """Lags (..., 127, 127) of column zero and beyond, (..., 128, 64); the first row is empty, zero lag at [64, 0]."""
+    """Return the lags (..., 127, 127) with non-negative column, (..., 128, 64); the first row is empty, zero lag at [64, 0]."""
     return functional.pad(lags[..., LAGS:], (0, 0, 1, 0))
 
 
 def whole_plane(half: torch.Tensor) -> torch.Tensor:
-    """The centro-symmetric lags (..., 127, 127) of a half plane (..., 128, 64), of which column zero holds each lag twice."""
+    """Return the centro-symmetric lags (..., 127, 127) of a half plane (..., 128, 64), whose column zero holds each lag twice."""
     turned = _negate_row_lags(half)
     middle = 0.5 * (half + turned)[..., :1]
     return torch.cat((turned[..., 1:].flip(-1), middle, half[..., 1:]), -1)[..., 1:, :]
 
 
 def _negate_row_lags(half: torch.Tensor) -> torch.Tensor:
-    """A half plane with its row lags negated."""
+    """Negate the row lags of a half plane."""
     return functional.pad(half[..., 1:, :].flip(-2), (0, 0, 1, 0))
 
 
 def paper_picture(estimate: torch.Tensor) -> torch.Tensor:
-    """The paper's input: the estimate over its largest lag but zero, (n, 1, 128, 128)."""
+    """Return the input of Metzler et al. 2020: the estimate in units of its maximum except zero lag, (n, 1, 128, 128)."""
     filled = fill_zero_lag_by_neighbours(estimate)
     return functional.pad(filled / filled.amax((-2, -1), keepdim=True).clamp_min(1e-30), (1, 0, 1, 0))[:, None]
 
 
 def modulus_picture(estimate: torch.Tensor, floor: torch.Tensor) -> torch.Tensor:
-    """|F(r)| from the estimate less its floor, zero frequency in the middle, largest value 1; (n, 1, 128, 128)."""
+    """Return |F(r)| from the estimate minus its floor, zero frequency in the middle, maximum 1; (n, 1, 128, 128)."""
     excess = fill_zero_lag_by_neighbours(estimate) - floor[:, None, None]
     spectrum = torch.fft.fft2(zero_lag_first(excess)).real.clamp_min(0.0).sqrt()
     return torch.fft.fftshift(spectrum / spectrum.amax((-2, -1), keepdim=True).clamp_min(1e-30), (-2, -1))[:, None]
 
 
 def zero_lag_first(lags: torch.Tensor) -> torch.Tensor:
-    """Lags (n, 127, 127) on the periodic grid (n, 128, 128), zero lag moved from the middle to [0, 0]."""
+    """Move lags (n, 127, 127) to the periodic grid (n, 128, 128), zero lag from the middle to [0, 0]."""
     return torch.roll(functional.pad(lags, (0, 1, 0, 1)), (-LAGS, -LAGS), (-2, -1))
 
 
 def fill_zero_lag_by_neighbours(estimate: torch.Tensor) -> torch.Tensor:
-    """Zero lag replaced by the mean of its four neighbours."""
+    """Replace zero lag by the mean of its four neighbours."""
     filled = estimate.clone()
     filled[:, LAGS, LAGS] = 0.5 * (estimate[:, LAGS, LAGS + 1] + estimate[:, LAGS + 1, LAGS])
     return filled
 
 
 def mean_near_zero_lag(lags: torch.Tensor) -> torch.Tensor:
-    """Mean (n,) of the nine lags at and beside zero lag, of lags (n, 127, 127) that have been filled there."""
+    """Return the mean (n,) of the nine lags around zero lag, for lags (n, 127, 127) with zero lag filled."""
     return lags[:, LAGS - 1 : LAGS + 2, LAGS - 1 : LAGS + 2].mean((-2, -1))

@@ -1,4 +1,4 @@
-"""Fisher scoring of albedos: the likelihood's slope and curvature in the pixels, and steps towards the data along them."""
+"""Fisher scoring of albedos: gradient and curvature of the likelihood in the pixels, and data-consistency steps."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ _SIDE = 2 * OBJECT_SIDE
 
 
 def _half(lags: torch.Tensor) -> torch.Tensor:
-    """Lags (n, 127, 127), zero lag in the middle, of rows 0 to 63, zero lag first, (n, 64, 128); the others mirror these."""
+    """Return the lags (n, 127, 127) of rows 0 to 63, zero lag first, (n, 64, 128); the other rows mirror these."""
     return zero_lag_first(lags)[..., :OBJECT_SIDE, :]
 
 
 _LAG_MASK = _half(torch.from_numpy((RING > 1) & HALF_PLANE).float()[None])
-_PEDESTAL_LAGS = _half(PEDESTAL_PROFILE.float()[None])
+_PEDESTAL_HALF = _half(PEDESTAL_PROFILE.float()[None])
 _RESPONSE = torch.fft.fft(zero_lag_first(torch.from_numpy(window_kernel())[None])[0, :, 0]).real
 _WINDOW = torch.outer(_RESPONSE, _RESPONSE[: OBJECT_SIDE + 1]).float()
-"""By which patches multiply the spectrum of r*r, (128, 65)."""
+"""Spectral response of the patch window, (128, 65)."""
 
 MAX_ALBEDO = 1.2
-"""Albedo that a step may reach; the largest of an object is about 1."""
+"""Maximum albedo of a step; the maximum of an object is about 1."""
 
 MAX_STEP_LENGTH = 1.0
-"""Largest step, in those that pixels by themselves would take."""
+"""Maximum step length in units of the steps of individual pixels."""
 
 
 class Likelihood:
-    """That of `invert.likelihood.gamma`, for n estimates at once."""
+    """The likelihood of `invert.likelihood.gamma` for n estimates at once."""
 
     def __init__(self, seen: Observation) -> None:
         estimate = fill_zero_lag_by_neighbours(seen.estimate)
@@ -40,27 +40,27 @@ class Likelihood:
         self.estimate = _half(estimate / height[:, None, None])
         self.floor = (seen.floor / height).clamp_min(MIN_FLOOR)[:, None, None]
         self.dof = seen.dof.clamp(*DOF_RANGE)[:, None, None]
-        self.used, self.pedestal, self.window = (one.to(estimate) for one in (_LAG_MASK, _PEDESTAL_LAGS, _WINDOW))
+        self.used, self.pedestal, self.window = (one.to(estimate) for one in (_LAG_MASK, _PEDESTAL_HALF, _WINDOW))
 
     def at(self, albedo: torch.Tensor) -> LikelihoodPoint:
-        """At one albedo for each estimate, (n, 64, 64)."""
+        """Evaluate the likelihood at one albedo per estimate, (n, 64, 64)."""
         return LikelihoodPoint(self, albedo)
 
 
 class LikelihoodPoint:
-    """A likelihood at albedos (n, 64, 64), and how it changes with the pixels.
+    """A likelihood at albedos (n, 64, 64), with its derivatives.
 
-    The brightnesses of object and pedestal are the likeliest. There is no slope at an albedo of zeros.
+    The gains of object and pedestal are fitted. The gradient is zero at an albedo of zeros.
 
     Attributes:
-        deviance: of the mean lag, (n,): 1 at the truth, more where the albedo leaves something unexplained.
+        deviance: reduced deviance per lag, (n,): 1 at the truth, more if signal is unexplained.
     """
 
     def __init__(self, likelihood: Likelihood, albedo: torch.Tensor) -> None:
         estimate, floor, used, pedestal = likelihood.estimate, likelihood.floor, likelihood.used, likelihood.pedestal
         self._window, self._albedo, self._spectrum = likelihood.window, albedo, _spectrum(albedo)
         self._lags = used.sum()
-        signal = self._smoothed(self._spectrum.abs().square())
+        signal = self._smooth_by_window(self._spectrum.abs().square())
         scale = (signal * used).amax((-2, -1)).clamp_min(1e-6)[:, None, None]
         signal = signal / scale
         bright, faint = fit_brightnesses(
@@ -74,29 +74,29 @@ class LikelihoodPoint:
         self.deviance = (2.0 * used * likelihood.dof * (ratio - 1.0 - ratio.log())).sum((-2, -1)) / self._lags
 
     def log_likelihood(self) -> torch.Tensor:
-        """Of the albedos, (n,), in nats, but for a constant."""
+        """Return the log-likelihood of the albedos, (n,), in nats, up to a constant."""
         return -0.5 * self._lags * self.deviance
 
     def gradient(self) -> torch.Tensor:
-        """Of the log-likelihood, (n, 64, 64)."""
+        """Return the gradient of the log-likelihood, (n, 64, 64)."""
         return self._in_picture(self._weight * self._excess, self._spectrum)
 
     def information(self) -> torch.Tensor:
-        """Fisher information of each pixel, (n, 64, 64), brightnesses kept; to within a factor of two, since what opposite lags
-        have in common is left out."""
+        """Return the Fisher information of each pixel, (n, 64, 64), at fixed gains; accurate to a factor of two, because
+        the correlation of opposite lags is neglected."""
         return self._in_picture(self._weight * self._gain, _spectrum(self._albedo.square())).clamp_min(1e-6)
 
     def curvature(self, change: torch.Tensor) -> torch.Tensor:
-        """The Fisher information matrix, brightnesses kept, times a change of the albedo, (n, 64, 64)."""
-        of_signal = self._smoothed(2.0 * (self._spectrum.conj() * _spectrum(change)).real)
+        """Return the Fisher information matrix at fixed gains times a change of the albedo, (n, 64, 64)."""
+        of_signal = self._smooth_by_window(2.0 * (self._spectrum.conj() * _spectrum(change)).real)
         return self._in_picture(self._weight * self._gain * of_signal, self._spectrum)
 
-    def _smoothed(self, power: torch.Tensor) -> torch.Tensor:
-        """Half of the lags of a power spectrum (n, 128, 65), as patches show them."""
+    def _smooth_by_window(self, power: torch.Tensor) -> torch.Tensor:
+        """Return half of the lags of a power spectrum (n, 128, 65), smoothed by the patch window."""
         return torch.fft.irfft2(power * self._window, s=(_SIDE, _SIDE))[..., :OBJECT_SIDE, :]
 
     def _in_picture(self, lags: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
-        """Half of the lags, smoothed, with the other half convolved with pictures given by their spectra; (n, 64, 64).
+        """Smooth lags, and convolve them with images given by their spectra; (n, 64, 64).
 
         d (r*r)(lag) / d r(x) = r(x + lag) + r(x - lag).
         """
@@ -107,14 +107,14 @@ class LikelihoodPoint:
 def run_data_consistency_steps(
     seen: Observation, albedo: torch.Tensor, variance: torch.Tensor, steps: int, explained: float = 0.0
 ) -> torch.Tensor:
-    """Albedos (n, 64, 64) moved up the likelihood of their estimates, under a Gaussian prior around where they begin.
+    """Move albedos (n, 64, 64) up the likelihood of their estimates, under a Gaussian prior around their initial values.
 
-    Each step follows the slope over the information, as far as the curvature along it says; dark pixels that would get darker
-    stay.
+    Each step is a preconditioned conjugate gradient, with a length given by the curvature. Dark pixels stay dark if their gradient is
+    negative.
 
     Args:
-        variance: of the prior, (n,).
-        explained: deviance below which an albedo is left as it is: what is still unexplained may be noise.
+        variance: variance of the prior, (n,).
+        explained: reduced deviance below which an albedo remains unchanged, because the rest may be noise.
     """
     begun, precision = albedo, variance.reciprocal()[:, None, None]
     likelihood = Likelihood(seen)

@@ -1,5 +1,5 @@
-"""The network: U-nets that denoise an autocorrelation, sketch its object, fuse the classical reconstructions of it, and draw
-samples from its posterior."""
+"""The network: U-nets that denoise an autocorrelation, sketch the object, fuse classical reconstructions, and sample the
+posterior."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from invert.network.sampler import Sampler
 
 
 class Denoiser(nn.Module):
-    """The signal H (r*r) of an estimate, without floor and noise, zero lag among it.
+    """Signal H (r*r) of an estimate, without floor and noise, zero lag included.
 
-    An autocorrelation, unlike the object, has neither shift nor twin image, so there is one right answer to learn. Phase
-    retrieval itself is left to projections.
+    An autocorrelation, unlike the object, has neither shift nor twin image, so there is a single correct output. Phase retrieval
+    itself is done by projections.
     """
 
     def __init__(self, width: int) -> None:
@@ -37,20 +37,19 @@ class Denoiser(nn.Module):
         self.draw = nn.Sequential(nn.GroupNorm(GROUPS, width), nn.SiLU(), nn.Conv2d(width, 8, 3, padding=1))
 
     def forward(self, seen: Observation) -> torch.Tensor:
-        """Signal (n, 127, 127), centro-symmetric, in the estimate's unit."""
+        """Return the signal (n, 127, 127), centro-symmetric, in the unit of the estimate."""
         shown, relative, height = lag_features(seen)
         drawn = functional.pixel_shuffle(self.draw(self.unet(shown.to(memory_format=torch.channels_last))[0]), 2).float()
-        # Each lag is a mean of measured and predicted value, weighted by trust.
+        # each lag is a weighted mean of measured and predicted value
         trust = torch.sigmoid(drawn[:, 0])
         signal = trust * half_plane(relative) + (1.0 - trust) * functional.softplus(drawn[:, 1] - 3.0)
         return whole_plane(signal) * height[:, None, None]
 
 
 class Sketch(nn.Module):
-    """Albedo (n, 64, 64), zero or more, from the estimate at once.
+    """Coarse image (n, 64, 64), zero or more, from the estimate: object and twin image superimposed.
 
-    It does not choose between the object and its twin image but shows both, faintly, over one another: all that can be told
-    of an object before the twin-image ambiguity is resolved.
+    It does not choose between the object and its twin image, because the estimate alone does not determine that choice.
     """
 
     def __init__(self, width: int) -> None:
@@ -63,11 +62,12 @@ class Sketch(nn.Module):
 
 
 class Fusion(nn.Module):
-    """Albedo (n, 64, 64), zero or more, from the estimate and classical reconstructions, and the correlation with the truth
-    that it expects of it (n,), as a logit.
+    """Albedo (n, 64, 64), zero or more, from the estimate and classical reconstructions, with its predicted correlation.
 
-    The reconstructions are among the features and also added to the output, with a weight for each pixel: a good one
-    is kept and cleaned, a bad one overruled.
+    The prediction is the logit of the correlation with the truth, (n,).
+
+    The reconstructions are inputs and are also added to the output, with a weight for each pixel: a good one is kept and cleaned, a
+    bad one suppressed.
     """
 
     def __init__(self, width: int) -> None:
@@ -87,8 +87,7 @@ class Fusion(nn.Module):
 
 
 class CorrelographyNet(nn.Module):
-    """All four parts. Classical phase retrieval runs between denoiser and fusion, annealing by the sampler follows
-    (`inference.py`)."""
+    """All four parts. Phase retrieval runs between denoiser and fusion; annealing with the sampler follows (`inference.py`)."""
 
     def __init__(self, width: int = 40) -> None:
         super().__init__()
@@ -98,7 +97,7 @@ class CorrelographyNet(nn.Module):
         self.sampler = Sampler(width)
 
     def forward(self, seen: Observation) -> tuple[torch.Tensor, torch.Tensor]:
-        """Sketch the object, lay the classical pictures over the sketch, and fuse them."""
+        """Sketch the object, register the classical reconstructions to the sketch, and fuse them."""
         sketch = self.sketch(seen)
         sketch = sketch / sketch.amax((-2, -1), keepdim=True).clamp_min(1e-6)
         return self.fusion(seen, torch.cat((sketch[:, None], register_groups(seen.classical, sketch)), 1))

@@ -1,4 +1,5 @@
-"""The paper's network, the baseline: section 5.D, after Ronneberger et al., MICCAI 2015, doi:10.1007/978-3-319-24574-4_28."""
+"""Baseline: the U-net of Metzler et al. 2020, section 5.D, after Ronneberger et al., MICCAI 2015,
+doi:10.1007/978-3-319-24574-4_28."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from invert.network.features import Observation, modulus_picture, paper_picture
 
 
 class PaperUnet(nn.Module):
-    """The paper's U-net: 12 convolutional layers of 64 to 512 channels, batch norm; it predicts no confidence."""
+    """U-net of Metzler et al. 2020: 12 convolutional layers of 64 to 512 channels, batch norm; it predicts no confidence."""
 
     def __init__(self, width: int = 64) -> None:
         super().__init__()
@@ -43,7 +44,7 @@ class PaperUnet(nn.Module):
 
 
 class PaperModulusUnet(PaperUnet):
-    """The same with |F(r)| as its input: the mapping that section 5.C of the paper found harder to learn."""
+    """The same U-net with |F(r)| as its input, a mapping that Metzler et al. 2020 (section 5.C) found harder to learn."""
 
     def picture(self, seen: Observation) -> torch.Tensor:
         return modulus_picture(seen.estimate, seen.floor)

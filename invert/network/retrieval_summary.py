@@ -1,4 +1,4 @@
-"""What the network is shown of classical retrieval: all starts together."""
+"""Classical reconstructions as input of the fusion: a summary of all starts."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from invert.solvers.base import Candidates
 
 
 def summarise_retrievals(found: Candidates) -> tuple[torch.Tensor, list[float]]:
-    """Pictures (PICTURES, 64, 64) of all starts together, and how far they agree.
+    """Return images (PICTURES, 64, 64) of all starts, and their mean correlations.
 
-    Of the retrieval from the estimate and of that from its denoised signal (`found` holds both) the mean of the best starts,
-    which is smooth where they differ, and the start of least residual, which is sharp; laid over the first.
+    For the retrieval from the estimate and that from its denoised signal (`found` holds both), these are the mean of the best starts,
+    which is smooth where they differ, and the start with the lowest residual, which is sharp. All are registered to the first.
     """
     pictures, agreement = [], []
     for images, residual in zip(found.images, found.residual, strict=True):
@@ -24,5 +24,5 @@ def summarise_retrievals(found: Candidates) -> tuple[torch.Tensor, list[float]]:
 
 
 def _crop_to_window(pictures: torch.Tensor) -> torch.Tensor:
-    """The middle of pictures (n, 128, 128), taken together, largest value 1 each; zero or more."""
+    """Crop images (n, 128, 128) to their common middle, maximum 1 each; zero or more."""
     return normalise_peak(crop_centred(pictures.clamp_min(0.0)))

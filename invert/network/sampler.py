@@ -1,7 +1,7 @@
-"""The sampler: removes noise of a known level from a picture of the object, given the autocorrelation estimate.
+"""The diffusion posterior sampler: denoises an image of the object at a known noise level, given the autocorrelation estimate.
 
-A diffusion model conditional on the estimate, preconditioned as by Karras et al. (NeurIPS 2022, arXiv:2206.00364). Noise in
-the picture chooses between the object and its twin image, where a network that sees the estimate alone stays between both.
+A diffusion model conditioned on the estimate, preconditioned as by Karras et al. (NeurIPS 2022, arXiv:2206.00364). The noise in the
+image breaks the symmetry between the object and its twin image; a network with the estimate as its only input blends both.
 """
 
 from __future__ import annotations
@@ -15,32 +15,33 @@ from invert.network.features import SKETCH_CHANNELS, Observation, sketch_feature
 from invert.network.fisher_scoring import Likelihood
 
 ALBEDO_STD = 0.25
-"""Standard deviation of albedos, about."""
+"""Approximate standard deviation of albedos (sigma_data in Karras et al.)."""
 
 _MAPS = 4
 
 _MIN_INFORMATION = 4.0
-"""Fisher information of a pixel below which the step shown to the network is shortened: an error of half the largest albedo."""
+"""Fisher information of a pixel below which the step in the input is shortened; it corresponds to an error of half the
+maximum albedo."""
 
 
 def posterior_variance(sigma: torch.Tensor) -> torch.Tensor:
-    """Of an albedo behind white noise of standard deviation sigma, were both Gaussian."""
+    """Return the posterior variance of an albedo under white noise of standard deviation sigma, if both were Gaussian."""
     return (sigma * ALBEDO_STD).square() / (sigma.square() + ALBEDO_STD**2)
 
 
 class Sampler(nn.Module):
-    """Expected albedo behind a noisy picture of it."""
+    """Expected albedo given a noisy image of it."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
         self.unet, self.drawing = Unet(SKETCH_CHANNELS + 4 * _MAPS + 1, width), Decoder(width, 1)
 
     def forward(self, seen: Observation, noisy: torch.Tensor, sigma: torch.Tensor, guess: torch.Tensor) -> torch.Tensor:
-        """Albedos (n, 64, 64) without the noise.
+        """Denoise albedos; return (n, 64, 64).
 
         Args:
             noisy: albedos (n, 64, 64) with white noise of standard deviation sigma (n,).
-            guess: what is thought of them so far, (n, 64, 64) in the same place; zeros where nothing is.
+            guess: previous estimate of the albedos (self-conditioning input), (n, 64, 64), registered; zeros without one.
         """
         with torch.no_grad():
             at = Likelihood(seen).at(guess)

@@ -1,7 +1,7 @@
-"""Classical phase retrieval, one method a file.
+"""Classical phase retrieval, one method per file.
 
-    base.py      what they share: projections, support, random starts, residual, `Candidates`
-    registry.py  methods by name, and the qualities that trade their speed for accuracy
+    base.py      projections, support, random starts, residual, `Candidates`
+    registry.py  solver and options of each method
 
 Every solver has the signature `solver(modulus, box, rng, options, progress) -> Candidates`, batched over images and starts.
 """

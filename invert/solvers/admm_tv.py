@@ -27,12 +27,12 @@ class AdmmTvOptions:
 
 
 def gradients(image: torch.Tensor) -> torch.Tensor:
-    """Periodic forward differences, (..., 2, n, n)."""
+    """Return periodic forward differences, (..., 2, n, n)."""
     return torch.stack((torch.roll(image, -1, -2) - image, torch.roll(image, -1, -1) - image), -3)
 
 
 def divergence(field: torch.Tensor) -> torch.Tensor:
-    """Negative adjoint of `gradients`."""
+    """Return the negative adjoint of `gradients`."""
     row, column = field.unbind(-3)
     return row - torch.roll(row, 1, -2) + column - torch.roll(column, 1, -1)
 

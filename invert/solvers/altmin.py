@@ -1,8 +1,8 @@
-"""Alternating minimisation: phases from the image, image from the phases, support only.
+"""Alternating minimisation: phases from the image, image from the phases, with support only.
 
-Netrapalli, Jain and Sanghavi, NeurIPS 2013, arXiv:1306.0160, algorithm 1 without resampling, as the paper ran it
-(1000 iterations). For Fourier measurements of a supported image the least-squares step is a projection onto the
-support. Started from random images: the spectral start assumes Gaussian measurements.
+Netrapalli, Jain and Sanghavi, NeurIPS 2013, arXiv:1306.0160, algorithm 1 without resampling, as in Metzler et al. 2020 (1000
+iterations). For Fourier measurements of an image in a support, the least-squares step is a projection onto the support. The starts
+are random, because the spectral start assumes Gaussian measurements.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What all retrieval methods share: projections, residual, support, random starts."""
+"""Common parts of the phase retrieval methods: projections, residual, support, random starts."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ def no_progress(steps: int = 1) -> None:
 
 @dataclass(frozen=True)
 class Candidates:
-    """Reconstructions of each start: `images` (..., starts, n, n) and `residual` (..., starts).
+    """Images of all starts, (..., starts, n, n), and their residuals (..., starts).
 
-    The residual is the relative squared error of the Fourier modulus; it never looks at a truth.
+    The residual is the relative squared error of the Fourier modulus; it is independent of a truth.
     """
 
     images: torch.Tensor
@@ -32,19 +32,19 @@ def to_modulus(image: torch.Tensor, modulus: torch.Tensor) -> torch.Tensor:
     A frequency that is exactly zero has no phase and stays zero.
     """
     spectrum = torch.fft.rfft2(image)
-    # modulus / |spectrum|; several times faster than through a complex absolute value
+    # modulus / |spectrum|, several times faster than through a complex absolute value
     scale = spectrum.real.square().add_(spectrum.imag.square()).clamp_min_(1e-38).rsqrt_().mul_(modulus)
     return torch.fft.irfft2(spectrum.mul_(scale), s=image.shape[-2:])
 
 
 def modulus_residual(image: torch.Tensor, modulus: torch.Tensor) -> torch.Tensor:
-    """Relative squared modulus error of each image of a batch."""
+    """Return the relative squared error of the Fourier modulus of each image of a batch."""
     error = (torch.fft.rfft2(image).abs() - modulus).square().sum((-2, -1))
     return error / modulus.square().sum((-2, -1)).clamp_min(1e-30)
 
 
 def gaussian_blur(image: torch.Tensor, deviation: float) -> torch.Tensor:
-    """Periodic Gaussian blur, standard deviation in pixels."""
+    """Apply a periodic Gaussian blur, standard deviation in pixels."""
     side = image.shape[-1]
     row = torch.fft.fftfreq(side, device=image.device)[:, None]
     column = torch.fft.rfftfreq(side, device=image.device)
@@ -53,7 +53,7 @@ def gaussian_blur(image: torch.Tensor, deviation: float) -> torch.Tensor:
 
 
 def box_support(modulus: torch.Tensor, box: int) -> torch.Tensor:
-    """1 inside a square of `box` pixels at the grid's corner, 0 elsewhere, (n, n)."""
+    """Return a mask, 1 in a square of `box` pixels at the corner of the grid, 0 elsewhere, (n, n)."""
     side = modulus.shape[-2]
     support = torch.zeros(side, side, device=modulus.device)
     support[:box, :box] = 1.0
@@ -61,8 +61,8 @@ def box_support(modulus: torch.Tensor, box: int) -> torch.Tensor:
 
 
 def random_starts(modulus: torch.Tensor, support: torch.Tensor, starts: int, rng: torch.Generator) -> torch.Tensor:
-    """Uniform random images inside the support, (..., starts, n, n); every image of a batch gets the same ones,
-    so a result does not depend on what else is in the batch."""
+    """Return uniform random images inside the support, (..., starts, n, n), equal for every image of a batch, so that a
+    result does not depend on the rest of the batch."""
     side = modulus.shape[-2]
     images = torch.rand(starts, side, side, generator=rng, device=modulus.device) * support
     return images.expand(*modulus.shape[:-2], starts, side, side).clone()

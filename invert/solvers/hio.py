@@ -24,14 +24,14 @@ from invert.solvers.base import (
 
 @dataclass(frozen=True)
 class HioOptions:
-    """Published defaults (the paper's section 6.C) with shrink-wrap.
+    """Published options (Metzler et al. 2020, section 6.C) with shrink-wrap.
 
     Attributes:
-        iterations: projections in all; the last `error_reduction` of them are plain error reduction.
-        beta: feedback of the pixels that break the constraints.
+        iterations: total number of projections; the last `error_reduction` of them are plain error reduction.
+        beta: feedback of the pixels that violate the constraints.
         starts: random starting images.
-        shrink_from, shrink_every: first iteration and interval at which the support is redrawn; 0 never.
-        shrink_threshold: share of the blurred image's maximum; starts cycle through several.
+        shrink_from, shrink_every: first iteration and interval of support updates; 0 for none.
+        shrink_threshold: fractions of the blurred image's maximum, cycled over the starts.
         shrink_blur: first and last standard deviation of the blur, in pixels; it falls by 5 % each time.
     """
 

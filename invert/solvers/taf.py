@@ -1,8 +1,8 @@
-"""Truncated amplitude flow: gradient descent on the amplitude error, unreliable phases left out.
+"""Truncated amplitude flow: gradient descent on the amplitude error, without unreliable phases.
 
 Wang, Giannakis and Eldar, IEEE Transactions on Information Theory 64, 773 (2018), doi:10.1109/TIT.2017.2756858,
-algorithm 1 with its published constants. Started from random images: the orthogonality-promoting start assumes
-Gaussian measurements.
+algorithm 1 with its published constants. The starts are random, because the orthogonality-promoting start assumes Gaussian
+measurements.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from invert.solvers.twf import full_intensity, start_at_scale
 
 @dataclass(frozen=True)
 class TafOptions:
-    """`gamma`: measurements with |a z| below psi / (1 + gamma) are left out; `step` of the gradient."""
+    """`gamma`: measurements with |a z| below psi / (1 + gamma) are excluded; `step` of the gradient."""
 
     iterations: int = 1000
     starts: int = 16

@@ -1,7 +1,7 @@
-"""Truncated Wirtinger flow: gradient descent on the Poisson likelihood of the intensities, outliers left out.
+"""Truncated Wirtinger flow: gradient descent on the Poisson likelihood of the intensities, without outliers.
 
 Chen and Candes, Communications on Pure and Applied Mathematics 70, 822 (2017), doi:10.1002/cpa.21638, algorithm 1
-with its published constants. Started from random images: the spectral start assumes Gaussian measurements.
+with its published constants. The starts are random, because the spectral start assumes Gaussian measurements.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from invert.solvers.base import Candidates, Progress, box_support, modulus_resid
 
 @dataclass(frozen=True)
 class TwfOptions:
-    """`lower`, `upper`: kept range of |a z| over |z|; `spread`: of the intensity error; `step` of the gradient."""
+    """`lower`, `upper`: range of |a z| over |z|; `spread`: factor of the typical intensity error; `step` of the gradient."""
 
     iterations: int = 1000
     starts: int = 16
@@ -45,7 +45,7 @@ def full_intensity(modulus: torch.Tensor) -> torch.Tensor:
 
 
 def start_at_scale(modulus: torch.Tensor, support: torch.Tensor, starts: int, rng: torch.Generator) -> torch.Tensor:
-    """Random starts whose energy is the measurements' mean intensity."""
+    """Return random starts whose energy is the mean intensity of the measurements."""
     image = random_starts(modulus, support, starts, rng)
     energy = full_intensity(modulus).mean((-2, -1), keepdim=True)
     return image * (energy / image.square().sum((-2, -1), keepdim=True).clamp_min(1e-30)).sqrt()
@@ -64,10 +64,10 @@ def truncated_flow(
     typical: Callable[[torch.Tensor], torch.Tensor],
     progress: Progress,
 ) -> Candidates:
-    """Descend the Poisson likelihood over measurements that keep both truncation rules.
+    """Descend the Poisson likelihood over measurements that satisfy both truncation rules.
 
     Args:
-        typical: typical intensity error of each image, (..., n, n) to (..., 1, 1): what `options.spread` multiplies.
+        typical: typical intensity error of each image, (..., n, n) to (..., 1, 1); `options.spread` multiplies it.
     """
     support, intensity = box_support(modulus, box), full_intensity(modulus)
     image = start_at_scale(modulus, support, options.starts, rng)

@@ -2,12 +2,12 @@
 
 train.py        the command: one run, from a dataset to weights
 training_run.py state of a run, checkpoints that resume exactly
-data.py         noisy estimates of targets, drawn anew at every step
-objectives.py   what each part is trained for
-denoising.py    the sampler's task: truths behind noise
-chains.py       the sampler's task: its own mistakes
-losses.py       losses of reconstructions, and of the denoiser
-warm_starts.py  classical reconstructions that the fusion is trained with
-calibration.py  calibrates the network's confidence
-report.py       the curve of a run
+data.py         noisy estimates of targets, sampled independently at every step
+objectives.py   objective of each network part
+denoising.py    denoising task of the sampler: noised truths
+chains.py       denoising task of the sampler: its own trajectories
+losses.py       losses of reconstructions and of the denoiser
+warm_starts.py  precomputed classical reconstructions for the fusion
+calibration.py  calibration of the confidence and of the credible intervals
+report.py       learning curve of a run
 """

@@ -1,8 +1,8 @@
-"""`python -m invert.calibrate WEIGHTS TARGETS.zarr`: calibrate a network's `confidence`, and its credible intervals of sizes.
+"""`python -m invert.calibrate WEIGHTS TARGETS.zarr`: calibrate the `confidence` of a network and its credible intervals of sizes.
 
-On targets held out from training, at noise of every kind, the correlation that each quality achieves is fitted by a
-logistic function of what is known without the truth (`network/confidence.py`), and the error of sizes, over the spread of the
-samples, is recorded (`invert/albedo/posterior.py`). Both go into the weights' card.
+The targets are held out from training; their estimates have noise of every kind. The correlation that each quality reaches is
+fitted by a logistic function of features known without the truth (`network/confidence.py`). The error of the sizes, in units of
+the deviation of the samples, is recorded (`invert/albedo/posterior.py`). Both are stored in the metadata of the weights.
 """
 
 from __future__ import annotations
@@ -26,12 +26,13 @@ from invert.training.data import Batch, make_varied_batch
 RIDGE = 1e-2
 
 QUANTILES = 41
-"""Of the error of a size, evenly spaced."""
+"""Number of equidistant quantiles of the error of a size."""
 
 
 @dataclass(frozen=True)
 class Observed:
-    """Of n reconstructions: confidence features (n, 4), correlation achieved (n,), errors of sizes over the samples' spread."""
+    """Confidence features (n, 4) of n reconstructions, their correlations with the truth (n,), and errors of sizes in
+    units of the deviation of the samples."""
 
     features: np.ndarray
     achieved: np.ndarray
@@ -69,7 +70,9 @@ def main(argv: Sequence[str] | None = None) -> None:
             card["calibration"]["sizes"] = {
                 size: np.quantile(errors, np.linspace(0.0, 1.0, QUANTILES)).tolist() for size, errors in observed.errors.items()
             }
-    card["calibration"]["best"] = card["calibration"]["balanced"]  # more starts, samples and rounds change little
+    card["calibration"]["best"] = card["calibration"][
+        "balanced"
+    ]  # the calibration of `balanced` serves `best`: more starts, samples and rounds change little
     save_weights(options.weights, tensors, card)
 
 
@@ -98,7 +101,7 @@ def _observe(batch: Batch, weights: Path, quality: Quality) -> Observed:
 
 
 def fit_logistic(features: np.ndarray, achieved: np.ndarray) -> list[float]:
-    """Coefficients (offset first) of the logistic function of features (n, m) nearest to `achieved` (n,) in cross-entropy.
+    """Fit a logistic function of features (n, m) to `achieved` (n,) in cross-entropy; return its coefficients, offset first.
 
     A small ridge term keeps constant features harmless.
     """

@@ -1,7 +1,6 @@
-"""Training of the sampler on what it does itself: objects on their way through annealing, wrong in places as they are in use.
+"""Training of the sampler on its own trajectories: objects in the middle of annealing, with the errors that occur in use.
 
-Pictures of the truth behind noise, which the sampler is trained on otherwise, never show it its own mistakes (S. Ross et al.,
-AISTATS 2011, arXiv:1011.0686).
+Noised truths, the other training task, never show the sampler its own errors (S. Ross et al., AISTATS 2011, arXiv:1011.0686).
 """
 
 from __future__ import annotations
@@ -24,27 +23,27 @@ SCHEDULE = Annealing.of(BALANCED)
 """Schedule of the annealing that the chains follow."""
 
 CHAINS = 128
-"""Kept at a time; each step of training moves some of them on by one step of annealing."""
+"""Number of chains; each training step advances some of them by one annealing step."""
 
 FIRST_STEPS = 12
-"""Of a chain's first round, which begins with noise alone."""
+"""Steps of the first round of a chain, which starts with pure noise."""
 
 ROUNDS = 5
-"""Largest number of rounds of a chain."""
+"""Maximum number of rounds of a chain."""
 
 FIRST = (0.4, 1.6)
-"""Noise that the other rounds begin with."""
+"""Range of the initial noise of the other rounds."""
 
 WEIGHT = 0.3
-"""Of a chain's squared error, over the variance of albedos, in the loss."""
+"""Weight in the loss of a chain's squared error in units of the variance of albedos."""
 
 
 class Chains:
-    """Objects on their way through annealing.
+    """Objects in the middle of annealing.
 
     Attributes:
-        state: for each chain its estimate, floor and K, the truth, the noisy picture and the albedo so far; of the round the
-            first noise, how many steps it has and how many were done; and how many rounds are left, this one among them.
+        state: for each chain its estimate, floor and K, the truth, the noisy image and the present albedo; the initial noise of
+            the round, its number of steps and of finished steps; and the remaining rounds, including the present one.
     """
 
     def __init__(self) -> None:
@@ -64,7 +63,7 @@ class Chains:
         self.state = {name: torch.zeros(shape) for name, shape in shapes.items()}
 
     def draw(self, batch: Batch, rng: torch.Generator) -> torch.Tensor:
-        """Numbers of as many chains as a batch has objects, which take the places of those that have ended."""
+        """Return numbers of chains, one per object of a batch; the objects replace those of finished chains."""
         seen, truth = batch.seen, batch.truth
         which = torch.randperm(CHAINS, generator=rng)[: len(truth)]
         ended = self.state["left"][which] == 0
@@ -86,13 +85,13 @@ class Chains:
         return which
 
     def task(self, which: torch.Tensor, device: torch.device) -> Task:
-        """Their next step of annealing."""
+        """Return the next annealing step of chains."""
         one = {name: value[which].to(device) for name, value in self.state.items()}
         seen = Observation.from_estimate(one["estimate"], one["floor"], one["dof"])
         return Task(seen, one["truth"], one["noisy"], _level(one, one["done"]), one["albedo"])
 
     def follow(self, which: torch.Tensor, task: Task, answer: torch.Tensor, rng: torch.Generator) -> None:
-        """Move chains on by what the sampler expects, as annealing does."""
+        """Advance chains by the denoiser output, as annealing does."""
         one = {name: value[which] for name, value in self.state.items()}
         data = scale_dof_for_sums(task.seen)
         expected = answer.clamp(0.0, MAX_ALBEDO)
@@ -113,13 +112,13 @@ class Chains:
 
 
 def _level(one: dict[str, torch.Tensor], done: torch.Tensor) -> torch.Tensor:
-    """Noise of a round's step, (n,)."""
+    """Return the noise level of a round's step, (n,)."""
     share = (done / (one["steps"] - 1.0)).clamp(0.0, 1.0)
     return noise_level_at(share, one["first"], SCHEDULE.last)
 
 
 def chain_loss(answer: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-    """Squared error over the variance of albedos, (n,), against the truth shifted and turned to fit: a chain has gone its own
-    way."""
+    """Return the squared error in units of the variance of albedos, (n,), against the registered truth, because chains
+    choose shift and twin image freely."""
     fitting = register_groups(truth[:, None], answer.detach())[:, 0]
     return WEIGHT * (answer - fitting).square().mean((-2, -1)) / ALBEDO_STD**2

@@ -1,4 +1,4 @@
-"""Training batches: targets with noise drawn afresh, a function of the seed and the step alone."""
+"""Training batches: targets with independent noise, determined by the seed and the step alone."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from radiometry.noise.level import OUTERMOST, RING
 from radiometry.noise.model import autocorrelate_windowed, draw_estimate
 
 EMPTY_SHARE = 0.04
-"""Share of samples that hold only noise, from which the network learns low confidence."""
+"""Fraction of samples with noise only, from which the network learns low confidence."""
 
 GREY_SHARE = 0.3
-"""Share of samples whose albedo varies over the object."""
+"""Fraction of samples whose albedo varies over the object."""
 
 CORRELATED_SHARE = 0.7
-"""Share of samples with the noise of whole frames, correlated from lag to lag; the rest have that of patches side by side."""
+"""Fraction of samples with the correlated noise of whole frames; the rest have that of non-overlapping patches."""
 
 _OUTER = int((RING > OUTERMOST).sum()) // 2
 _RADIUS_SQUARED = torch.from_numpy(np.hypot(*np.mgrid[-LAGS : LAGS + 1, -LAGS : LAGS + 1]).astype(np.float32) / LAGS).square()
@@ -30,8 +30,8 @@ _RADIUS_SQUARED = torch.from_numpy(np.hypot(*np.mgrid[-LAGS : LAGS + 1, -LAGS : 
 
 @dataclass(frozen=True)
 class Batch:
-    """Observations, with the noise level as it would be read from each, truths (n, 64, 64), their signals without floor
-    and noise (n, 127, 127), and what is random about the sampler's task.
+    """Observations with their noise levels, truths (n, 64, 64), their signals without floor and noise (n, 127, 127), and the
+    random numbers of the sampler's task.
 
     A truth of zeros stands for an estimate without signal.
     """
@@ -47,7 +47,7 @@ class Batch:
 
 
 def at_noise(truth: torch.Tensor, floor: torch.Tensor | float, dof: torch.Tensor | float, rng: torch.Generator) -> Batch:
-    """Estimates of truths at a noise level, b in units of the largest lag but zero, of which the paper gives 255ths."""
+    """Return estimates of truths at a noise level, b in units of the maximum lag except zero (Metzler et al. 2020 use 1/255)."""
     n = len(truth)
     floor = torch.as_tensor(floor).expand(n).float()
     dof = torch.as_tensor(dof).expand(n).float()
@@ -57,7 +57,7 @@ def at_noise(truth: torch.Tensor, floor: torch.Tensor | float, dof: torch.Tensor
 
 
 def make_varied_batch(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batch:
-    """Random targets (uint8 pool (N, 64, 64)), flipped and transposed, at noise of every level and of several kinds."""
+    """Return random targets (uint8 pool (N, 64, 64)), flipped and transposed, at noise of every level and of several kinds."""
 
     def chance(share: float) -> torch.Tensor:
         return (torch.rand(count, generator=rng) < share)[:, None, None]
@@ -75,13 +75,13 @@ def make_varied_batch(targets: torch.Tensor, count: int, rng: torch.Generator) -
     floor = torch.exp(uniform(np.log(0.005), np.log(4.0)))
     dof = torch.exp(uniform(np.log(8.0), np.log(1e4)))
     dof = torch.where(chance(0.1)[:, 0, 0], torch.exp(uniform(np.log(1e4), np.log(1e6))), dof)
-    # The camera's own transfer, where it is not known; a floor that is not flat.
+    # transfer of an unknown camera, and a sloping background
     signal = _signal(truth) * torch.exp(-_RADIUS_SQUARED * (uniform(0.0, 2.0)[:, None, None] * chance(0.5)))
     slope = uniform(-0.15, 0.15)[:, None, None] * chance(0.15)
     spectrum = signal + floor[:, None, None] * (1.0 + slope * (_RADIUS_SQUARED - 0.7))
     apart = draw_estimate(spectrum, dof, rng)
     estimate = torch.where(chance(CORRELATED_SHARE), draw_estimate(spectrum, dof, rng, correlated=True), apart)
-    # Read noise that lines of pixels share fills the row or column through zero lag; where it stands out it is interpolated.
+    # Read noise of sensor lines fills the row or column through zero lag; significant lines are interpolated.
     for row, interpolated, weak in ((True, 0.3, 0.15), (False, 0.1, 0.1)):
         view = estimate if row else estimate.mT
         line = view[:, LAGS]
@@ -96,10 +96,10 @@ def make_varied_batch(targets: torch.Tensor, count: int, rng: torch.Generator) -
 
 
 def _apply_shading(truth: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
-    """Albedos (n, 64, 64) times a random field, about .1 to 1; largest value 1 each.
+    """Multiply albedos (n, 64, 64) by a random field, about 0.1 to 1; maximum 1 each.
 
-    Its amplitude falls with spatial frequency, by a power between 1, as that of photographs does (D. J. Field, J. Opt. Soc.
-    Am. A 4, 2379, 1987, doi:10.1364/JOSAA.4.002379), and 3, where it is smooth.
+    Its amplitude falls with spatial frequency by a power between 1, as in photographs (D. J. Field, J. Opt. Soc. Am. A 4, 2379, 1987,
+    doi:10.1364/JOSAA.4.002379), and 3, which is smooth.
     """
     side = truth.shape[-1]
     frequency = side * torch.hypot(torch.fft.fftfreq(side)[:, None], torch.fft.rfftfreq(side))
@@ -110,13 +110,13 @@ def _apply_shading(truth: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
 
 
 def hidden_in_noise(batch: Batch, rng: torch.Generator) -> Batch:
-    """The sampler's task: objects anywhere near the middle, with draws of the noise that hides them."""
+    """Return the batch of the sampler's task: objects near the centre, with the random numbers of their noise."""
     return replace(batch, truth=shift_randomly(batch.truth, rng), draws=Draws.of(len(batch.truth), batch.truth.shape[-1], rng))
 
 
 def warm(stored: dict[str, torch.Tensor], count: int, rng: torch.Generator) -> Batch:
-    """Random stored estimates, denoised, with their classical reconstructions (see `invert.training.warm_starts`), flipped and
-    transposed."""
+    """Return random precomputed estimates, denoised, with their classical reconstructions (see
+    `invert.training.warm_starts`), flipped and transposed."""
     chosen = torch.randint(len(stored["albedo"]), (count,), generator=rng)
     pictures = [
         stored[name][chosen].float() * scale
@@ -131,13 +131,13 @@ def warm(stored: dict[str, torch.Tensor], count: int, rng: torch.Generator) -> B
 
 
 def paper_noise(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batch:
-    """The paper's section 5.A: b = 70 of 255 and gamma / N = 0.015 for every sample."""
+    """Return the training data of Metzler et al. 2020, section 5.A: b = 70 of 255 and gamma / N = 0.015 for every sample."""
     truth = targets[torch.randint(len(targets), (count,), generator=rng)].float() / 255.0
     return at_noise(truth, 70.0 / 255.0, 1.0 / 0.015, rng)
 
 
 def _signal(truth: torch.Tensor) -> torch.Tensor:
-    """H (r*r) behind the patch window, largest lag but zero 1; zero where the truth is."""
+    """Return H (r*r) smoothed by the patch window, maximum lag except zero 1; zero for an empty truth."""
     signal = autocorrelate_windowed(truth)
     beside = torch.maximum(signal[:, LAGS, LAGS + 1], signal[:, LAGS + 1, LAGS])
     return signal / beside.clamp_min(1e-12)[:, None, None]

@@ -1,4 +1,4 @@
-"""Training of the sampler: albedos under white noise of every level, with a guess as it will have in use."""
+"""Denoising task of the sampler: albedos under white noise of every level, with a self-conditioning input as in use."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from invert.network.fisher_scoring import MAX_ALBEDO, run_data_consistency_steps
 from invert.network.sampler import ALBEDO_STD, Sampler, posterior_variance
 
 MEDIAN_SIGMA, MIN_SIGMA, MAX_SIGMA = 0.3, 0.02, 4.0
-"""Noise levels: log-normal around `MEDIAN_SIGMA`, with a standard deviation of one, within limits."""
+"""Noise levels: log-normal with median `MEDIAN_SIGMA` and a standard deviation of one, within limits."""
 
 PASSES = 2
-"""Largest number of earlier steps that a guess has behind it."""
+"""Maximum number of earlier steps of a self-conditioning input."""
 
 MAX_LOG_SIGMA_RATIO = 1.5
-"""Logarithm of the largest ratio of their noise to the level trained."""
+"""Maximum logarithm of the ratio of their noise to the training level."""
 
 ASCENT, ASCENT_SHARE = 3, 0.7
-"""Steps towards the data after such a step, and how often they are taken."""
+"""Data-consistency steps after such a step, and the probability that they follow."""
 
 PRIOR_VARIANCE_FACTOR = 3.0
-"""Factor on the prior's variance in these steps; in use it is that of `invert.network.annealing`."""
+"""Factor of the prior variance in these steps; `invert.network.annealing` has the one in use."""
 
 MAX_SHIFT_LAGS = 6
-"""Largest shift of an object out of the middle of its window, in lags."""
+"""Maximum shift of an object from the centre of its window, in lags."""
 
 
 @dataclass(frozen=True)
 class Draws:
-    """What is random about n samples: levels (n,), noise (1 + PASSES, n, 64, 64), noise ratios of earlier steps (PASSES, n).
+    """Random numbers of n samples: levels (n,), noise (1 + PASSES, n, 64, 64), noise ratios of earlier steps (PASSES, n).
 
     Attributes:
-        ascends: for each earlier step of the batch, whether steps towards the data follow it.
+        ascends: whether data-consistency steps follow each earlier step of the batch.
     """
 
     sigma: torch.Tensor
@@ -53,13 +53,13 @@ class Draws:
         return cls(sigma, torch.randn(1 + PASSES, count, side, side, generator=rng), ratio, tuple(ascends.tolist()))
 
     def part(self, which: slice, device: str | torch.device) -> Draws:
-        """Those of some of the samples, on a device."""
+        """Return the random numbers of some of the samples, on a device."""
         noise, ratio = (one[:, which].to(device) for one in (self.noise, self.ratio))
         return Draws(self.sigma[which].to(device), noise, ratio, self.ascends)
 
 
 def shift_randomly(albedo: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
-    """Albedos (n, 64, 64), each shifted by up to `MAX_SHIFT_LAGS` lags as far as its window allows."""
+    """Shift each albedo (n, 64, 64) by up to `MAX_SHIFT_LAGS` lags, as far as its window permits."""
     shifted = []
     for one in albedo:
         for axis in (0, 1):
@@ -72,13 +72,13 @@ def shift_randomly(albedo: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
 
 
 def scale_dof_for_sums(seen: Observation) -> Observation:
-    """Observations whose K is what it counts in sums over lags: between that of independent lags and of correlated ones."""
+    """Return observations with the effective K of sums over lags: between those of independent and of correlated lags."""
     return replace(seen, dof=seen.dof / 2.0)
 
 
 @torch.no_grad()
 def run_self_conditioning(sampler: Sampler, seen: Observation, truth: torch.Tensor, draws: Draws) -> torch.Tensor:
-    """What the sampler itself makes of noisier pictures, step by step; zeros without earlier steps."""
+    """Run the sampler on noisier images, step by step, and return its estimate; zeros without earlier steps."""
     guess = torch.zeros_like(truth)
     data = scale_dof_for_sums(seen)
     for ratio, noise, ascends in zip(draws.ratio, draws.noise[1:], draws.ascends, strict=False):
@@ -91,7 +91,7 @@ def run_self_conditioning(sampler: Sampler, seen: Observation, truth: torch.Tens
 
 @dataclass(frozen=True)
 class Task:
-    """What the sampler is shown of n objects, and the albedos behind it; see `Sampler.forward`."""
+    """Inputs of the sampler for n objects, and the true albedos; see `Sampler.forward`."""
 
     seen: Observation
     truth: torch.Tensor
@@ -103,18 +103,19 @@ class Task:
         return sampler(self.seen, self.noisy, self.sigma, self.guess)
 
     def join(self, other: Task) -> Task:
-        """Those of this task, then those of another."""
+        """Return this task followed by another."""
         seen = Observation(*(torch.cat(both) for both in zip(vars(self.seen).values(), vars(other.seen).values(), strict=True)))
         names = ("truth", "noisy", "sigma", "guess")
         return Task(seen, *(torch.cat((getattr(self, name), getattr(other, name))) for name in names))
 
 
 def make_denoising_task(sampler: Sampler, seen: Observation, truth: torch.Tensor, draws: Draws) -> Task:
-    """Truths hidden in noise."""
+    """Return the denoising task of noised truths."""
     noisy = truth + draws.sigma[:, None, None] * draws.noise[0]
     return Task(seen, truth, noisy, draws.sigma, run_self_conditioning(sampler, seen, truth, draws))
 
 
 def denoising_loss(answer: torch.Tensor, truth: torch.Tensor, sigma: torch.Tensor) -> torch.Tensor:
-    """Squared error over what is to be learnt at a noise level, (n,): 1 for a sampler that knows only the mean."""
+    """Return the squared error in units of the learnable variance at a noise level, (n,): 1 for a sampler that predicts
+    the mean only."""
     return (answer - truth).square().mean((-2, -1)) * (sigma.square() + ALBEDO_STD**2) / (sigma * ALBEDO_STD).square()

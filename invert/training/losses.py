@@ -1,7 +1,7 @@
-"""Losses that neither a shift nor the twin-image ambiguity changes, and that of the denoiser.
+"""Losses that are invariant to shift and twin image, and the loss of the denoiser.
 
-The four of the paper's section 5.B, negative Pearson correlation of autocorrelations, and the registered one, which
-compares objects: losses on r*r alone accept a bright point beside a faint copy of the object.
+They are the four of Metzler et al. 2020 (section 5.B), the negative Pearson correlation of autocorrelations, and the registered
+loss, which compares objects. Losses on r*r alone accept a bright point with a faint copy of the object.
 """
 
 from __future__ import annotations
@@ -15,20 +15,21 @@ _GRID = 2 * OBJECT_SIDE
 
 
 def spectrum(albedo: torch.Tensor) -> torch.Tensor:
-    """F(r) of albedos (n, 64, 64), zero-padded so that lags do not wrap; (n, 128, 65)."""
+    """Return F(r) of albedos (n, 64, 64), zero-padded so that lags do not wrap; (n, 128, 65)."""
     return torch.fft.rfft2(albedo, s=(_GRID, _GRID))
 
 
 def _lags(transform: torch.Tensor) -> torch.Tensor:
-    """r*r of each, from F(r), over its value at zero lag."""
+    """Return r*r from F(r), in units of its value at zero lag."""
     lags = torch.fft.irfft2(transform.real.square() + transform.imag.square(), s=(_GRID, _GRID))
     return lags / lags[:, :1, :1].clamp_min(1e-12)
 
 
 def registered_pearson(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-    """Pearson correlation with the truth after the best shift and rotation by 180 degrees, (n,), of (n, 64, 64) each."""
+    """Return the Pearson correlation with the truth after the best shift and rotation by 180 degrees, (n,), of (n, 64,
+    64) each."""
     ours, theirs = spectrum(albedo), spectrum(truth)
-    # The twin image has the conjugate spectrum.
+    # the twin image has the conjugate spectrum
     maps = torch.fft.irfft2(torch.stack((ours * theirs.conj(), ours * theirs), 1), s=(_GRID, _GRID))
     count = albedo[0].numel()
     product = maps.flatten(1).amax(1) / count - albedo.mean((-2, -1)) * truth.mean((-2, -1))
@@ -37,12 +38,12 @@ def registered_pearson(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tenso
 
 
 def registered_loss(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-    """1 - registered correlation, plus a fifth of the relative autocorrelation error; (n,)."""
+    """Return 1 - registered correlation, plus a fifth of the relative autocorrelation error; (n,)."""
     return 1.0 - registered_pearson(albedo, truth) + 0.2 * autocorrelation_l1(albedo, truth)
 
 
 def autocorrelation_l1(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-    """||r^*r^ - r*r||_1 over ||r*r||_1, the paper's choice; (n,)."""
+    """Return ||r^*r^ - r*r||_1 over ||r*r||_1, the choice of Metzler et al. 2020; (n,)."""
     ours, theirs = _lags(spectrum(albedo)), _lags(spectrum(truth))
     return (ours - theirs).abs().sum((-2, -1)) / theirs.sum((-2, -1))
 
@@ -53,7 +54,7 @@ def autocorrelation_l2(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tenso
 
 
 def autocorrelation_pearson(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-    """1 - Pearson correlation of the autocorrelations; (n,)."""
+    """Return 1 - Pearson correlation of the autocorrelations; (n,)."""
     both = torch.stack((_lags(spectrum(albedo)), _lags(spectrum(truth))))
     both = both - both.mean((-2, -1), keepdim=True)
     return 1.0 - (both[0] * both[1]).sum((-2, -1)) / both.square().sum((-2, -1)).prod(0).add(1e-12).sqrt()
@@ -76,17 +77,17 @@ def modulus_l2(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
 
 
 def noise_left(found: torch.Tensor, signal: torch.Tensor, measured: torch.Tensor) -> torch.Tensor:
-    """Logarithm of how much of an estimate's error is left: geometric mean of those of the lags and of the Fourier modulus.
+    """Return the logarithm of the remaining fraction of an estimate's error: geometric mean of that of the lags and of the Fourier modulus.
 
     Args:
-        found, signal, measured: denoised, true, and as measured less its floor, (n, 127, 127).
+        found, signal, measured: denoised, true, and measured without its floor, (n, 127, 127).
 
     Returns:
-        (n,): 0 where nothing is gained, log(1/2) where both errors are halved.
+        (n,): 0 without improvement, log(1/2) if both errors are halved.
     """
     scale = signal.amax((-2, -1)).clamp_min(measured.square().mean((-2, -1)).sqrt())[:, None, None]
     found, signal, measured = found / scale, signal / scale, measured.clone() / scale
-    measured[:, LAGS, LAGS] = signal[:, LAGS, LAGS]  # never measured
+    measured[:, LAGS, LAGS] = signal[:, LAGS, LAGS]  # zero lag is never measured
     shares = []
     for view in (lambda lags: lags, _lags_modulus):
         ours, theirs, begun = view(found), view(signal), view(measured)
@@ -96,7 +97,7 @@ def noise_left(found: torch.Tensor, signal: torch.Tensor, measured: torch.Tensor
 
 
 def _lags_modulus(lags: torch.Tensor) -> torch.Tensor:
-    """|F(r)| from r*r (n, 127, 127), zero lag in the middle; (n, 128, 65)."""
+    """Return |F(r)| from r*r (n, 127, 127), zero lag in the middle; (n, 128, 65)."""
     spectrum = torch.fft.rfft2(zero_lag_first(lags)).real
     return (spectrum.clamp_min(0.0) + 1e-2).sqrt()
 

@@ -1,4 +1,4 @@
-"""What each network, or part of one, is trained for: its loss, and the measure of its progress."""
+"""Objective of each network, or part of one: its loss, and the measure of its progress."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from invert.training.losses import LOSSES, noise_left, registered_pearson
 CONFIDENCE_LOSS_WEIGHT = 0.5
 
 VALIDATION_SIGMA = 0.7
-"""Noise level at which the sampler's progress is measured."""
+"""Noise level at which the progress of the sampler is measured."""
 
 
 class DenoisedLags:
-    """The denoiser's: as little noise as possible."""
+    """Objective of the denoiser: the lowest remaining noise."""
 
     measure = "share of the noise left"
 
@@ -38,7 +38,8 @@ class DenoisedLags:
 
 
 class Picture:
-    """Of a network that draws the object, anywhere and either way round; the fusion also says how well."""
+    """Objective of a network that reconstructs the object, up to shift and twin image; the fusion also predicts its
+    correlation."""
 
     measure = "registered correlation"
 
@@ -50,7 +51,7 @@ class Picture:
         output = predict(module, batch.seen)  # the sketch returns albedos alone
         albedo, judgement = output if isinstance(output, tuple) else (output, None)
         shown = batch.truth.amax((-2, -1)) > 0.0
-        # Samples of noise alone have no loss; a stand-in keeps their gradient finite.
+        # Samples without signal have no loss; a substitute keeps their gradient finite.
         truth = torch.where(shown[:, None, None], batch.truth, 1.0 + albedo.detach())
         loss = (self._loss(albedo, truth) * shown).sum() / shown.sum().clamp_min(1)
         if not self._judged or judgement is None:
@@ -67,7 +68,7 @@ class Picture:
 
 
 class DenoisedPicture:
-    """The sampler's: the expected albedo behind noise of every level, and on the way through annealing."""
+    """Objective of the sampler: the expected albedo given a noisy image, at every noise level and in the middle of annealing."""
 
     measure = f"share of the albedo's energy missed behind noise of {VALIDATION_SIGMA}"
 
@@ -96,10 +97,10 @@ class DenoisedPicture:
 
 
 def objective(part: nn.Module, loss: str) -> DenoisedLags | Picture | DenoisedPicture:
-    """That of a network or of a part of the default one.
+    """Return the objective of a network or of a part of the default one.
 
     Args:
-        loss: of pictures, a name in `LOSSES`.
+        loss: name in `LOSSES` of the loss of images.
     """
     if isinstance(part, Denoiser):
         return DenoisedLags()

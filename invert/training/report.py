@@ -1,4 +1,4 @@
-"""The curve of a training run."""
+"""Learning curve of a training run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from correlograph.files.output import atomic
 
 
 def save_curve(path: Path, curve: list[dict[str, Any]], measure: str, labels: list[str]) -> None:
-    """A measure of each validation level, by its label, against training time."""
+    """Plot a measure for each validation level, by its label, against training time."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6, 4), layout="constrained")

@@ -1,8 +1,8 @@
-"""`python -m invert.train DATASET -o WEIGHTS.safetensors`: train a network; resumes exactly.
+"""`python -m invert.train DATASET -o WEIGHTS.safetensors`: train a network; runs resume exactly.
 
-Every step's data depend on the seed and the step alone, so a run that was stopped goes on as if it had not been (to the
-last bit with the same number of threads), and several GPUs (torchrun) see together what one would. Except for the
-sampler: each process keeps chains of its own, and a checkpoint holds those of the first.
+The data of every step depend on the seed and the step alone. A stopped run therefore continues as if it had not been stopped (to the
+last bit with the same number of threads), and several GPUs (torchrun) together process the data of one. The sampler is an
+exception: each process has its own chains, and a checkpoint holds those of the first.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from invert.training.losses import LOSSES
 from invert.training.training_run import Training
 
 BYTES_PER_CHANNEL = 3e5
-"""Activations of a sample and its gradients, over the width: measured at 9 to 12 MB a sample of width 40."""
+"""Memory of a sample and its gradients per channel of width: 9 to 12 MB measured at width 40."""
 
 
 def parser() -> ArgumentParser:
@@ -50,7 +50,7 @@ def parser() -> ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Load targets, train, and leave weights with their card, curve and checkpoint."""
+    """Load targets, train, and write the weights with metadata, curve and checkpoint."""
     options = parser().parse_args(argv)
     _check(options)
     rank, world = _join_processes(options.device)
@@ -82,7 +82,7 @@ def _train(options: Any, rank: int, world: int) -> None:
 
 
 def _join_processes(device: str) -> tuple[int, int]:
-    """Rank and number of processes when started by torchrun."""
+    """Return rank and number of processes started by torchrun."""
     world = int(os.environ.get("WORLD_SIZE", "1"))
     if world > 1:
         torch.distributed.init_process_group("nccl" if device == "cuda" else "gloo")
@@ -110,11 +110,11 @@ def _check(options: Any) -> None:
     if bool(options.warm) != fuses or (fuses and (options.noise == "paper" or options.start_from is None)):
         raise InputError(
             "--part fusion",
-            "--warm STORES, --start-from WEIGHTS and --noise varied beside it",
+            "--warm STORES, --start-from WEIGHTS and --noise varied together with it",
             f"--part {options.part}, {options.warm}, {options.start_from}, {options.noise}",
             "train denoiser and sketch, each from the last, then the fusion",
         )
     if options.output.suffix != ".safetensors":
-        raise InputError("-o", "a name that ends in .safetensors", options.output, "rename it")
+        raise InputError("-o", "a name that ends in .safetensors", options.output, "use another name")
     if not options.output.parent.is_dir():
         raise InputError("-o", "an existing folder", options.output.parent, "create it")

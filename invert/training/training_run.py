@@ -22,7 +22,7 @@ from invert.training.report import save_curve
 from invert.training.warm_starts import load_warm_starts, split_warm_starts
 
 VALIDATION = ((80 / 255, 256.0), (80 / 255, 64.0), (80 / 255, 16.0), (5 / 255, 1e4), (1.5, 64.0))
-"""Floors (over the largest lag but zero) and K at which progress is measured."""
+"""Floors (in units of the maximum lag except zero) and K at which progress is measured."""
 
 WARM_UP = 200
 
@@ -30,7 +30,7 @@ WARM_UP = 200
 class Training:
     """State of a run: network, its moving average, optimiser, step, curve.
 
-    Of the default network one part is trained and the others are kept. `rank` of `world` processes works on its share of each
+    One part of the default network is trained; the others remain fixed. `rank` of `world` processes works on its fraction of each
     batch.
     """
 
@@ -55,7 +55,7 @@ class Training:
         self.seconds = self.cpu_seconds = 0.0
 
     def advance(self, targets: torch.Tensor) -> float:
-        """One step of the optimiser; returns the loss."""
+        """Take one step of the optimiser; return the loss."""
         begin, begin_cpu = time.perf_counter(), time.process_time()
         options = self.options
         batch = self._draw(targets).part(slice(self.rank, None, self.world), options.device)
@@ -74,31 +74,34 @@ class Training:
         return float(loss.detach())
 
     def _part_of(self, network: nn.Module) -> nn.Module:
-        """Trained part of the network."""
+        """Return the trained part of a network."""
         return getattr(network, self.options.part) if isinstance(network, CorrelographyNet) else network
 
     def _answering(self, network: nn.Module) -> nn.Module:
-        """The module to run: the trained part, or for the fusion the whole network."""
+        """Return the module to run: the trained part, or the whole network for the fusion."""
         part = self._part_of(network)
         return network if isinstance(part, Fusion) else part
 
     def _draw(self, targets: torch.Tensor) -> Batch:
-        """The batch of this step."""
+        """Return the batch of this step."""
         count, rng = self.options.batch, _rng(self.options.seed, self.step)
         if self.options.noise == "paper":
             return paper_noise(targets, count, rng)
-        return self._posed(make_varied_batch(targets, count, rng) if self.warm is None else warm(self.warm, count, rng), rng)
+        return self._make_batch_for_part(
+            make_varied_batch(targets, count, rng) if self.warm is None else warm(self.warm, count, rng), rng
+        )
 
-    def _posed(self, batch: Batch, rng: torch.Generator) -> Batch:
+    def _make_batch_for_part(self, batch: Batch, rng: torch.Generator) -> Batch:
         return hidden_in_noise(batch, rng) if isinstance(self.part, Sampler) else batch
 
     def validation(self, held_out: torch.Tensor) -> list[Batch]:
-        """Held-out targets at the levels of `VALIDATION`, or held-out warm starts at noise of every level."""
+        """Return held-out targets at the levels of `VALIDATION`, or held-out precomputed reconstructions at noise of
+        every level."""
         rng = torch.Generator().manual_seed(self.options.seed)
         if self.warm_held_out is not None:
             return [warm(self.warm_held_out, 256, rng)]
         chosen = held_out[torch.randperm(len(held_out), generator=rng)[:64]].float() / 255.0
-        return [self._posed(at_noise(chosen, floor, dof, rng), rng) for floor, dof in VALIDATION]
+        return [self._make_batch_for_part(at_noise(chosen, floor, dof, rng), rng) for floor, dof in VALIDATION]
 
     def note(self, loss: float, validation: list[Batch]) -> None:
         """Measure the averaged network and add a point to the curve."""
@@ -121,7 +124,7 @@ class Training:
         return self.options.output.with_suffix(".checkpoint.safetensors")
 
     def checkpoint(self) -> None:
-        """Write all that resuming needs to one file, whole or not at all."""
+        """Write the complete state to one file."""
         tensors = {f"network.{name}": value for name, value in self.network.state_dict().items()}
         tensors |= {f"average.{name}": value for name, value in self.average.module.state_dict().items()}
         for index, state in self.optimiser.state_dict()["state"].items():
@@ -140,7 +143,7 @@ class Training:
         )
 
     def resume(self) -> None:
-        """Go on from a checkpoint beside the weights, if there is one of the same run."""
+        """Resume from a checkpoint next to the weights, if there is one of the same run."""
         if not self._checkpoint_path.is_file():
             return
         tensors, card = read_weights(self._checkpoint_path)
@@ -169,14 +172,14 @@ class Training:
         self.seconds, self.cpu_seconds = card["seconds"], card["cpu_seconds"]
 
     def start_from(self, path: Path) -> None:
-        """Begin with the weights of an earlier run of the same kind of network."""
+        """Start with the weights of an earlier run of the same kind of network."""
         earlier, self.earlier = load_network(path)
         if self.earlier["network"] != self.options.network or self.earlier["width"] != self.options.width:
             raise InputError(
                 "--start-from",
                 f"a {self.options.network} of width {self.options.width}",
                 f"a {self.earlier['network']} of width {self.earlier['width']}",
-                "give others",
+                "use weights of this kind",
             )
         self.network.load_state_dict(earlier.state_dict())
         self.average.module.load_state_dict(earlier.state_dict())
@@ -186,7 +189,7 @@ class Training:
         return {**{name: getattr(self.options, name) for name in names}, "start_from": self.earlier}
 
     def finish(self, dataset: dict[str, Any]) -> None:
-        """Write the averaged weights in half precision, with their card, and the curve."""
+        """Write the averaged weights in half precision with their metadata, and the curve."""
         averaged = self.average.module.state_dict()
         half = {name: value.half() if value.is_floating_point() else value for name, value in averaged.items()}
         card = {
@@ -214,14 +217,14 @@ class Training:
 
 
 def _moving_average(average: torch.Tensor, current: torch.Tensor, updates: torch.Tensor | int) -> torch.Tensor:
-    """Exponential moving average that follows closely at first; counters of batches are copied."""
+    """Return the exponential moving average, which follows closely at first; batch counters are copied."""
     if not average.is_floating_point():
         return current
     return average.lerp(current, max(1e-3, 9.0 / (10.0 + float(updates))))
 
 
 def _schedule(step: int, steps: int) -> float:
-    """Warm-up, then a half cosine down to a hundredth."""
+    """Return the learning rate factor: warm-up, then a half cosine down to a hundredth."""
     return min(1.0, (step + 1) / WARM_UP) * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * step / steps)))
 
 

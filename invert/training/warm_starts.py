@@ -1,6 +1,6 @@
-"""`python -m invert.warm_starts TARGETS.zarr --weights DENOISER.safetensors -o WARM.zarr`: what the fusion is trained with.
+"""`python -m invert.warm_starts TARGETS.zarr --weights DENOISER.safetensors -o WARM.zarr`: precompute inputs of the fusion.
 
-Noisy estimates, denoised, with what classical retrieval makes of each. Goes on where it was stopped.
+They are noisy estimates, denoised, with the classical reconstructions of each. Runs resume.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def _chunk(network: CorrelographyNet, targets: torch.Tensor, seed: int, chunk: int) -> dict[str, np.ndarray]:
-    """Estimates at noise of every kind, as they are read, and their classical reconstructions."""
+    """Return estimates at noise of every kind, with their classical reconstructions."""
     from invert.choices import FAST
     from invert.measure.spectrum import read_measurement
     from invert.network.inference import denoise, make_observation, run_phase_retrieval
@@ -99,7 +99,7 @@ def _chunk(network: CorrelographyNet, targets: torch.Tensor, seed: int, chunk: i
 
 
 def load_warm_starts(addresses: Sequence[str]) -> dict[str, torch.Tensor]:
-    """All samples of one store or more, in memory; InputError where one is missing or unfinished."""
+    """Load all samples of one store or more into memory. Raises InputError if one is missing or unfinished."""
     parts = []
     for address in addresses:
         group = open_complete(address, SCHEMA)
@@ -108,6 +108,6 @@ def load_warm_starts(addresses: Sequence[str]) -> dict[str, torch.Tensor]:
 
 
 def split_warm_starts(stored: dict[str, torch.Tensor]) -> tuple[dict[str, torch.Tensor], dict[str, torch.Tensor]]:
-    """Samples to train with, and the last twentieth held out."""
+    """Return the samples for training, and the last twentieth for validation."""
     kept = len(stored["albedo"]) - max(1, len(stored["albedo"]) // 20)
     return {name: value[:kept] for name, value in stored.items()}, {name: value[kept:] for name, value in stored.items()}

@@ -22,7 +22,7 @@ class Speckle(mi.SamplingIntegrator):
         mi.SamplingIntegrator.__init__(self, props)
         self.frame = int(props.get("frame", 0))
         if self.frame < 0:
-            raise InputError("speckle.frame", "a whole number, zero or more", self.frame, "correct it")
+            raise InputError("speckle.frame", "a whole number, zero or more", self.frame, "correct the value")
         effects = [text.strip() for text in str(props.get("effects", "")).split(",") if text.strip()]
         self.settings = Settings(
             str(props.get("accuracy", "statistical")),

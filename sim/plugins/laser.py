@@ -32,7 +32,7 @@ class Laser(mi.Emitter):
         self.m_needs_sample_2 = False
         self._parameters = Parameters("laser", PARAMETERS, props)
         step = props.get("scan_step", None)
-        self.scan_step_m = None if step is None else _SCAN_STEP.checked("laser", step)
+        self.scan_step_m = None if step is None else _SCAN_STEP.validate("laser", step)
         if "to_world" not in props:
             raise InputError("laser.to_world", "a transform that aims the beam", "none", "add a <lookat> to the laser")
         matrix = np.asarray(props["to_world"].matrix, np.float64)
@@ -50,7 +50,7 @@ class Laser(mi.Emitter):
         self._parameters.traverse(callback)
 
     def parameters_changed(self, keys=()):
-        self._parameters.changed(self._take)
+        self._parameters.adopt_changes(self._take)
 
     # To Mitsuba's own integrators the beam is dark: coherent light is the `speckle` integrator's, and
     # ambient light is whatever the other emitters give.

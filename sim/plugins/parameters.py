@@ -29,7 +29,7 @@ class Parameter:
     default: float | None = None
     zero: bool = False
 
-    def checked(self, plugin: str, value: Any) -> float:
+    def validate(self, plugin: str, value: Any) -> float:
         """Return the value as a float. Raises InputError, in the unit of the parameter, outside its range."""
         try:
             number = float(value)
@@ -57,7 +57,7 @@ class Parameters:
                 raise InputError(
                     f"{plugin}.{name}", f"a number in {parameter.unit or 'no unit'}", "none", "add it to the scene"
                 )
-            self._given[name] = parameter.checked(plugin, props.get(name, parameter.default))
+            self._given[name] = parameter.validate(plugin, props.get(name, parameter.default))
         self._shown = {name: mi.Float64(value) for name, value in self._given.items()}
 
     def __getitem__(self, name: str) -> float:
@@ -67,12 +67,12 @@ class Parameters:
         for name, value in self._shown.items():
             callback.put(name, value, mi.ParamFlags.NonDifferentiable)
 
-    def changed(self, then: Callable[[], None]) -> None:
+    def adopt_changes(self, then: Callable[[], None]) -> None:
         """Adopt the changes of `mi.traverse`; an impossible value is refused and the former one remains."""
         before = dict(self._given)
         try:
             for name, value in self._shown.items():
-                self._given[name] = self._known[name].checked(self._plugin, float(value[0]))
+                self._given[name] = self._known[name].validate(self._plugin, float(value[0]))
             then()
         except InputError:
             self._given = before

@@ -25,7 +25,7 @@ class PhaseScreen(mi.BSDF):
         velocity = props.get("velocity", mi.ScalarVector3f(0.0))
         self.velocity_m_s = np.asarray(velocity, np.float64).reshape(3)
         if not np.isfinite(self.velocity_m_s).all():
-            raise InputError("phase_screen.velocity", "three finite numbers in m/s", self.velocity_m_s, "correct it")
+            raise InputError("phase_screen.velocity", "three finite numbers in m/s", self.velocity_m_s, "correct the value")
         self.depolarising = bool(props.get("depolarising", False))
         nested = [props[name] for name in props.unqueried() if isinstance(props[name], mi.BSDF)]
         if len(nested) != 1:
@@ -60,7 +60,7 @@ class PhaseScreen(mi.BSDF):
         callback.put("nested", self.nested, mi.ParamFlags.Differentiable)
 
     def parameters_changed(self, keys=()):
-        self._parameters.changed(self._take)
+        self._parameters.adopt_changes(self._take)
 
     def to_string(self) -> str:
         return (

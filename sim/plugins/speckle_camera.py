@@ -17,7 +17,7 @@ ELECTRONIC = (
     Parameter("row_noise", "electrons rms", 1e-30, 1e15, 0.0, zero=True),
     Parameter("column_noise", "electrons rms", 1e-30, 1e15, 0.0, zero=True),
     Parameter("fixed_pattern", "electrons rms", 1e-30, 1e15, 0.0, zero=True),
-    Parameter("dark_current", "electrons a pixel and second", 1e-30, 1e15, 0.0, zero=True),
+    Parameter("dark_current", "electrons per pixel and second", 1e-30, 1e15, 0.0, zero=True),
     Parameter("full_well", "electrons", 1e-30, 1e15, 0.0, zero=True),
     Parameter("bits", "", 1, 32, 0.0, zero=True),
     Parameter("gain", "electrons per number", 1e-30, 1e15, 0.0, zero=True),
@@ -44,7 +44,7 @@ class Electronics:
         fixed_pattern: dark-signal non-uniformity (DSNU): standard deviation of each pixel's offset, equal in all frames.
         dark_current: electrons per pixel and second.
         full_well: electrons at which a pixel saturates.
-        bits: of the ADC, whose range is the full well, or `gain` times its maximum number.
+        bits: bits of the ADC, whose range is the full well, or `gain` times its maximum number.
         gain: electrons per digital number.
     """
 
@@ -64,9 +64,9 @@ class Electronics:
         for name in PARAMETERS[1:]:
             check_positive(name, getattr(self, name), zero_allowed=True)
         if not 0.0 <= self.quantum_efficiency <= 1.0:
-            raise InputError("quantum_efficiency", "a ratio between 0 and 1", self.quantum_efficiency, "correct it")
+            raise InputError("quantum_efficiency", "a ratio between 0 and 1", self.quantum_efficiency, "correct the value")
         if self.bits != int(self.bits) or self.bits > 32:
-            raise InputError("bits", "a whole number up to 32", self.bits, "correct it")
+            raise InputError("bits", "a whole number up to 32", self.bits, "correct the value")
         if self.bits and not (self.full_well or self.gain):
             raise InputError(
                 "bits",
@@ -75,7 +75,7 @@ class Electronics:
                 "add full_well to the speckle_camera",
             )
         if self.gain and not self.bits:
-            raise InputError("gain", "bits beside it", "gain without bits", "add bits to the speckle_camera")
+            raise InputError("gain", "bits as well", "gain without bits", "add bits to the speckle_camera")
 
     @property
     def step(self) -> float:
@@ -123,7 +123,7 @@ class SpeckleCamera(mi.Sensor):
         self._parameters.traverse(callback)
 
     def parameters_changed(self, keys=()):
-        self._parameters.changed(self._take)
+        self._parameters.adopt_changes(self._take)
 
     def bbox(self) -> mi.ScalarBoundingBox3f:
         return mi.ScalarBoundingBox3f()

@@ -71,7 +71,7 @@ class Terms:
     """Settings of a propagator; each uses those that it needs.
 
     Attributes:
-        tolerance, patches: of nufft; if None, patches are planned for the tolerance.
+        tolerance, patches: options of nufft; if None, patches are planned for the tolerance.
         visible: transmission past occluders; None if nothing occludes.
         progress: called with the number of parts done.
     """

@@ -49,7 +49,7 @@ def statistical_error(
     """Return the predicted error of the expected autocorrelation by `fraunhofer` and `fresnel`, on lags of pitch `lag_m`.
 
     Args:
-        place: as for `fresnel_error`. lag_m: in its units, one number or (rows, columns).
+        place: see `fresnel_error`. lag_m: in its units, one number or (rows, columns).
     """
     power = np.abs(scatterers.amplitude) ** 2
     flat = _lags(place, power, lag_m)

@@ -28,7 +28,7 @@ def ambient_irradiance(
     """Return the irradiance of the frame in W/m^2 of light that passes the camera filter, float64 (GRID, GRID); None without emitters.
 
     Args:
-        centre, right, down, normal: of the frame on the wall, in the world.
+        centre, right, down, normal: vectors of the frame on the wall, in the world.
         extent_m: height and width of the frame.
     """
     if not any(not isinstance(emitter, Laser) for emitter in scene.emitters()):

@@ -20,7 +20,7 @@ def pixel_steps(axis: np.ndarray, up: np.ndarray, normal: np.ndarray) -> tuple[n
     """Return the steps on the wall between adjacent pixels (right, down), per metre of the camera pitch; (3,) each.
 
     Args:
-        axis, up: of the camera, unit vectors. normal: of the wall.
+        axis, up: unit vectors of the camera. normal: normal of the wall.
     """
     right = np.cross(axis, up)
     right /= np.linalg.norm(right)

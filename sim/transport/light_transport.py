@@ -50,7 +50,7 @@ class LightTransport:
     """Fixed ends of every light path of a scene.
 
     Attributes:
-        frame_centre: in the world. right, down: steps on the wall between adjacent pixels, per metre of pitch.
+        frame_centre: centre of the frame in the world. right, down: steps on the wall between adjacent pixels, per metre of pitch.
         wall_albedo: mean albedo of the frame.
         most_foreshortened: maximum `foreshortening` of a pixel that rays from the frame centre represent.
     """

@@ -64,7 +64,7 @@ class OtherLight:
     """Light from the laser spot that reaches the frame other than by one reflection off the hidden object.
 
     Attributes:
-        total: of the whole frame.
+        total: light of the whole frame.
         position: world positions (n, 3) of its last reflection, for the paths that carried light.
         weight: photoelectrons of a frame per laser photon of each path, (n,); they sum to the total.
     """
@@ -145,7 +145,7 @@ def _other_light(paths: PathEnds) -> tuple[np.ndarray, np.ndarray]:
 
 def _batches(scene: mi.Scene, samples: int, seed: int, camera: SpeckleCamera | None) -> Iterator[PathEnds]:
     if samples < 2:
-        raise InputError("samples", "at least 2", samples, "ask for more")
+        raise InputError("samples", "at least 2", samples, "increase --samples")
     for number, start in enumerate(range(0, samples, BATCH)):
         yield PathEnds(scene, min(BATCH, samples - start), seed * 65537 + number, camera)
 

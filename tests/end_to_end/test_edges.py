@@ -48,7 +48,7 @@ def copy(dataset, tmp_path) -> Path:
 
 @pytest.mark.parametrize("command_name", ["data_gen", "warm_starts"])
 @pytest.mark.parametrize("kind", ["folder", "file", "group", "array", "here", "nothing"])
-def test_nothing_that_is_somebody_s_is_overwritten(tmp_path, command, monkeypatch, dataset, command_name, kind):
+def test_foreign_files_are_not_overwritten(tmp_path, command, monkeypatch, dataset, command_name, kind):
     """A folder with files, a file, another program's Zarr group or array, `.` and an empty name."""
     mine = tmp_path / "mine"
     if kind == "file":
@@ -124,7 +124,7 @@ def test_damaged_stores_are_one_line(copy, command, damage):
         (("--measurement", "render", "--scene", "dark.xml"), "light from the hidden object"),
     ],
 )
-def test_what_cannot_be_made_leaves_no_store(tmp_path, command, monkeypatch, extra, words):
+def test_invalid_datasets_leave_no_store(tmp_path, command, monkeypatch, extra, words):
     monkeypatch.chdir(tmp_path)
     text = SCENE.read_text().replace('"F.png"', f'"{tmp_path / "black.png"}"')
     Image.new("L", (64, 64)).save(tmp_path / "black.png")
@@ -148,7 +148,7 @@ def test_what_cannot_be_made_leaves_no_store(tmp_path, command, monkeypatch, ext
         ("colour", 0, "rgb reflectance"),
     ],
 )
-def test_what_mitsuba_takes_and_nobody_can_render_is_refused(tmp_path, command, name, value, words):
+def test_unrenderable_mitsuba_scenes_are_refused(tmp_path, command, name, value, words):
     """Films and nesting used to end or stop the process inside Mitsuba; a colour was taken for its luminance."""
     from sim.__main__ import main as sim
 
@@ -167,7 +167,7 @@ def test_what_mitsuba_takes_and_nobody_can_render_is_refused(tmp_path, command, 
 
 
 @pytest.mark.parametrize("damage", ["truncated", "checksum", "archive"])
-def test_half_a_picture_is_none(tmp_path, command, rng, damage):
+def test_damaged_image_is_rejected(tmp_path, command, rng, damage):
     file = tmp_path / "frame.png"
     Image.fromarray(rng.integers(0, 65535, (400, 400)).astype(np.uint16)).save(file)
     whole = file.read_bytes()
@@ -185,7 +185,7 @@ def test_half_a_picture_is_none(tmp_path, command, rng, damage):
     assert not (tmp_path / "out" / "result.json").exists()
 
 
-def test_what_a_killed_run_left_between_two_captures_is_not_read(tmp_path, command):
+def test_mixed_captures_of_a_killed_run_are_refused(tmp_path, command):
     from sim.__main__ import main as sim
 
     assert command(sim, SCENE, "-o", tmp_path / "a", "--frames", 2)[0] == 0

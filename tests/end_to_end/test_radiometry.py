@@ -16,7 +16,7 @@ from scenes import scene_path
 SCENE = scene_path("corner_letter")
 
 
-def test_the_account_is_the_contract_s(command):
+def test_radiometry_json_matches_reference_values(command):
     code, out, err = command(account, SCENE, "--json")
     result = json.loads(out)
     assert (code, err) == (0, "")

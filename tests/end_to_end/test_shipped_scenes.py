@@ -73,7 +73,7 @@ def test_every_command_gives_a_result(tmp_path, name, libllvm):
         '<bsdf type="mask"><float name="opacity" value="0.3"/><bsdf type="diffuse"/></bsdf>',
     ],
 )
-def test_what_an_old_libllvm_cannot_compile_is_refused_in_one_line(tmp_path, surface):
+def test_surfaces_that_an_old_libllvm_cannot_compile_are_refused(tmp_path, surface):
     plate = (
         f'<shape type="rectangle" id="plate"><transform name="to_world"><scale value="0.01"/><translate x="0.3" z="0.2"/>'
         f"</transform>{surface}</shape></scene>"

@@ -59,7 +59,7 @@ def test_samples_come_from_noise_to_the_object(sampler):
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 50.0])
-def test_the_floor_s_share_has_no_unit(unit):
+def test_floor_fraction_is_dimensionless(unit):
     """Lags of 3 beside zero lag over a floor of 1: a third, in any unit, whatever zero lag is; over 4: all."""
     estimate = torch.ones(2, 127, 127)
     estimate[:, 60:67, 60:67] = 3.0

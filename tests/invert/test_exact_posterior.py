@@ -54,7 +54,7 @@ class ExactExpectation:
 @pytest.mark.slow
 @pytest.mark.parametrize(("floor", "dof"), [(3.0, 64.0), (2.0, 64.0), (1.0, 16.0)])
 def test_samples_have_the_posteriors_probabilities(floor, dof, monkeypatch):
-    """Total variation distance below .1, of which counting samples makes up to .04; four or more objects are likely.
+    """Total variation distance below 0.1, of which counting samples makes up to 0.04; four or more objects are likely.
 
     What is expected on the way has the posterior's mean, too, and the mean of twenty of it less noise.
     """

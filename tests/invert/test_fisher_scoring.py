@@ -49,7 +49,7 @@ def test_the_gradient_is_that_of_the_likelihood(albedo):
 
 
 @pytest.mark.parametrize("place", [(25, 19), (29, 35), (40, 50), (12, 12)])
-def test_the_information_is_the_curvature_s_diagonal(albedo, place):
+def test_information_is_the_diagonal_of_the_curvature(albedo, place):
     """To within a factor of two, in the object and beside it."""
     at = Likelihood(observed(albedo, (1, 2))).at(albedo)
     unit = torch.zeros_like(albedo)
@@ -59,7 +59,7 @@ def test_the_information_is_the_curvature_s_diagonal(albedo, place):
     assert ((ratio > 0.5) & (ratio < 2.0)).all()
 
 
-def test_the_curvature_is_the_slope_s_slope(albedo):
+def test_curvature_is_the_derivative_of_the_gradient(albedo):
     """Along a random way, at the truth of an estimate without noise, where the second derivative is the information."""
     truth = albedo[:1]
     seen = observed(truth, (6,))
@@ -104,7 +104,7 @@ def test_nothing_is_gained_from_nothing():
     assert not Likelihood(seen).at(torch.zeros(1, 64, 64)).gradient().abs().max() > 1e-3
 
 
-def test_what_is_explained_is_left_alone(albedo):
+def test_explained_albedos_are_unchanged(albedo):
     """Steps stop at the deviance asked for, each albedo by itself."""
     seen = observed(albedo, (8, 9))
     guess = albedo.clone()

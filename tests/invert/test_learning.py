@@ -94,7 +94,7 @@ def test_half_a_plane_is_the_whole(observed):
     torch.testing.assert_close(maps[:, 2, 64 + 9, 12], maps[:, 0, 64 - 9, 12])
 
 
-def test_the_denoiser_gives_an_autocorrelation_in_the_estimate_s_unit(observed):
+def test_denoiser_returns_an_autocorrelation_in_estimate_units(observed):
     torch.manual_seed(0)
     denoiser = CorrelographyNet(16).denoiser.eval()
     with torch.no_grad():
@@ -195,7 +195,7 @@ def test_the_papers_network_is_the_papers():
     assert {layer.out_channels for layer in layers[:-1]} == {64, 128, 256, 512}
 
 
-def test_the_modulus_picture_is_the_object_s_spectrum(objects):
+def test_modulus_image_is_the_spectrum_of_the_object(objects):
     truth = objects.float() / 255.0
     lags = torch.stack([torch.from_numpy(autocorrelate(one.numpy())) for one in truth]).float()
     lags[:, 63, 63] = 0.0  # never seen

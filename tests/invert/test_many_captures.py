@@ -64,7 +64,7 @@ def test_any_number_of_workers_and_a_second_run(captures, tmp_path):
     assert (tmp_path / "1" / "day 1" / "result.json").stat().st_mtime_ns in times
 
 
-def test_what_cannot_be_inverted_is_listed_and_the_rest_done(captures, tmp_path):
+def test_failed_captures_are_listed_and_the_others_finished(captures, tmp_path):
     (captures / "day 0").mkdir()
     (captures / "day 0" / "0.npy").write_bytes(b"no frame")
     with pytest.raises(InputError, match="1 of 3 that cannot, the first day 0"):
@@ -86,7 +86,7 @@ def test_options_are_refused_before_anything_is_written(captures, tmp_path):
     assert not list((tmp_path / "out").glob("*"))
 
 
-def test_what_is_a_capture(captures, tmp_path):
+def test_capture_discovery(captures, tmp_path):
     """A folder of frames, a folder of such folders, several of either; all files given together."""
     assert list(find_captures([str(captures)], False)) == ["day 1", "day 2"]
     assert list(find_captures([str(captures / "day 2")], False)) == [""]

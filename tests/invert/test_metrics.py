@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from invert.albedo.metrics import Scores, agreement, aligned, aligned_pearson, bootstrap_error, score
+from invert.albedo.metrics import Scores, agreement, aligned_pearson, bootstrap_error, register_subpixel, score
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
 
 
@@ -49,7 +49,7 @@ def test_fractions_of_a_pixel_are_registered(truth):
     smooth = ndimage.gaussian_filter(truth, 1.2)
     moved = ndimage.shift(smooth, (2.4, -3.3), order=5)
     whole, _ = aligned_pearson(moved, smooth)
-    fine, back = aligned(moved, smooth)
+    fine, back = register_subpixel(moved, smooth)
     assert fine > 0.999 > whole
     assert np.abs(back - smooth).max() < 0.03
 

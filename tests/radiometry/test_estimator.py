@@ -97,7 +97,7 @@ def test_speckle_that_is_new_in_each_frame_is_left_whole(rng):
 
 
 @pytest.mark.parametrize("kind", ["texture", "fringes", "texture and drift", "moved texture", "vignetting"])
-def test_what_is_no_speckle_is_found_and_taken_out(rng, kind):
+def test_background_is_detected_and_subtracted(rng, kind):
     """Beside the same frames without it: the lags agree within their noise, where a pooled mean is many times off."""
     frames = speckle(rng, 2, photons=20.0)
     clean, _ = estimator_of(frames)

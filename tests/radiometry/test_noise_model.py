@@ -20,7 +20,7 @@ def torch_rng(seed: int = 0) -> torch.Generator:
 
 @pytest.mark.parametrize("dof", [1.0, 2.5, 64.0])
 @pytest.mark.parametrize("form", ["gamma", "gaussian"])
-def test_draws_have_mean_s_and_variance_s_squared_over_k(dof, form):
+def test_samples_have_the_predicted_mean_and_variance(dof, form):
     spectrum = torch.linspace(0.1, 3.0, 9 * 9).reshape(9, 9)
     draws = draw_estimate(spectrum.expand(40000, 9, 9), dof, torch_rng(), form)
     mean, variance = draws.mean(0), draws.var(0)

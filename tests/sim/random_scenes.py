@@ -187,7 +187,7 @@ def _wall(rng: np.random.Generator, angle: float, about_up: bool, scale: float) 
         f'<integer name="width" value="{PIXELS[1]}"/><integer name="height" value="{PIXELS[0]}"/>'
         '<string name="pixel_format" value="luminance"/></film></sensor>'
     )
-    # Lambertian wall of albedo .8: radiance E .8 / pi, summed over cells of the meter and rings of the pupil.
+    # Lambertian wall of albedo 0.8: radiance E 0.8 / pi, summed over cells of the meter and rings of the pupil.
     u, v = np.meshgrid((np.arange(32) + 0.5) / 32 - 0.5, (np.arange(32) + 0.5) / 32 - 0.5)
     cell = np.stack([centre[0] - u * wide, centre[1] + v * tall, np.full_like(u, centre[2])], -1)
     across = np.cross(back, [0.0, 1.0, 0.0])

@@ -91,7 +91,7 @@ def test_parts_at_two_depths_are_as_bright_as_their_distances_say(scene):
 
 
 @NEW_LLVM
-def test_a_sphere_s_light_is_its_integral(scene):
+def test_light_of_a_sphere_matches_its_integral(scene):
     """15 mm across, against a sum over its surface in numpy; the flat closed form is a decibel off."""
     ball = (
         HIDDEN,
@@ -137,7 +137,7 @@ def test_a_camera_at_sixty_degrees_sees_twice_as_many_photons_and_grains_half_as
     assert widths[1] == pytest.approx(before[1] / cosines, rel=0.15)  # the pixel's own blur is a part of it
 
 
-def test_clutter_in_the_laser_s_light_shows(scene):
+def test_clutter_in_the_laser_light_is_visible(scene):
     """A plate beside the letter brings as much light as it would as a second object; an even share is a closed form."""
     plate = (
         '<shape type="rectangle" id="{}"><transform name="to_world"><scale x="0.003" y="0.004"/>'
@@ -167,7 +167,7 @@ def test_clutter_in_the_laser_s_light_shows(scene):
         ('<bsdf type="diffuse"/><medium type="homogeneous" name="interior"/>', "medium"),
     ],
 )
-def test_what_is_not_modelled_is_refused_by_name(scene, surface, word):
+def test_unsupported_surfaces_are_refused_by_name(scene, surface, word):
     pane = (
         f'<shape type="rectangle" id="pane"><transform name="to_world"><scale value="0.01"/><translate x="0.3" z="0.2"/>'
         f"</transform>{surface}</shape></scene>"
@@ -209,7 +209,7 @@ def test_the_hash_knows_included_files(tmp_path):
 
 @NEW_LLVM
 @pytest.mark.slow
-def test_thirty_scenes_drawn_at_random_agree_with_mitsuba_s_path_tracer():
+def test_thirty_random_scenes_agree_with_the_mitsuba_path_tracer():
     """Budget, Monte Carlo and mean frame, each within three standard errors, or the scene is refused in one line."""
     scenes = [random_scene(seed) for seed in range(30)]
     refused, off = 0, []

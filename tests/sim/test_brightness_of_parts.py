@@ -105,7 +105,7 @@ def tilted() -> tuple[str, Surface]:
 
 
 def masked() -> tuple[str, Surface]:
-    """A veil of opacity .3 before a plain plate, which it half covers: its shadow and what is seen through it count .7 each."""
+    """A veil of opacity 0.3 before a plain plate, which it half covers: its shadow and what is seen through it count 0.7 each."""
     veil = f'<bsdf type="mask"><float name="opacity" value="0.3"/>{diffuse(0.8)}</bsdf>'
     xml = rectangle("hidden_object_1", (0.002, 0.003), '<translate x="-0.002" z="0.002"/>', veil) + rectangle(
         "hidden_object_2", (0.002, 0.003), '<translate y="0.001"/>', diffuse(0.8)
@@ -178,7 +178,7 @@ def distance(estimate: np.ndarray, known: np.ndarray) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("make", [pytest.param(sphere, marks=NEW_LLVM), deep, tilted, pytest.param(masked, marks=NEW_LLVM)])
-def test_noise_free_frames_show_the_autocorrelation_of_the_surface_s_light(make, tmp_path, monkeypatch):
+def test_noise_free_frames_show_the_autocorrelation_of_the_surface_light(make, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     xml, surface = make()
     text = scene_path("corner_letter").read_text()

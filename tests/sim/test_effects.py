@@ -43,7 +43,7 @@ def test_contrast_is_one_and_one_over_root_two_when_depolarised(scene):
     assert contrast(off) == pytest.approx(1.0, abs=0.03)
 
 
-def test_the_sum_of_lines_is_the_spectrum_s_coherence():
+def test_sum_of_lines_has_the_coherence_of_the_spectrum():
     """Beat of two scatterers a delay apart, summed over lines, against the Gaussian's closed form."""
     spread_m, linewidth_hz = 0.02, 9e9
     lines = spectral_lines(np.array([0.0, spread_m]), linewidth_hz)

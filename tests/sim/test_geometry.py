@@ -123,7 +123,7 @@ def test_light_straight_from_the_source_is_reported(tmp_path, letter_simulation)
     assert read_geometry(edited(tmp_path, facing, no_baffle)).direct_light > 0.0
 
 
-def test_what_a_scene_holds_in_vain_is_reported(tmp_path):
+def test_unused_scene_content_is_reported(tmp_path):
     turned = ('<rotate z="1" angle="180"/>', '<rotate y="1" angle="180"/>')
     wide = ('<scale x="0.005" y="0.005"/>', '<scale x="0.012" y="0.012"/>')
     for change, word in ((turned, "none of its light"), (wide, "64 lags")):

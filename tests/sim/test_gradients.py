@@ -35,7 +35,7 @@ def lab(request):
     return read_geometry(load_scene(scene_path("corner_letter"), {"albedo": "R.png"})[0])
 
 
-def test_the_expectation_is_the_simulator_s(lab):
+def test_expectation_agrees_with_the_simulator(lab):
     setup, prediction = setup_of(lab, 64), predict(lab)
     assert float(throughput(setup)) == pytest.approx(light_budget(lab.light_path).per_pixel, rel=5e-3)
     ours = expected_autocorrelation(setup).numpy()
@@ -83,7 +83,7 @@ def test_gradients_by_albedo(lab):
 
 
 @pytest.mark.slow
-def test_a_known_letter_s_pose_is_found_from_two_frames():
+def test_pose_of_a_known_letter_is_found_from_two_frames():
     import sim
     from examples.plot_9_recover_pose import recover
     from radiometry.estimation.whole_frames import estimate_autocorrelation
@@ -95,5 +95,5 @@ def test_a_known_letter_s_pose_is_found_from_two_frames():
     distance, right, down = recover(estimate, dof, facing)
     assert distance == pytest.approx(1.1, rel=0.01)
     assert np.degrees(right) == pytest.approx(-30.0, abs=2.0)
-    # A turn up or down by a few degrees shortens nothing: cos 3 degrees = .9986.
+    # A turn up or down by a few degrees shortens nothing: cos 3 degrees = 0.9986.
     assert abs(np.degrees(down)) < 10.0

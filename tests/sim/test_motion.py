@@ -128,7 +128,7 @@ def test_floor_degrees_of_freedom_and_brightness_of_each_lag_are_as_predicted(tm
         assert misfit(at_rest) > 1.25 * misfit(prediction.signal)
 
 
-def test_what_stands_still_is_left_alone_and_what_races_is_refused(scene):
+def test_motion_limits(scene):
     still = Simulation(scene())
     assert not still.effects["motion"].modelled
     assert lost_variance(still.geometry, still.plan.samples) == 0.0

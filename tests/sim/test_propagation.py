@@ -110,7 +110,7 @@ def test_direct_float64_is_the_fifty_digit_sum(rng, angle_deg, distance_m, wavel
     assert distance(np.array([field[place] for place in places]), exact) < 1e-9
 
 
-def test_one_scatterer_and_none(rng):
+def test_one_scatterer_and_zero_scatterers(rng):
     wall = wall_at(1.0, 0.0, (65, 64))
     one = Scatterers(np.array([[1e-3, -2e-3, 5e-4]]), np.array([2.0 - 1.0j]))
     assert abs(direct(one, wall, precision="float64")[10, 20] - fifty_digits(one, wall, 10, 20)) < 1e-9

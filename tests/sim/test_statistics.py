@@ -43,7 +43,7 @@ def test_speckle_is_fully_developed(letter_simulation):
         assert tail == pytest.approx(np.exp(-threshold), rel=0.05)
 
 
-def test_grain_on_the_wall_is_the_brief_s(letter_simulation):
+def test_grain_on_the_virtual_detector(letter_simulation):
     """Width of the intensity covariance: integral of |mu|^2 is (lambda z)^2 int r^2 / (int r)^2."""
     simulation = letter_simulation("L")
     geometry = simulation.geometry
@@ -77,7 +77,7 @@ def test_the_object_is_lit_by_grains_of_lambda_d_over_spot(letter_simulation):
     assert np.interp(half_width, pitch * np.arange(6), correlation[0, :6]) == pytest.approx(0.5, abs=0.08)
 
 
-def test_energy_is_the_closed_form_s(letter_simulation):
+def test_energy_agrees_with_the_closed_form(letter_simulation):
     simulation = letter_simulation("7", exposure="1")
     frames = [float(simulation.expected_frame(5, number).mean()) for number in range(4)]
     assert np.mean(frames) == pytest.approx(simulation.mean_photoelectrons, rel=0.02)

@@ -17,7 +17,7 @@ from sim.plan import Settings
 from sim.plan_report import make_plan
 
 
-def test_roughness_of_the_detector_has_the_pupil_s_statistics(scene):
+def test_detector_roughness_has_the_statistics_of_the_pupil(scene):
     """Even illumination: relative variance 1 / M by brute force; by the Gamma shortcut; mean unchanged."""
     geometry = scene()
     factor = oversampling(geometry)
@@ -60,7 +60,7 @@ def test_detector_roughness_is_decided_by_the_tolerance(scene):
 
 
 @pytest.mark.parametrize("settings", [Settings(), Settings("field", 1e-2, "fresnel", None, (("detector_roughness", True),))])
-def test_the_wall_s_own_albedo_shows_under_the_speckle(scene, tmp_path, settings):
+def test_detector_albedo_is_visible_under_the_speckle(scene, tmp_path, settings):
     """Four quarters of a painted wall: each as bright as its albedo, rows down and columns right, energy as the mean says."""
     quarters = np.array([[0.25, 0.5], [0.75, 1.0]])
     Image.fromarray(np.round(255 * quarters).astype(np.uint8)).save(tmp_path / "paint.png")
