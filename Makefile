@@ -1,28 +1,33 @@
-# Everything installs into .venv; `make demo` and `make test` each do their own set-up.
+# Everything is installed into .venv; `make demo` and `make test` each do their own set-up.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# CPU builds of torch live here; where it cannot be reached, pip goes on with what else it has.
+# CPU builds of torch are on this index; pip continues with its other sources if it is not reachable.
 TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
+# Two test processes with one thread each are faster than one with two threads.
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2
 
-.PHONY: demo test test-quick fuzz lint docs clean
+.PHONY: demo test test-slow test-all fuzz lint docs clean
 
 demo: $(VENV)/installed
-	$(BIN)/python -m sim scenes/corner_letter/scene.xml -o out/demo/frames --frames 2 --seed 1
+	$(BIN)/python -m sim corner_letter -o out/demo/frames --frames 2 --seed 1
 	$(BIN)/python -m invert out/demo/frames -o out/demo --truth out/demo/frames/truth.npy
-	@echo "Look at out/demo/report.png"
+	@echo "Open out/demo/report.png"
 
 test: $(VENV)/installed
-	$(BIN)/python -m pytest
+	$(PYTEST) -m "not slow"
 
-test-quick: $(VENV)/installed
-	$(BIN)/python -m pytest -m "not slow"
+test-slow: $(VENV)/installed
+	$(PYTEST) -m slow
+
+test-all: test test-slow
 
 fuzz: $(VENV)/installed
 	FUZZ_EXAMPLES=$${FUZZ_EXAMPLES:-1000} FUZZ_KILLS=$${FUZZ_KILLS:-50} $(BIN)/python -m pytest tests/fuzz
 
 lint: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --editable ".[lint]"
+	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
 	$(BIN)/pyright --pythonpath $(BIN)/python
@@ -30,7 +35,7 @@ lint: $(VENV)/installed
 docs: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --editable ".[docs]"
 	$(BIN)/sphinx-build -q -W --keep-going docs out/docs
-	@echo "Look at out/docs/index.html"
+	@echo "Open out/docs/index.html"
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)

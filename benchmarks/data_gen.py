@@ -1,4 +1,4 @@
-"""`python -m benchmarks.data_gen --images DIR`: samples a second of each kind of dataset, with one worker and two."""
+"""`python -m benchmarks.data_gen --images DIR`: measure samples per second of each kind of dataset, with one and two workers."""
 
 from __future__ import annotations
 

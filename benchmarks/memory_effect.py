@@ -60,7 +60,7 @@ def main() -> None:
     noise = prediction.signal_to_noise(FRAMES)
     rows = [
         (
-            "third-bounce photoelectrons a second and frame",
+            "third-bounce photoelectrons per second and frame",
             f"{per_frame:.3g}",
             f"{memory.photoelectrons_per_pixel_s * np.prod(memory.frame_shape):.3g}",
         ),

@@ -27,7 +27,7 @@ from invert.albedo.metrics import aligned_pearson
 SHAPE = (1028, 1232)
 PATCH = 257
 LEVEL = 0.4
-"""Photoelectrons a pixel: a floor of about 0.15 of (r*r)(0) for a letter."""
+"""Photoelectrons per pixel: a floor of about 0.15 of (r*r)(0) for a letter."""
 
 LETTERS = "FRL5"
 
@@ -36,7 +36,7 @@ Nuisance = Callable[[Frames, np.random.Generator], Frames]
 
 
 def speckle(albedo: np.ndarray, rng: np.random.Generator, moved: float = 0.0) -> np.ndarray:
-    """Intensity of mean 1 that an albedo (64, 64), one cell a lag of `PATCH` pixels, throws on `SHAPE` pixels.
+    """Intensity of mean 1 that an albedo (64, 64), one cell per lag of `PATCH` pixels, throws on `SHAPE` pixels.
 
     Drawn on a wider period and cropped, so that it does not wrap round. With `moved`, the mean over a motion of so many pixels
     to the right.
@@ -88,7 +88,7 @@ def of_wall(wall: Callable[[np.random.Generator], np.ndarray]) -> Nuisance:
 
 
 def shift_frames(pixels: float) -> Callable:
-    """Textured ambient light, the camera moved by so many pixels a frame."""
+    """Textured ambient light, the camera shifted by a number of pixels per frame."""
 
     def light(rng, count):
         wall = texture(rng, 0.2)
@@ -133,7 +133,7 @@ LIGHT: dict[str, Nuisance] = {
         )
     ),
 }
-"""What happens to light before it is counted."""
+"""Artefacts of the light before photons are counted."""
 
 
 def damage_pixels(share: float, value: float, only_first: bool = False) -> Nuisance:
@@ -172,7 +172,7 @@ SENSOR: dict[str, Nuisance] = {
     "gamma .8": each(lambda frame, number: frame**0.8),
     "dark offset structure": lambda frames, rng: frames + 0.3 * texture(rng, 0.5, 0.0),
 }
-"""What happens to counted photoelectrons."""
+"""Artefacts of the counted photoelectrons."""
 
 MOTION = {"motion 5 pixels": 5.0}
 
@@ -251,7 +251,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", "--output", type=Path, default=Path("out/nuisances"))
     parser.add_argument("--quality", default="fast")
-    parser.add_argument("--only", default="", help="nuisances whose name holds this, beside the clean frames")
+    parser.add_argument("--only", default="", help="measure artefacts whose name contains this text, and clean frames")
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
     truths, rows = [letter_albedo(one) for one in LETTERS], {}

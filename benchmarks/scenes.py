@@ -1,4 +1,4 @@
-"""`python -m benchmarks.scenes --draw FILE`: every scene rendered and inverted by the two commands, beside its truth."""
+"""`python -m benchmarks.scenes --draw FILE`: render and reconstruct every shipped scene, and compare with its truth."""
 
 from __future__ import annotations
 

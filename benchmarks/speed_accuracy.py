@@ -28,7 +28,7 @@ DEPTHS_M = (0.0, 2e-3, 2e-2)
 TILTS_DEG = (0.0, 20.0, 60.0)
 OTHER_SHAPES = ((129, 154), (514, 616))
 TILES = 8
-"""Of a frame's side, over which the expected autocorrelation is averaged."""
+"""Fraction of the frame side over which the expected autocorrelation is averaged."""
 
 TOLERANCES = {"statistical": (1e-2, 1e-3), "field": (1e-2, 1e-3, 1e-4, 1e-6)}
 
@@ -42,7 +42,7 @@ class Object:
 
     @property
     def place(self) -> np.ndarray:
-        """Where FFT kernels place the scatterers: walls here step along the axes of the object's grid."""
+        """Return the positions at which FFT propagators place the scatterers."""
         return np.stack([self.scatterers.position_m @ self.wall.down, self.scatterers.position_m @ self.wall.right], 1)
 
 

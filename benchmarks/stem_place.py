@@ -1,12 +1,11 @@
-"""`python -m benchmarks.stem_place [--count 16] [--floors 2 4] [--rendered] [--measured PNG...]`: is a stem located in noise?
+"""`python -m benchmarks.stem_place [--count 16] [--floors 2 4] [--rendered] [--measured PNG...]`: localise a letter stem in noise.
 
-An object like the lab's 7 over floors from a quarter to four times the largest lag of the signal. What an estimate holds at
-best: the nats by which the object is likelier than the bar alone, and than the stem in the nearest other place (divergences of
-the noise model), and how often an observer who knows bar and stem picks the right one of five places. Beside it, what the
-network draws from the same estimates, and which of the five is nearest to that; the share of its samples that are nearest to
-the right one, and the calibration error of these shares as probabilities of the five places: the mean difference between what
-is expected and what happens, over tenths. Estimates are the noise model's (K 64); or, with --rendered, of two rendered frames
-of the reference scene, exposed for the floor said. Or, with files of the lab's 7, what the same observer sees in these.
+The object resembles the 7 of the lab, with noise floors from a quarter to four times the maximum lag of the signal. The table
+compares the reconstruction with an ideal observer, who knows bar and stem and chooses among five positions. It shows the
+information of the estimate (nats between the object and the bar alone, and between the two closest positions), how often observer
+and reconstruction find the right position, the fraction of samples at the right position, and the calibration error of these
+fractions. Estimates are sampled from the noise model (K 64) or, with --rendered, from two rendered frames of the reference scene.
+With files of the lab's 7, the observer evaluates these.
 """
 
 from __future__ import annotations
@@ -96,7 +95,7 @@ def place_shares(candidates: torch.Tensor, samples: np.ndarray) -> np.ndarray:
 
 
 def calibration_error(shares: np.ndarray) -> float:
-    """Of shares (captures, places) taken for probabilities, the first place being the right one every time."""
+    """Return the calibration error of fractions (captures, positions) as probabilities; the first position is the right one."""
     happens = np.zeros_like(shares)
     happens[:, 0] = 1.0
     tenth = np.minimum((10.0 * shares).astype(int), 9)

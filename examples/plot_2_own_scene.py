@@ -93,7 +93,7 @@ scene = sim.load(content)
 plan = scene.plan()
 for effect in plan.effects.values():
     print(f"{'modelled' if effect.modelled else 'left out':9} {effect.name}: {effect.why}")
-print(f"{radiometry.light_budget(scene).per_pixel_db:.1f} dB a pixel")
+print(f"{radiometry.light_budget(scene).per_pixel_db:.1f} dB per pixel")
 
 # %%
 capture = sim.render(scene, frames=2, seed=3)

@@ -19,7 +19,7 @@ print(summary(scene.plan(), frames=2))
 
 # %%
 # ``statistical`` accuracy bounds the error of the expected autocorrelation; ``field`` that of this very realisation, which
-# dearer kernels can follow. Kernels' predicted errors and costs:
+# slower propagators can follow. Predicted errors and costs:
 
 figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
 for accuracy, tolerance in (("statistical", 1e-2), ("field", 1e-2), ("field", 1e-5)):

@@ -14,7 +14,7 @@ scene = sim.load("corner_letter")
 budget = radiometry.light_budget(scene)
 for name, factor in budget.rows:
     print(f"{name:40} {factor:.3g}")
-print(f"{budget.per_pixel_db:.2f} dB a pixel, {budget.photoelectrons_per_pixel_s:.3g} photoelectrons a pixel and second")
+print(f"{budget.per_pixel_db:.2f} dB per pixel, {budget.photoelectrons_per_pixel_s:.3g} photoelectrons per pixel and second")
 
 # %%
 # The floor under the autocorrelation falls with exposure; signal to noise saturates where speckle itself is the noise.

@@ -23,7 +23,7 @@ for standoff in standoffs:
     rows.append((correlation, forecast.floor_over_peak, result.confidence))
     print(
         f"{standoff} m: correlation {correlation:.2f}, confidence {result.confidence:.2f}, "
-        f"floor over peak {forecast.floor_over_peak:.2g}, {forecast.pitches_m[0] * 1e6:.0f} um a lag"
+        f"floor over peak {forecast.floor_over_peak:.2g}, {forecast.pitches_m[0] * 1e6:.0f} um per lag"
     )
 
 figure, panel = plt.subplots(figsize=(6, 3.5), layout="constrained")

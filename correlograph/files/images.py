@@ -14,7 +14,7 @@ MAX_PIXEL = 1e9
 """Beyond any camera's numbers, and safe to square and sum in single precision."""
 
 FRAME_KINDS = (".exr", ".tif", ".tiff", ".png", ".npy")
-"""In a folder, the first kind present is the capture."""
+"""File types of frames; the first type in a folder is its capture."""
 
 
 def read_image(file: Path) -> tuple[np.ndarray, FrameHeader | None]:

@@ -28,7 +28,7 @@ COUNT = 9000
 
 @pytest.fixture(scope="module")
 def photographs(tmp_path_factory) -> Path:
-    """Three drawn photographs, and files that are none."""
+    """Three synthetic photographs, and other files."""
     folder = tmp_path_factory.mktemp("photographs")
     rng = np.random.default_rng(8)
     for number, mode in enumerate(("RGB", "L", "CMYK")):

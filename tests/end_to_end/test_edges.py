@@ -240,8 +240,7 @@ def test_an_evaluation_of_nothing_leaves_nothing(tmp_path, command):
 
 
 def test_an_interrupt_ends_what_waits_for_ever():
-    """A library that swallows the interrupt, or never comes back, is left after the time to clean up; of the semaphore that it
-    leaves behind nobody complains."""
+    """A library that ignores the interrupt is ended after the grace period, without a message about its semaphore."""
     program = """
 import multiprocessing, os, threading, time
 import correlograph.command as command

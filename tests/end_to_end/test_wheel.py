@@ -1,4 +1,4 @@
-"""What pip installs works outside the checkout: a wheel in an environment of its own renders and inverts."""
+"""The installed wheel renders and reconstructs outside the checkout, in its own environment."""
 
 import json
 import os

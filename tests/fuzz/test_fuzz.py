@@ -1,6 +1,6 @@
 """Generated input for every command: refused in one line, or finite and sensible.
 
-`make fuzz` draws many more (FUZZ_EXAMPLES a test, anew each time); the short run draws the same each time.
+`make fuzz` generates many more (FUZZ_EXAMPLES per test, different in each run); the short run repeats the same examples.
 """
 
 import json

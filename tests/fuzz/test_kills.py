@@ -86,7 +86,7 @@ def several(capture: Path) -> Path:
 
 
 def result(output: Path) -> dict[str, object]:
-    """What a finished command leaves, but for times."""
+    """Return the output of a finished command without timings."""
     found: dict[str, object] = {}
     for path in sorted(output.rglob("*")):
         if path.is_dir() or path.suffix in (".png", ".md"):

@@ -45,7 +45,7 @@ def drawn(sampler, seed: int) -> AnnealingResult:
 
 
 def test_samples_come_from_noise_to_the_object(sampler):
-    """With nothing to begin with they are like the object; another seed draws others."""
+    """Samples from noise resemble the object; another seed gives other samples."""
     found = drawn(sampler, 1)
     assert found.samples.shape == found.denoised_means.shape == (4, 64, 64)
     torch.testing.assert_close(found.samples.amax((-2, -1)), torch.ones(4))
@@ -69,7 +69,7 @@ def test_floor_fraction_is_dimensionless(unit):
 
 
 def test_resampling_replaces_the_least_likely():
-    """Of six the two worst: for copies of the two likeliest, or for a candidate that is likelier still."""
+    """The two least likely of six samples become copies of the two most likely, or of a more likely candidate."""
     measurement = noisy()
     seen = make_observation([measurement])
     data = Observation(*(one.expand(6, *one.shape[1:]) for one in vars(seen).values()))
@@ -102,7 +102,7 @@ def test_steps_that_follow_noise_are_taken_back(seed):
 
 
 def test_the_sampler_removes_noise(sampler):
-    """Of the share of an albedo's energy that noise of 0.7 hides (eleven times the energy), a quarter is left at most."""
+    """At most a quarter of the energy hidden by noise of sigma 0.7 remains."""
     batch = at_noise(RIGHT[None].expand(4, -1, -1), 0.3, 64.0, torch.Generator().manual_seed(3))
     with torch.no_grad():
         missed = DenoisedPicture().measure_progress(sampler, hidden_in_noise(batch, torch.Generator().manual_seed(4)))

@@ -109,7 +109,7 @@ def test_a_folder_stands_for_one_kind_of_file(tmp_path, rng):
 def test_refusals(tmp_path, rng):
     good = rng.random((130, 130))
 
-    def refused(match: str, **arrays) -> None:
+    def assert_refused(match: str, **arrays) -> None:
         paths = []
         for name, array in arrays.items():
             paths.append(tmp_path / f"{name}.npy")
@@ -117,13 +117,13 @@ def test_refusals(tmp_path, rng):
         with pytest.raises(InputError, match=match):
             read_capture(paths, UNKNOWN)
 
-    refused("one size", a=good, b=good[:, :129])
-    refused("finite", a=np.where(good > 0.999, np.nan, good))
-    refused("the same value", a=np.full((130, 130), 7.0))
-    refused("monochrome", a=np.dstack([good] * 3))
-    refused("repeats", a=good, b=good)
-    refused("at least 127", a=good[:100])
-    refused("numbers", a=good > 0.5)
+    assert_refused("one size", a=good, b=good[:, :129])
+    assert_refused("finite", a=np.where(good > 0.999, np.nan, good))
+    assert_refused("the same value", a=np.full((130, 130), 7.0))
+    assert_refused("monochrome", a=np.dstack([good] * 3))
+    assert_refused("repeats", a=good, b=good)
+    assert_refused("at least 127", a=good[:100])
+    assert_refused("numbers", a=good > 0.5)
     (tmp_path / "bad.png").write_bytes(b"\x89PNG\r\n\x1a\nnothing")
     with pytest.raises(InputError, match="can be read"):
         read_capture([tmp_path / "bad.png"], UNKNOWN)

@@ -18,7 +18,7 @@ def test_calibration_finds_the_logistic_it_was_made_with(rng):
 
 @pytest.mark.parametrize(("count", "noise"), [(1, 1.0), (8, 2.0), (12, 0.3)])
 def test_agreement_tells_the_correlation_with_one_more(rng, count, noise):
-    """Of pictures that are one and the same under noise of their own."""
+    """Correlation of copies of one image with independent noise."""
     pictures = rng.standard_normal(40_000) + noise * rng.standard_normal((count + 1, 40_000))
     pairs = np.corrcoef(pictures)[np.triu_indices(count + 1, 1)]
     expected = np.corrcoef(pictures[:-1].mean(0), pictures[-1])[0, 1]

@@ -1,7 +1,7 @@
 """Annealing of a toy whose posterior is known: at most six squares of twelve are bright.
 
 The network's place is taken by the exact expectation of the toy's albedo behind noise, and no steps towards the data follow.
-What is tested is the annealing itself: levels, noise kept and noise drawn anew.
+What is tested is the annealing itself: levels, kept noise and fresh noise.
 """
 
 from itertools import combinations

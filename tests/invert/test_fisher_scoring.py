@@ -25,7 +25,7 @@ def albedo() -> torch.Tensor:
     return image
 
 
-def observed(albedo: torch.Tensor, seeds: tuple[int, ...]) -> Observation:
+def make_observation(albedo: torch.Tensor, seeds: tuple[int, ...]) -> Observation:
     """An estimate of each albedo, largest lag but zero 1."""
     signal = autocorrelate_windowed(albedo)
     signal = signal / signal[:, 63, 64, None, None]
@@ -37,7 +37,7 @@ def observed(albedo: torch.Tensor, seeds: tuple[int, ...]) -> Observation:
 
 def test_the_gradient_is_that_of_the_likelihood(albedo):
     """Autograd through the class that ranks candidates, each estimate by itself."""
-    seen = observed(albedo, (1, 2))
+    seen = make_observation(albedo, (1, 2))
     guess = (0.8 * albedo.roll(1, -1) + 0.2 * albedo).requires_grad_()
     found = Likelihood(seen).at(guess.detach()).gradient()
     for number in range(2):
@@ -51,7 +51,7 @@ def test_the_gradient_is_that_of_the_likelihood(albedo):
 @pytest.mark.parametrize("place", [(25, 19), (29, 35), (40, 50), (12, 12)])
 def test_information_is_the_diagonal_of_the_curvature(albedo, place):
     """To within a factor of two, in the object and beside it."""
-    at = Likelihood(observed(albedo, (1, 2))).at(albedo)
+    at = Likelihood(make_observation(albedo, (1, 2))).at(albedo)
     unit = torch.zeros_like(albedo)
     unit[(slice(None), *place)] = 1.0
     exact, found = (one[(slice(None), *place)] for one in (at.curvature(unit), at.information()))
@@ -62,7 +62,7 @@ def test_information_is_the_diagonal_of_the_curvature(albedo, place):
 def test_curvature_is_the_derivative_of_the_gradient(albedo):
     """Along a random way, at the truth of an estimate without noise, where the second derivative is the information."""
     truth = albedo[:1]
-    seen = observed(truth, (6,))
+    seen = make_observation(truth, (6,))
     signal = autocorrelate_windowed(truth)
     seen = replace(seen, estimate=signal / signal[:, 63, 64, None, None] + FLOOR)
     way = torch.zeros_like(truth)
@@ -78,7 +78,7 @@ def test_curvature_is_the_derivative_of_the_gradient(albedo):
 def test_the_deviance_is_one_at_the_truth(albedo):
     """And more where something is missing."""
     truth = albedo[:1].expand(8, -1, -1)
-    seen = observed(truth, tuple(range(10, 18)))
+    seen = make_observation(truth, tuple(range(10, 18)))
     deviance = Likelihood(seen).at(truth).deviance
     assert float(deviance.mean()) == pytest.approx(1.0, abs=0.02)
     without_bar = truth.clone()
@@ -88,7 +88,7 @@ def test_the_deviance_is_one_at_the_truth(albedo):
 
 def test_steps_towards_the_data_find_what_is_missing(albedo):
     """A dimmed corner of the object comes back, and the prior holds what the data do not ask to change."""
-    seen = observed(albedo, (3, 4))
+    seen = make_observation(albedo, (3, 4))
     guess = albedo.clone()
     guess[0, 27:31, 30:40] = 0.2
     moved = run_data_consistency_steps(seen, guess, torch.tensor([0.05, 0.05]), 20)
@@ -100,13 +100,13 @@ def test_steps_towards_the_data_find_what_is_missing(albedo):
 
 
 def test_nothing_is_gained_from_nothing():
-    seen = observed(torch.ones(1, 64, 64), (5,))
+    seen = make_observation(torch.ones(1, 64, 64), (5,))
     assert not Likelihood(seen).at(torch.zeros(1, 64, 64)).gradient().abs().max() > 1e-3
 
 
 def test_explained_albedos_are_unchanged(albedo):
     """Steps stop at the deviance asked for, each albedo by itself."""
-    seen = observed(albedo, (8, 9))
+    seen = make_observation(albedo, (8, 9))
     guess = albedo.clone()
     guess[0] = 0.5 * guess[0] + 0.5 * guess[0].roll(3, 0)
     worse, explained = Likelihood(seen).at(guess).deviance.tolist()

@@ -55,7 +55,7 @@ def objects() -> torch.Tensor:
 
 
 @pytest.fixture
-def observed(objects) -> Observation:
+def observation(objects) -> Observation:
     return at_noise(objects.float() / 255.0, 0.3, 64.0, torch_rng()).seen
 
 
@@ -63,43 +63,43 @@ def lags_seen(seen: Observation) -> torch.Tensor:
     return lag_features(seen)[0]
 
 
-def test_features_know_no_unit_and_never_see_zero_lag(observed):
-    observed = replace(observed, denoised=0.5 * observed.estimate)
+def test_features_know_no_unit_and_never_see_zero_lag(observation):
+    observation = replace(observation, denoised=0.5 * observation.estimate)
     for features, shape in (
         (picture_features, (FUSION_CHANNELS, 32, 32)),
         (sketch_features, (SKETCH_CHANNELS, 32, 32)),
         (lags_seen, (LAG_CHANNELS, 64, 32)),
     ):
-        reference = features(observed)
+        reference = features(observation)
         assert reference.shape == (6, *shape)
-        scaled = replace(observed, **{name: getattr(observed, name) * 1e-9 for name in ("estimate", "floor", "denoised")})
+        scaled = replace(observation, **{name: getattr(observation, name) * 1e-9 for name in ("estimate", "floor", "denoised")})
         torch.testing.assert_close(features(scaled), reference, rtol=1e-3, atol=1e-4)
-        struck = observed.estimate.clone()
+        struck = observation.estimate.clone()
         struck[:, 63, 63] = 1e6
-        torch.testing.assert_close(features(replace(observed, estimate=struck)), reference)
+        torch.testing.assert_close(features(replace(observation, estimate=struck)), reference)
         empty = Observation.from_estimate(torch.zeros(1, 127, 127), torch.zeros(1), torch.ones(1))
         assert torch.isfinite(features(empty)).all()
-    torch.testing.assert_close(paper_picture(struck), paper_picture(observed.estimate))
+    torch.testing.assert_close(paper_picture(struck), paper_picture(observation.estimate))
 
 
-def test_half_a_plane_is_the_whole(observed):
-    lags = observed.estimate
+def test_half_a_plane_is_the_whole(observation):
+    lags = observation.estimate
     half = half_plane(lags)
     assert half.shape == (6, 128, 64)
     torch.testing.assert_close(half[:, 64 + 5, 7], lags[:, 63 + 5, 63 + 7])
     torch.testing.assert_close(whole_plane(half), lags)
-    shown, _, _ = lag_features(observed)
+    shown, _, _ = lag_features(observation)
     # Beside lag (v, h) stands (-v, h): the third map is the first one upside down.
     maps = torch.nn.functional.pixel_shuffle(shown[:, :16], 2)
     torch.testing.assert_close(maps[:, 2, 64 + 9, 12], maps[:, 0, 64 - 9, 12])
 
 
-def test_denoiser_returns_an_autocorrelation_in_estimate_units(observed):
+def test_denoiser_returns_an_autocorrelation_in_estimate_units(observation):
     torch.manual_seed(0)
     denoiser = CorrelographyNet(16).denoiser.eval()
     with torch.no_grad():
-        signal = denoiser(observed)
-        scaled = denoiser(replace(observed, estimate=observed.estimate * 1e-6, floor=observed.floor * 1e-6))
+        signal = denoiser(observation)
+        scaled = denoiser(replace(observation, estimate=observation.estimate * 1e-6, floor=observation.floor * 1e-6))
     torch.testing.assert_close(signal, signal.flip((-2, -1)))
     torch.testing.assert_close(1e6 * scaled, signal, rtol=1e-3, atol=1e-3)
 
@@ -116,14 +116,14 @@ def test_noise_left_is_the_share_that_is_left(objects):
     assert torch.isfinite(noise_left(nothing, nothing, measured)).all()
 
 
-def test_the_fusion_keeps_a_good_classical_picture(objects, observed):
+def test_the_fusion_keeps_a_good_classical_picture(objects, observation):
     """Untrained, the fusion adds what it is shown, laid over the sketch, in whichever turn and place it came."""
     torch.manual_seed(0)
     network = CorrelographyNet(32).eval()
     truth = objects.float() / 255.0
     shown = torch.roll(truth.flip((-2, -1)), (5, 3), (-2, -1))
     with torch.no_grad():
-        albedo, _ = predict(network, replace(observed, classical=shown[:, None].expand(-1, PICTURES, -1, -1)))
+        albedo, _ = predict(network, replace(observation, classical=shown[:, None].expand(-1, PICTURES, -1, -1)))
     assert float(registered_pearson(albedo, truth).min()) > 0.5
 
 
@@ -174,17 +174,17 @@ def test_batches_depend_on_the_seed_alone(objects):
 
 
 @pytest.mark.parametrize("kind", [CorrelographyNet, PaperUnet, PaperModulusUnet])
-def test_networks_draw_albedos(observed, kind):
+def test_networks_draw_albedos(observation, kind):
     torch.manual_seed(0)
     network = kind(32).eval()
     with torch.no_grad():
-        albedo, expected = predict(network, observed)
+        albedo, expected = predict(network, observation)
     assert albedo.shape == (6, 64, 64)
     assert expected.shape == (6,)
     assert float(albedo.min()) >= 0.0
     for index in (0, 3):  # independent of the rest of the batch, up to the rounding of bfloat16
         with torch.no_grad():
-            alone, _ = predict(network, observed.part(slice(index, index + 1), "cpu"))
+            alone, _ = predict(network, observation.part(slice(index, index + 1), "cpu"))
         torch.testing.assert_close(alone[0], albedo[index], rtol=0.05, atol=0.02)
 
 

@@ -19,7 +19,7 @@ from tests.invert.steps import MIRRORED_STEM, RIGHT, noisy
 
 
 def pedestal(lags: float) -> torch.Tensor:
-    """Of so many lags, 1 at zero lag; (127, 127)."""
+    """Return a pedestal of a width in lags, 1 at zero lag; (127, 127)."""
     lag = torch.arange(-63, 64).double()
     return torch.exp(-(lag[:, None] ** 2 + lag**2) / (2.0 * lags**2))
 
@@ -71,7 +71,7 @@ def test_likelihood_of_an_empty_candidate_and_without_noise():
 
 @pytest.mark.parametrize(("lags", "light"), [(24.0, 0.01), (32.0, 0.003), (40.0, 0.003)])
 def test_a_pedestal_is_not_taken_for_the_object(lags, light):
-    """Faint light all over the window would explain some of a pedestal; the object without it is likelier all the same."""
+    """Faint light all over the window would explain some of a pedestal; the object without it is still more likely."""
     smeared = RIGHT + light
     spectrum = autocorrelate_windowed(RIGHT).double()
     spectrum = 0.1 + spectrum / spectrum.max() + 0.03 * pedestal(lags)

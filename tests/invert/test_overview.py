@@ -1,4 +1,4 @@
-"""What the fusion is shown of classical retrieval, and its augmentations."""
+"""Summary of classical reconstructions for the fusion, and augmentations."""
 
 import torch
 
@@ -10,24 +10,26 @@ from invert.solvers.base import Candidates
 from tests.invert.steps import MIRRORED_STEM, RIGHT, noisy, steps
 
 
-def padded(*pictures: torch.Tensor) -> torch.Tensor:
+def pad_images(*pictures: torch.Tensor) -> torch.Tensor:
     return torch.nn.functional.pad(torch.stack(pictures), (0, 64, 0, 64))
 
 
 def test_both_retrievals_are_shown_together():
-    """Of each the mean of its starts and the start of least residual, laid over one another; how far starts agree."""
+    """The summary holds the mean of the starts and the start with the lowest residual, registered, and their correlation."""
     turned, other = torch.roll(RIGHT.flip((0, 1)), (3, 2), (0, 1)), steps((20, 20, 3, 20), (40, 20, 3, 20))
-    found = Candidates(torch.stack((padded(RIGHT, turned), padded(other, RIGHT))), torch.tensor([[0.2, 0.1], [0.1, 0.2]]))
+    found = Candidates(
+        torch.stack((pad_images(RIGHT, turned), pad_images(other, RIGHT))), torch.tensor([[0.2, 0.1], [0.1, 0.2]])
+    )
     shown, agreement = summarise_retrievals(found)
     assert shown.shape == (PICTURES, 64, 64)
     assert float(shown.amax((-2, -1)).min()) == float(shown.max()) == 1.0
     for picture, object_ in zip(shown[[0, 1, 3]], (RIGHT, RIGHT, other), strict=True):
-        assert float(register_images(padded(picture), padded(object_)[0])[1]) > 0.99
+        assert float(register_images(pad_images(picture), pad_images(object_)[0])[1]) > 0.99
     assert agreement[0] > 0.99 > agreement[1]
 
 
 def test_a_start_that_came_to_nothing_is_shown_as_nothing():
-    images = torch.stack((padded(RIGHT, torch.zeros(64, 64)), padded(RIGHT, RIGHT)))
+    images = torch.stack((pad_images(RIGHT, torch.zeros(64, 64)), pad_images(RIGHT, RIGHT)))
     assert torch.isfinite(summarise_retrievals(Candidates(images, torch.tensor([[0.1, 1.0], [0.1, 0.1]])))[0]).all()
 
 

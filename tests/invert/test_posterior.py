@@ -1,4 +1,4 @@
-"""What samples say together: place, spread, answers, sizes."""
+"""Statistics of samples: registration, deviation, clusters, sizes."""
 
 import numpy as np
 import pytest
@@ -9,13 +9,13 @@ from invert.albedo.posterior import Samples, SizeStatistics, measure_size, regis
 from tests.invert.steps import MIRRORED_STEM, RIGHT
 
 
-def shown(*albedos: torch.Tensor) -> Samples:
+def make_samples(*albedos: torch.Tensor) -> Samples:
     return register_samples(torch.stack(albedos), RIGHT)
 
 
 def test_samples_are_laid_over_the_reconstruction():
     """Shifted, turned and half as bright ones lie where it does."""
-    drawn = shown(RIGHT, 0.5 * RIGHT.roll((3, -5), (0, 1)), RIGHT.flip((0, 1)).roll((-2, 4), (0, 1)))
+    drawn = make_samples(RIGHT, 0.5 * RIGHT.roll((3, -5), (0, 1)), RIGHT.flip((0, 1)).roll((-2, 4), (0, 1)))
     for one in drawn.samples:
         np.testing.assert_allclose(one, RIGHT, atol=1e-6)
     np.testing.assert_allclose(drawn.mean, RIGHT, atol=1e-6)
@@ -24,7 +24,7 @@ def test_samples_are_laid_over_the_reconstruction():
 
 def test_samples_follow_a_reconstruction_that_is_turned():
     turned = RIGHT.flip((0, 1)).roll((4, -3), (0, 1)).numpy()
-    for one in shown(RIGHT, RIGHT.roll((3, -5), (0, 1))).register_to(turned).samples:
+    for one in make_samples(RIGHT, RIGHT.roll((3, -5), (0, 1))).register_to(turned).samples:
         np.testing.assert_allclose(one, turned, atol=1e-6)
 
 
@@ -38,14 +38,14 @@ def test_mean_spread_and_probability_of_light():
 
 
 def test_different_objects_are_different_answers():
-    """Noise makes no new answer; another place of the stem does, and the likelier one comes first."""
+    """Noise creates no new cluster; another position of the stem does, and the more probable cluster comes first."""
     rng = torch.Generator().manual_seed(0)
 
     def noisy(image: torch.Tensor) -> torch.Tensor:
         return (image + 0.1 * torch.randn(image.shape, generator=rng)).clamp(0.0, 1.0)
 
-    assert len(shown(*(noisy(RIGHT) for _ in range(8))).clusters) == 1
-    both = shown(*(noisy(RIGHT) for _ in range(6)), *(noisy(MIRRORED_STEM) for _ in range(2))).clusters
+    assert len(make_samples(*(noisy(RIGHT) for _ in range(8))).clusters) == 1
+    both = make_samples(*(noisy(RIGHT) for _ in range(6)), *(noisy(MIRRORED_STEM) for _ in range(2))).clusters
     assert [one.probability for one in both] == [0.75, 0.25]
     assert [one.members for one in both] == [(0, 1, 2, 3, 4, 5), (6, 7)]
 
@@ -63,7 +63,7 @@ def test_sizes_and_their_intervals():
 
 
 def test_an_unknown_size_or_probability_is_refused():
-    said = shown(RIGHT, RIGHT)
+    said = make_samples(RIGHT, RIGHT)
     with pytest.raises(InputError, match="size: expected one of width, height, area"):
         said.interval("depth", 0.8)
     with pytest.raises(InputError, match="probability: expected 0 to 1"):

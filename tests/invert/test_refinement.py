@@ -11,7 +11,7 @@ from radiometry.noise.model import autocorrelate_windowed, draw_estimate
 from tests.invert.steps import RIGHT
 
 
-def measured(floor: float, dof: float, seed: int) -> Measurement:
+def make_measurement(floor: float, dof: float, seed: int) -> Measurement:
     signal = autocorrelate_windowed(RIGHT.double())
     estimate = draw_estimate(floor + signal / signal[63, 64], dof, torch.Generator().manual_seed(seed))
     return read_measurement(estimate.float().numpy())
@@ -21,30 +21,30 @@ def likeness(albedo: torch.Tensor) -> float:
     return float(register_images(on_grid(RIGHT.numpy())[None], on_grid(albedo.numpy()))[1])
 
 
-BLURRED = torch.nn.functional.avg_pool2d(torch.nn.functional.pad(RIGHT, (1, 1, 1, 1))[None], 3, 1)[0]
+BLURRY_START = torch.nn.functional.avg_pool2d(torch.nn.functional.pad(RIGHT, (1, 1, 1, 1))[None], 3, 1)[0]
 
 
 @pytest.mark.parametrize(
     ("floor", "dof", "gain"), [(0.02, 1e4, 0.03), (0.2, 1e4, 0.02), (0.02, 256.0, 0.01), (0.2, 256.0, -0.005)]
 )
 def test_where_noise_is_low_it_follows_the_data(floor, dof, gain):
-    """A blurred start comes nearer to the object, and another capture of it becomes likelier."""
-    start = BLURRED / BLURRED.max()
-    found = refine_by_likelihood(start, measured(floor, dof, 0))
+    """A blurred start approaches the object, and another capture of it becomes more likely."""
+    start = BLURRY_START / BLURRY_START.max()
+    found = refine_by_likelihood(start, make_measurement(floor, dof, 0))
     assert float(found.max()) == pytest.approx(1.0)
     assert likeness(found) > likeness(start) + gain
-    assert log_likelihood_leads(start.numpy(), found.numpy(), [measured(floor, dof, 1)])[0] > 30.0
+    assert log_likelihood_leads(start.numpy(), found.numpy(), [make_measurement(floor, dof, 1)])[0] > 30.0
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_where_noise_is_high_it_stays(seed):
     """From the object itself there is nothing to gain: what one half of the lags gains, the other half does not confirm."""
-    torch.testing.assert_close(refine_by_likelihood(RIGHT, measured(4.0, 64.0, seed)), RIGHT)
+    torch.testing.assert_close(refine_by_likelihood(RIGHT, make_measurement(4.0, 64.0, seed)), RIGHT)
 
 
 def test_slope_of_the_likelihood():
-    """Against differences, with brightness and pedestal fitted anew."""
-    likelihood = NoiseLikelihood(measured(0.2, 64.0, 2))
+    """The gradient agrees with finite differences, with gains fitted again."""
+    likelihood = NoiseLikelihood(make_measurement(0.2, 64.0, 2))
     rng = torch.Generator().manual_seed(3)
     albedo = (RIGHT.double() + 0.3 * torch.rand(64, 64, generator=rng, dtype=torch.float64)).requires_grad_()
     way = torch.randn(64, 64, generator=rng, dtype=torch.float64)

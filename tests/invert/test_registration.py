@@ -18,7 +18,7 @@ from invert.evaluation.identification import identify
 from invert.measure.spectrum import GRID
 
 
-def lopsided(rng) -> np.ndarray:
+def asymmetric_image(rng) -> np.ndarray:
     image = np.zeros((64, 64), np.float32)
     image[20:50, 10:14], image[20:26, 10:40] = 0.7, 1.0
     return image + 0.01 * rng.random((64, 64)).astype(np.float32)
@@ -27,7 +27,7 @@ def lopsided(rng) -> np.ndarray:
 @pytest.mark.parametrize("turn", [False, True])
 @pytest.mark.parametrize("shift", [(0, 0), (5, -11), (63, 64)])
 def test_shift_and_turn_are_undone(rng, turn, shift):
-    reference = on_grid(lopsided(rng))
+    reference = on_grid(asymmetric_image(rng))
     moved = torch.roll(rotate_180(reference) if turn else reference, shift, (0, 1))
     back, correlation = register_images(moved[None], reference)
     assert float(correlation[0]) == pytest.approx(1.0, abs=1e-4)
@@ -35,7 +35,7 @@ def test_shift_and_turn_are_undone(rng, turn, shift):
 
 
 def test_each_image_is_laid_over_its_own_reference(rng):
-    references = torch.stack([torch.from_numpy(lopsided(rng)), torch.from_numpy(lopsided(rng)).mT])
+    references = torch.stack([torch.from_numpy(asymmetric_image(rng)), torch.from_numpy(asymmetric_image(rng)).mT])
     moved = torch.stack([torch.roll(references[0].flip((0, 1)), (3, 4), (0, 1)), torch.roll(references[1], (-5, 2), (0, 1))])
     back = register_groups(torch.stack((moved, 0.5 * moved.square()), 1), references)
     for (one, other), reference in zip(back, references, strict=True):
@@ -45,7 +45,7 @@ def test_each_image_is_laid_over_its_own_reference(rng):
 
 
 def test_mirrors_are_not_undone(rng):
-    image = lopsided(rng)
+    image = asymmetric_image(rng)
     assert aligned_pearson(np.rot90(image, 2), image)[0] > 0.99
     assert aligned_pearson(image[:, ::-1], image)[0] < 0.8
     assert aligned_pearson(image.T, image)[0] < 0.8
@@ -65,7 +65,7 @@ def test_centred_keeps_a_wide_lopsided_object(rng):
 
 
 def test_consensus_averages_what_agrees(rng):
-    reference = on_grid(lopsided(rng))
+    reference = on_grid(asymmetric_image(rng))
     good = [torch.roll(rotate_180(reference) if i % 2 else reference, (i, -2 * i), (0, 1)) for i in range(4)]
     bad = torch.rand(2, GRID, GRID, generator=torch.Generator().manual_seed(0))
     # the one of least residual is wrong: the others outvote it
@@ -75,7 +75,7 @@ def test_consensus_averages_what_agrees(rng):
 
 
 def test_transfer_is_one_where_phases_agree_and_falls_where_they_do_not(rng):
-    reference = on_grid(lopsided(rng))
+    reference = on_grid(asymmetric_image(rng))
     assert min(phase_retrieval_transfer(torch.stack([reference] * 4))) > 0.999
     n = 64
     noise = torch.randn(n, GRID, GRID, generator=torch.Generator().manual_seed(2))

@@ -72,7 +72,7 @@ def test_the_peaks_error_is_its_scatter(rng):
 
 @pytest.mark.parametrize("floor", [0.3, 1.0])
 def test_noise_hidden_by_rounding_gives_assumed_dof(rng, floor):
-    """Floors of a grey level or less: K cannot be read, and is assumed instead of endless."""
+    """Floors of one grey level or less hide K, which is then assumed instead of infinite."""
     lags = smooth_by_window(autocorrelate(np.pad(np.ones((9, 23)), ((20, 35), (10, 31)))))
     picture = np.round(254.0 * lags / lags.max() + floor * rng.gamma(64.0, 1 / 64.0, lags.shape))
     noise = read_noise_level(picture, 1.0)

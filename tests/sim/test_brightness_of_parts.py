@@ -28,7 +28,7 @@ from sim.variant import llvm_major
 NEW_LLVM = pytest.mark.skipif((llvm_major() or 99) < 17, reason="spheres and masks need libLLVM 17")
 BARE = tuple((name, False) for name in ("shot_noise", "other_light", "detector_roughness", "pupil_and_pixel", "source_grain"))
 FRAMES, CELLS = 40, 4
-"""Cells a lag, from which the known autocorrelation is made."""
+"""Cells per lag of the albedo from which the known autocorrelation is computed."""
 
 
 @dataclass(frozen=True)

@@ -179,7 +179,7 @@ def test_the_specular_share_of_a_smooth_wall(scene, rng, height_rms_m):
 
 
 def test_light_that_a_smooth_wall_does_not_scatter_misses_the_object(scene):
-    """In the reference geometry the specular direction leads elsewhere: the object gets what is scattered, 1 - exp(-g)."""
+    """The specular direction misses the object of the reference scene, which receives the scattered fraction 1 - exp(-g)."""
     rough = Simulation(scene())
     mean = float(np.mean([float(rough.expected_frame(2, n).mean()) for n in range(4)]))
     for height_rms_m in (0.0, 3e-8):
