@@ -28,16 +28,18 @@ class Range:
             raise argparse.ArgumentTypeError(f"expected {self}, found {' '.join(text.split()):.40}")
         return value
 
-    def check(self, name: str, value: float) -> float:
-        """Return the value if it lies in the range. Raises InputError otherwise, also for NaN and text."""
+    def check(self, name: str, value: float) -> Any:
+        """Return the value as an int or a float if it lies in the range. Raises InputError otherwise, also for NaN and text."""
         if not self._holds(value):
             raise InputError(name, str(self), f"{value!s:.40}", "use a value in this range")
-        return value
+        return int(value) if isinstance(self.least, int) else float(value)
 
     def _holds(self, value: Any) -> bool:
+        if isinstance(value, bool):
+            return False
         if isinstance(self.least, int):
-            return isinstance(value, Integral) and self.least <= value <= self.most and value % self.step == 0
-        return isinstance(value, Real) and bool(self.least <= value <= self.most)
+            return isinstance(value, Integral) and self.least <= int(value) <= self.most and int(value) % self.step == 0
+        return isinstance(value, Real) and self.least <= float(value) <= self.most
 
     def __str__(self) -> str:
         if isinstance(self.least, float):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 from correlograph.errors import InputError
+
+T = TypeVar("T")
 
 MeanModel = Literal["auto", "pooled", "fixed", "published"]
 """Background models of the estimator; see `radiometry.estimation.whole_frames`."""
@@ -78,10 +81,11 @@ def quality_named(quality: str | Quality) -> Quality:
 
 def check_mean_model(mean_model: str) -> MeanModel:
     """Return the name of a background model. Raises InputError for another name."""
-    return _entry("mean_model", mean_model, {name: name for name in MEAN_MODELS})
+    names: dict[str, MeanModel] = {name: name for name in MEAN_MODELS}
+    return _entry("mean_model", mean_model, names)
 
 
-def _entry(name, found, entries):  # type: ignore[no-untyped-def]
+def _entry(name: str, found: object, entries: Mapping[str, T]) -> T:
     if not isinstance(found, str) or found not in entries:
         raise InputError(name, f"one of {', '.join(entries)}", f"{found!r}", f"select a {name} from this list")
     return entries[found]

@@ -72,7 +72,7 @@ def reconstruct(
     """
     method, quality, mean_model = method_named(method), quality_named(quality), check_mean_model(mean_model)
     check_device(device)
-    SEED.check("seed", seed)
+    seed = SEED.check("seed", seed)
     file = _check_weights(weights, method)
     begin = time.perf_counter()
     capture = read_source(source, camera or CameraMetadata(), autocorrelation)
@@ -110,8 +110,8 @@ def read_source(source: Source, camera: CameraMetadata, autocorrelation: bool | 
         return source
     if isinstance(source, (str, Path)):
         source = [source]
-    if isinstance(source, Sequence) and len(source) > 0 and all(isinstance(item, (str, Path)) for item in source):
-        paths = [Path(item) for item in source]
+    paths = [Path(item) for item in source if isinstance(item, (str, Path))] if isinstance(source, Sequence) else []
+    if paths and len(paths) == len(source):
         if autocorrelation or (autocorrelation is None and len(paths) == 1 and _has_published_shape(paths[0])):
             return published_estimate(paths[0])
         return read_capture(paths, camera)

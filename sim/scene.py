@@ -181,7 +181,7 @@ def render(
     Raises InputError if the scene cannot be modelled with these settings.
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
-    _check(frames, seed, device)
+    frames, seed = _check(frames, seed, device)
     begin = time.perf_counter()
     plan = scene.plan(settings)
     content = as_json(plan, frames, scene.monte_carlo())
@@ -215,7 +215,7 @@ def wall_field(
     """Return the complex field on the virtual detector, (H, W), mean square 1 on average; complex128 for a propagator in
     double precision."""
     scene = scene if isinstance(scene, Scene) else load(scene)
-    _check(1, seed, device)
+    _, seed = _check(1, seed, device)
     plan = scene.plan(settings)
     field = Simulation(plan.geometry, device=device, plan=plan).wall_field(seed, frame)
     return (field / np.sqrt(plan.samples.brightness)).cpu().numpy()
@@ -292,7 +292,7 @@ def saturation(plan: Plan, frames: list[np.ndarray]) -> float:
     return float(np.mean([(frame >= full_well).mean() for frame in frames])) if full_well else 0.0
 
 
-def _check(frames: int, seed: int, device: str) -> None:
-    FRAMES.check("frames", frames)
-    SEED.check("seed", seed)
+def _check(frames: int, seed: int, device: str) -> tuple[int, int]:
+    """Return number of frames and seed as Python integers. Raises InputError for values out of range."""
     check_device(device)
+    return FRAMES.check("frames", frames), SEED.check("seed", seed)

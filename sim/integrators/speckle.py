@@ -37,7 +37,7 @@ class Speckle(mi.SamplingIntegrator):
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
         del spp, develop, evaluate
         simulation = self._simulation(scene, sensor)
-        draw = simulation.expected if self.mean else simulation.frame
+        draw = simulation.expected_frame if self.mean else simulation.frame
         return mi.TensorXf(draw(int(seed), self.frame).numpy()[..., None])
 
     def render_backward(self, *arguments, **named):

@@ -225,7 +225,7 @@ def test_depolarised_and_ambient_light_are_in_the_prediction(scene):
 
 def test_plans_are_strict_json_where_a_kernel_cannot_be_had(scene, monkeypatch):
     deep = ('<rotate z="1" angle="180"/>', '<rotate z="1" angle="180"/><rotate y="1" angle="75"/>')
-    monkeypatch.setattr(nufft, "MOST_TERMS", 5)
+    monkeypatch.setattr(nufft, "MAX_TERMS", 5)
     # Consider it, however quick the direct sum is.
     monkeypatch.setitem(KERNELS, "nufft", replace(KERNELS["nufft"], planning_seconds=0.0))
     plan = make_plan(scene(deep), 1, Settings("field", 1e-9))

@@ -1,0 +1,55 @@
+"""Scenes as objects: text, copies, pickles, drawings, loaded captures, numbers as parameters."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mitsuba")
+
+import correlograph as cg
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return cg.load("corner_letter", exposure=np.float64(0.25), power=np.float32(0.5))
+
+
+def test_numpy_numbers_are_parameters_and_the_text_names_them(scene):
+    assert "corner_letter" in repr(scene)
+    assert "exposure=0.25" in repr(scene)
+    assert scene.geometry.electronics.exposure_s == 0.25
+    with pytest.raises(cg.InputError, match="exposure"):
+        cg.load("corner_letter", exposure=[0.1])
+    with pytest.raises(cg.InputError, match="occluded_letter"):
+        cg.load("corner_leter")
+
+
+def test_copies_and_pickles_are_the_same_scene(scene):
+    for other in (copy.copy(scene), copy.deepcopy(scene), pickle.loads(pickle.dumps(scene))):
+        assert (other.digest, other.parameters) == (scene.digest, scene.parameters)
+        assert other.geometry.distance_m == scene.geometry.distance_m
+
+
+def test_the_drawing_shows_every_shape_to_scale(scene):
+    figure = scene.draw()
+    above, side = figure.axes
+    for view in (above, side):
+        assert view.get_aspect() == 1.0
+        assert {"virtual_source", "virtual_detector", "hidden_object"} <= {text.get_text() for text in view.texts}
+    beam = next(line for line in above.get_lines() if line.get_label() == "light by way of the object")
+    length = np.hypot(*np.diff(np.array(beam.get_data()), axis=1))
+    expected = scene.geometry.source_distance_m, scene.geometry.distance_m
+    np.testing.assert_allclose(length, expected, rtol=1e-3)
+
+
+def test_a_saved_capture_loads_as_it_was(tmp_path):
+    capture = cg.render("corner_letter", frames=2, seed=3)
+    capture.save(tmp_path)
+    loaded = cg.Capture.load(tmp_path)
+    assert all((one == other).all() for one, other in zip(loaded.frames, capture.frames, strict=True))
+    assert (loaded.truth == capture.truth).all()
+    assert loaded.camera == capture.camera
+    assert "2 frames of 2056 x 2464 pixels" in repr(loaded)
+    assert "<img" in loaded._repr_html_()
