@@ -20,7 +20,7 @@ The foundation, which every other package imports:
     ranges.py       ranges of numbers, for options and arguments
     lags.py         the lag grid
     files/          captures, frames, images, stores, output files
-    workers.py      Dask workers
+    workers.py      parallel tasks: processes, or a Dask cluster
     lazy.py         public names that are imported when they are used
     version.py      version of the installed package
 """

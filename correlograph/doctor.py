@@ -17,8 +17,8 @@ PACKAGES = ("correlograph", "mitsuba", "drjit", "torch", "numpy", "OpenEXR", "fi
 
 _SIMULATOR = """
 import sim, mitsuba as mi
-from sim.libllvm import MIN_LLVM_VERSION, NAME, newest
-from sim.variant import llvm_major
+from sim.backend.libllvm import MIN_LLVM_VERSION, NAME, newest
+from sim.backend.variant import llvm_major
 import drjit as dr, os
 dr.eval(dr.sin(mi.Float(1.0)))
 major = llvm_major()

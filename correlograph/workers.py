@@ -1,20 +1,31 @@
-"""Dask workers: processes on this machine, or a cluster."""
+"""Parallel tasks: processes on this machine, which listen on no port, or the workers of a Dask cluster."""
 
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import active_children, connection, get_context, parent_process
+from typing import Any
 
 from correlograph.errors import InputError
 from correlograph.ranges import WORKERS
 
 
+class WorkerDeath:
+    """Outcome of a task whose worker process died, for example for lack of memory."""
+
+
 def check_workers(workers: int | None, scheduler: str | None) -> int:
-    """Return the number of workers: the requested one, or one per core. Raises InputError for workers and a scheduler
-    together."""
+    """Return the number of workers: the requested one, or one per core.
+
+    Raises InputError for workers and a scheduler together.
+    """
     if scheduler is not None and workers is not None:
         raise InputError("--scheduler", "no --workers together with it", f"--workers {workers}", "remove one of them")
     return workers if workers is not None else min(os.cpu_count() or 1, int(WORKERS.most))
@@ -34,31 +45,79 @@ def check_scheduler(address: str) -> None:
         )
 
 
-@contextmanager
-def cluster_client(workers: int, scheduler: str | None) -> Iterator:
-    """Yield a Dask client of a local cluster, or of a running scheduler."""
-    import dask
-    from distributed import Client, LocalCluster
+def run_tasks(
+    task: Callable[[Any], Any], items: Sequence[Any], workers: int, scheduler: str | None = None
+) -> Iterator[tuple[Any, Any]]:
+    """Run a task on every item in parallel; yield (item, outcome) in the order of completion.
 
-    if scheduler is not None:
-        with Client(scheduler, timeout=20) as client:
-            yield client
-        return
-    with (
-        _environment_kept(),
-        dask.config.set({"distributed.worker.memory.terminate": False, "distributed.logging.distributed": "error"}),
-        LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster,
-        Client(cluster) as client,
-    ):
-        yield client
+    The outcome is `WorkerDeath` if a worker died repeatedly on the item. Exceptions of the task are raised.
+
+    Args:
+        task: a picklable function of one item.
+        workers: number of processes on this machine.
+        scheduler: address of a running Dask scheduler to use instead.
+    """
+    if scheduler is None:
+        return _run_locally(task, items, workers)
+    return _run_on_cluster(task, items, scheduler)
 
 
-@contextmanager
-def _environment_kept() -> Iterator[None]:
-    """Restore the environment: Dask sets OMP_NUM_THREADS=1 in this process, and later subprocesses would inherit it."""
-    before = dict(os.environ)
+def _run_locally(task: Callable[[Any], Any], items: Sequence[Any], workers: int) -> Iterator[tuple[Any, Any]]:
+    """A dead worker breaks its pool. The other items then run again, and after a second time one by one."""
+    remaining = list(items)
+    for attempt_workers in (workers, workers):
+        for item, outcome in _run_pool(task, remaining, attempt_workers):
+            remaining.remove(item)
+            yield item, outcome
+        if not remaining:
+            return
+    for item in remaining:
+        yield from list(_run_pool(task, [item], 1)) or [(item, WorkerDeath())]
+
+
+def _run_pool(task: Callable[[Any], Any], items: Sequence[Any], workers: int) -> Iterator[tuple[Any, Any]]:
+    """Yield the outcomes of one process pool, up to the death of a worker."""
+    pool = ProcessPoolExecutor(min(workers, len(items)), mp_context=get_context("spawn"), initializer=_prepare_worker)
     try:
-        yield
+        futures = {pool.submit(task, item): item for item in items}
+        for future in as_completed(futures):
+            try:
+                yield futures[future], future.result()
+            except BrokenProcessPool:
+                return
+    except BrokenProcessPool:
+        return
+    except BaseException:
+        for process in active_children():
+            process.terminate()
+        raise
     finally:
-        os.environ.clear()
-        os.environ.update(before)
+        pool.shutdown(cancel_futures=True)
+
+
+def _prepare_worker() -> None:
+    """Leave interruptions to the parent process, and end with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = parent_process()
+    if parent is None:
+        return
+
+    def end_with_parent() -> None:
+        connection.wait([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
+
+
+def _run_on_cluster(task: Callable[[Any], Any], items: Sequence[Any], scheduler: str) -> Iterator[tuple[Any, Any]]:
+    from distributed import Client, KilledWorker
+    from distributed import as_completed as completed
+
+    with Client(scheduler, timeout=20) as client:
+        futures = client.map(task, items, pure=False, retries=2)
+        item_of = {future.key: item for future, item in zip(futures, items, strict=True)}
+        for future in completed(futures):
+            try:
+                yield item_of[future.key], future.result()
+            except KilledWorker:
+                yield item_of[future.key], WorkerDeath()

@@ -1,4 +1,4 @@
-"""Shards on Dask workers, with progress."""
+"""Shards on parallel workers, with progress."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import partial
 from tqdm import tqdm
 
 from correlograph.errors import InputError
-from correlograph.workers import cluster_client
+from correlograph.workers import WorkerDeath, run_tasks
 from data_gen.store import shard_size
 from data_gen.targets import BLOCK, draw_block
 from data_gen.work import Recipe, make_shard, measure
@@ -19,25 +19,18 @@ def make_shards(address: str, recipe: Recipe, shards: list[int], workers: int, s
 
     The shard of a worker that dies is given to another. Finished shards remain after any interruption.
     """
-    from distributed import KilledWorker, as_completed
-
-    if not shards:
-        return 0
     made = 0
     size = shard_size(recipe.measurement)
     total = sum(min(size, recipe.count - shard * size) for shard in shards)
-    with cluster_client(workers, scheduler) as client, tqdm(total=total, unit="sample", disable=None) as bar:
-        futures = client.map(partial(make_shard, address, recipe), shards, pure=False, retries=2)
-        for future in as_completed(futures):
-            try:
-                done = future.result()
-            except KilledWorker:
+    with tqdm(total=total, unit="sample", disable=None) as bar:
+        for _, done in run_tasks(partial(make_shard, address, recipe), shards, workers, scheduler):
+            if isinstance(done, WorkerDeath):
                 raise InputError(
                     "worker",
                     "workers that survive",
                     "repeated deaths on one shard",
                     "give them more memory, then run the same command again",
-                ) from None
+                )
             made += done
             bar.update(done)
     return made

@@ -2,7 +2,7 @@
 Plan and tolerance
 ==================
 
-Speed is traded for accuracy by a tolerance, and the trade is predicted before anything is rendered.
+A tolerance trades accuracy for speed. The plan predicts both before anything is rendered.
 """
 
 import matplotlib.pyplot as plt
@@ -12,22 +12,22 @@ from sim.plan import Settings
 from sim.plan_report import summary
 
 # %%
-# What ``python -m sim SCENE --plan`` prints.
+# The text of ``python -m sim SCENE --plan``.
 
 scene = sim.load("tilted_letter")
 print(summary(scene.plan(), frames=2))
 
 # %%
-# ``statistical`` accuracy bounds the error of the expected autocorrelation; ``field`` that of this very realisation, which
-# slower propagators can follow. Predicted errors and costs:
+# ``statistical`` accuracy bounds the error of the expected autocorrelation. ``field`` accuracy bounds the error of the field of this
+# realisation; slower propagators reach it. The figure shows predicted errors and durations:
 
 figure, panel = plt.subplots(figsize=(6, 4), layout="constrained")
 for accuracy, tolerance in (("statistical", 1e-2), ("field", 1e-2), ("field", 1e-5)):
     plan = scene.plan(Settings(accuracy, tolerance))
     print(
         f"{accuracy} {tolerance:g}: {plan.kernel.propagator} in {plan.kernel.precision}, "
-        f"error {plan.kernel.predicted_error:.1e}, about {plan.kernel.seconds:.2f} s a field"
+        f"error {plan.kernel.predicted_error:.1e}, about {plan.kernel.seconds:.2f} s per field"
     )
     panel.loglog(plan.kernel.seconds, plan.kernel.predicted_error, "o", label=f"{accuracy} {tolerance:g}")
-panel.set(xlabel="predicted seconds a field", ylabel="predicted error")
+panel.set(xlabel="predicted seconds per field", ylabel="predicted error")
 panel.legend()

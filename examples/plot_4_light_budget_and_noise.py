@@ -2,7 +2,7 @@
 Light budget and noise
 ======================
 
-How many photons come back, and what the autocorrelation will look like, before a single frame is taken.
+The number of photons that return, and the noise of the autocorrelation, before the first frame.
 """
 
 import matplotlib.pyplot as plt
@@ -17,7 +17,7 @@ for name, factor in budget.rows:
 print(f"{budget.per_pixel_db:.2f} dB per pixel, {budget.photoelectrons_per_pixel_s:.3g} photoelectrons per pixel and second")
 
 # %%
-# The floor under the autocorrelation falls with exposure; signal to noise saturates where speckle itself is the noise.
+# The noise floor falls with exposure. The signal-to-noise ratio saturates when the speckle itself is the noise.
 
 exposures = [2.0**-power for power in range(10, -3, -1)]
 forecasts = [radiometry.predict(sim.load("corner_letter", exposure=seconds)) for seconds in exposures]
@@ -25,4 +25,4 @@ figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.5), layout="constrained
 left.loglog(exposures, [forecast.floor_over_peak for forecast in forecasts])
 left.set(xlabel="exposure in s", ylabel="floor over peak")
 right.semilogx(exposures, [forecast.signal_to_noise for forecast in forecasts])
-right.set(xlabel="exposure in s", ylabel=f"signal to noise, K = {forecasts[0].dof}")
+right.set(xlabel="exposure in s", ylabel=f"signal-to-noise ratio, K = {forecasts[0].dof:.0f}")

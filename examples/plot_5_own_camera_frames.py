@@ -1,6 +1,6 @@
 """
-Frames of one's own camera
-==========================
+Frames of your camera
+=====================
 
 Captured frames are 16-bit TIFF or PNG files, or arrays, in any unit. Wavelength, pixel pitch and distance give the scale.
 """
@@ -16,7 +16,7 @@ import invert
 import sim
 
 # %%
-# Stand-ins for a lab: rendered frames, as a camera of 12 bits stores them, with an offset of its own.
+# Rendered frames replace those of a lab: a camera with 12 bits and an offset stores them.
 
 rendered = sim.render("corner_letter", frames=2, seed=7)
 folder = Path(tempfile.mkdtemp())
@@ -25,10 +25,10 @@ for number, frame in enumerate(rendered.frames):
     io.imsave(folder / f"shot_{number}.tif", counts, check_contrast=False)
 
 # %%
-# What ``python -m invert FOLDER --wavelength-m ... -o result`` does.
+# The same as ``python -m invert FOLDER --wavelength-m ... -o result``.
 
-facts = invert.CameraFacts(wavelength_m=532e-9, pixel_pitch_m=6.9e-6, distance_m=1.0)
-result = invert.reconstruct(folder, camera=facts, quality="fast")
+metadata = invert.CameraMetadata(wavelength_m=532e-9, pixel_pitch_m=6.9e-6, distance_m=1.0)
+result = invert.reconstruct(folder, camera=metadata, quality="fast")
 summary = result.save(folder / "result")
 print(f"object found: {result.object_found}, confidence {result.confidence:.2f}")
 print(f"files: {sorted(path.name for path in (folder / 'result').iterdir())}")

@@ -2,7 +2,7 @@
 Training data and a small training
 ==================================
 
-Targets, noise drawn from the noise model, and a few steps of a narrow denoiser. A real one takes 6000 steps and an hour or two.
+Targets, noise from the noise model, and a few steps of a narrow denoiser. A useful one takes 6000 steps and one or two hours.
 """
 
 import json
@@ -13,11 +13,11 @@ import matplotlib.pyplot as plt
 
 from data_gen.__main__ import main as make_dataset
 from data_gen.dataset import load_targets
-from invert.train import main as train
+from invert.training.train import main as train
 
 folder = Path(tempfile.mkdtemp())
 
-if __name__ == "__main__":  # datasets are made by several processes
+if __name__ == "__main__":  # several processes generate datasets
     make_dataset(
         [str(folder / "targets.zarr"), "--source", "shapes", "--count", "512", "--measurement", "none", "--workers", "1"]
     )
@@ -28,7 +28,7 @@ if __name__ == "__main__":  # datasets are made by several processes
         panel.axis("off")
 
     # %%
-    # The curve goes down from the first steps on.
+    # The learning curve falls from the first steps.
     train(
         [
             str(folder / "targets.zarr"),

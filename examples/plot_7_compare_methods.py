@@ -2,7 +2,7 @@
 Compare methods
 ===============
 
-The network beside the classical methods, on one capture of 1/64 s. ``python -m invert.evaluate`` does this on whole test sets.
+The network and the classical methods on one capture of 1/64 s. ``python -m invert.evaluate`` compares them on whole test sets.
 """
 
 import matplotlib.pyplot as plt

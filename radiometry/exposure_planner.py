@@ -58,26 +58,7 @@ def divide(
     Raises InputError for an exposure that is not positive, a scene without light, or an object wider than 64 lags.
     """
     check_positive("--budget-s", budget_s)
-    check_positive("--resolution-m", resolution_m)
-    facts = (geometry.wavelength_m, geometry.distance_m, geometry.seen_pitch_m[0])
-    smallest = int(np.ceil(facts[0] * facts[1] / (resolution_m * facts[2]) - 0.5))
-    shorter = min(geometry.frame_shape)
-    if smallest > shorter // 2:
-        raise InputError(
-            "--resolution-m",
-            f"{2 * facts[0] * facts[1] / (shorter * facts[2]):.3g} m or coarser in this scene",
-            resolution_m,
-            "choose a coarser one or a nearer wall",
-        )
-    prediction = predict(geometry, max(smallest, 127))
-    for widest, pitch_m in zip(geometry.hidden_object.extent_m, prediction.pitches_m, strict=True):
-        if widest > 64 * pitch_m:
-            raise InputError(
-                "--resolution-m",
-                f"{widest / 64:.3g} m or coarser, for the object to fit 64 lags",
-                resolution_m,
-                "choose a coarser one",
-            )
+    prediction = _predict_at_resolution(geometry, resolution_m)
     exposure = geometry.electronics.exposure_s
     divisions = []
     for frames in counts:
@@ -105,6 +86,31 @@ def divide(
             )
         )
     return divisions
+
+
+def _predict_at_resolution(geometry: Any, resolution_m: float) -> Prediction:
+    """Predict the estimate with the required lag pitch. Raises InputError if frame or object do not permit it."""
+    check_positive("--resolution-m", resolution_m)
+    optics = (geometry.wavelength_m, geometry.distance_m, geometry.seen_pitch_m[0])
+    smallest = int(np.ceil(optics[0] * optics[1] / (resolution_m * optics[2]) - 0.5))
+    shorter = min(geometry.frame_shape)
+    if smallest > shorter // 2:
+        raise InputError(
+            "--resolution-m",
+            f"{2 * optics[0] * optics[1] / (shorter * optics[2]):.3g} m or coarser in this scene",
+            resolution_m,
+            "increase --resolution-m or move the wall closer",
+        )
+    prediction = predict(geometry, max(smallest, 127))
+    for widest, pitch_m in zip(geometry.hidden_object.extent_m, prediction.pitches_m, strict=True):
+        if widest > 64 * pitch_m:
+            raise InputError(
+                "--resolution-m",
+                f"{widest / 64:.3g} m or coarser, for the object to fit 64 lags",
+                resolution_m,
+                "increase --resolution-m",
+            )
+    return prediction
 
 
 def best(divisions: list[Division]) -> Division:

@@ -3,7 +3,7 @@
     scene.py         public interface: load, render, wall_field
     scene_drawing.py drawing of a scene to scale
     scene_file.py    loading and checking of a scene file, digest of its content
-    libllvm.py variant.py  compiler of Dr.Jit; Mitsuba variant
+    backend/         libLLVM and Mitsuba variant
     plugins/         laser, phase_screen, speckle_camera: the scene vocabulary (table.py lists its parameters)
     integrators/     speckle, throughput: frames and light budget by mi.render
     scene_reader.py  scene -> Geometry, validated
@@ -47,7 +47,7 @@ def activate() -> str:
 
     Raises InputError if no variant can run on this machine.
     """
-    from sim.variant import activate_variant
+    from sim.backend.variant import activate_variant
 
     variant = activate_variant()
     from sim.integrators import register_integrators  # these two need the variant

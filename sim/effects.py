@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from correlograph.errors import InputError
 from radiometry.noise.budget import NoiseTerms
 from sim.geometry import Geometry
-from sim.optics.coherence import lost_contrast
+from sim.optics.coherence import variance_lost_to_linewidth
 from sim.optics.illumination import grain_m
-from sim.optics.motion import lost_variance
+from sim.optics.motion import variance_lost_to_motion
 from sim.optics.object_samples import ObjectSamples
 from sim.plugins.speckle_camera import Electronics
 
@@ -78,16 +78,53 @@ def decide(
 
     Raises InputError if an effect is forced that needs a missing parameter of the scene.
     """
-    source, electronics = geometry.spot, geometry.electronics
+    found = _optical_effects(geometry, samples, terms, tolerance)
+    found += [
+        Effect(
+            name, getattr(geometry.electronics, parameter) > 0.0, _set_or_zero(getattr(geometry.electronics, parameter)), 0.0
+        )
+        for name, parameter in ELECTRONIC.items()
+    ]
+    decided = {effect.name: effect for effect in found}
+    for name, is_on in forced:
+        if is_on and _is_unset(name, decided[name], geometry):
+            raise InputError(
+                f"--effect {name}",
+                "a parameter of the scene that sets it",
+                "zero",
+                f"set {ELECTRONIC.get(name, name)} in the scene",
+            )
+        why = f"forced {'on' if is_on else 'off'}; {decided[name].why}"
+        decided[name] = replace(decided[name], modelled=is_on, why=why)
+    remaining = {
+        name: 0.0 if effect.modelled and name != "phase_screen" else effect.predicted_error for name, effect in decided.items()
+    }
+    return {name: replace(effect, predicted_error=remaining[name]) for name, effect in decided.items()}
+
+
+def _is_unset(name: str, effect: Effect, geometry: Geometry) -> bool:
+    """Return whether the scene gives no parameter for an effect."""
+    if name in ELECTRONIC:
+        return getattr(geometry.electronics, ELECTRONIC[name]) == 0.0
+    if name == "linewidth":
+        return geometry.linewidth_hz == 0.0
+    if name == "ambient":
+        return geometry.ambient_irradiance is None
+    return name in ("motion", "other_light", "detector_texture") and effect.predicted_error == 0.0
+
+
+def _optical_effects(geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, tolerance: float) -> list[Effect]:
+    """Return the effects of light before the electronics of the camera."""
+    source = geometry.spot
     phase_rms = 4.0 * math.pi * source.height_rms_m / geometry.wavelength_m
     scattering = phase_rms * geometry.wavelength_m / (2.0 * math.pi * source.correlation_length_m)
     half_angle = 0.5 * max(geometry.hidden_object.extent_m) / geometry.source_distance_m
     speckle = terms.over_peak()["detector_speckle"] or 0.0
     lit, texture = geometry.ambient_irradiance is not None, geometry.detector_texture
     spread = 0.0 if texture is None else float(texture.std(dtype="f8"))
-    moved = lost_variance(geometry, samples)
-    contrast = lost_contrast(samples.path_m, samples.amplitude, geometry.linewidth_hz)
-    found = [
+    moved = variance_lost_to_motion(geometry, samples)
+    contrast = variance_lost_to_linewidth(samples.path_m, samples.amplitude, geometry.linewidth_hz)
+    return [
         Effect(
             "phase_screen",
             True,
@@ -136,32 +173,6 @@ def decide(
         ),
         Effect("linewidth", contrast > tolerance, f"{geometry.linewidth_hz:.3g} Hz against the spread of paths", contrast),
     ]
-    found += [
-        Effect(name, getattr(electronics, parameter) > 0.0, _set_or_zero(getattr(electronics, parameter)), 0.0)
-        for name, parameter in ELECTRONIC.items()
-    ]
-    decided = {effect.name: effect for effect in found}
-    for name, on in forced:
-        needs = {
-            "motion": moved,
-            "other_light": geometry.other_light_share,
-            "linewidth": geometry.linewidth_hz,
-            "ambient": float(lit),
-            "detector_texture": spread,
-        }
-        needs |= {key: getattr(electronics, value) for key, value in ELECTRONIC.items()}
-        if on and needs.get(name, 1.0) == 0.0:
-            raise InputError(
-                f"--effect {name}",
-                "a parameter of the scene that sets it",
-                "zero",
-                f"set {ELECTRONIC.get(name, name)} in the scene",
-            )
-        decided[name] = replace(decided[name], modelled=on, why=f"forced {'on' if on else 'off'}; {decided[name].why}")
-    remaining = {
-        name: 0.0 if effect.modelled and name != "phase_screen" else effect.predicted_error for name, effect in decided.items()
-    }
-    return {name: replace(effect, predicted_error=remaining[name]) for name, effect in decided.items()}
 
 
 def remaining_electronics(electronics: Electronics, decided: dict[str, Effect]) -> Electronics:

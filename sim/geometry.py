@@ -79,6 +79,10 @@ class Geometry:
         """Return the same scene at another exposure."""
         return replace(self, electronics=replace(self.electronics, exposure_s=exposure_s))
 
+    def with_power(self, power_w: float) -> Geometry:
+        """Return the same scene at another laser power."""
+        return replace(self, light_path=replace(self.light_path, power_w=power_w))
+
     def with_object(self, cells: np.ndarray, pitch_m: float | tuple[float, float]) -> Geometry:
         """Return the same scene with a flat object of albedo cells (n, n) in its place, `pitch_m` apart (rows, columns)."""
         pitches = pitch_m if isinstance(pitch_m, tuple) else (pitch_m, pitch_m)

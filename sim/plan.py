@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -104,6 +104,13 @@ class Plan:
             effects,
             _modes(geometry, samples, effects, settings),
         )
+
+    def with_geometry(self, geometry: Geometry) -> Plan:
+        """Plan the same scene at another exposure or laser power; samples and propagators are reused."""
+        prediction = predict(geometry)
+        effects = decide(geometry, self.samples, prediction.terms, self.settings.effects, self.settings.tolerance)
+        modes = _modes(geometry, self.samples, effects, self.settings)
+        return replace(self, geometry=geometry, prediction=prediction, effects=effects, modes=modes)
 
     @cached_property
     def mean_photoelectrons(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ from correlograph.errors import InputError, check_device
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.figures import figure_as_html, show_figure
 from correlograph.files.frames import FrameHeader
-from correlograph.ranges import FRAMES, SEED
+from correlograph.ranges import FRAMES, SEED, SI
 from correlograph.version import version
 from radiometry.prediction import patches_of
 from sim.frame import Simulation
@@ -24,12 +24,16 @@ from sim.geometry import Geometry
 from sim.plan import Plan, Settings
 from sim.plan_report import as_json
 from sim.plugins import refusals
-from sim.scene_file import load_scene
+from sim.scene_file import load_scene, scene_digest
 from sim.scene_reader import fingerprint, read_geometry
 from sim.transport.monte_carlo import MonteCarlo, estimate_throughput
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+_SWEPT = {"exposure": Geometry.with_exposure, "power": Geometry.with_power}
+"""Parameters that leave the geometry of a scene unchanged."""
 
 
 class Scene:
@@ -52,6 +56,8 @@ class Scene:
         self.mitsuba, self.name, self.digest, self.parameters = scene, name, digest, dict(parameters or {})
         self._sensor_number = sensor
         self.sensor = None if sensor is None else scene.sensors()[sensor]
+        self._template: Scene | None = None
+        self._changes: dict[str, float] = {}
         self._prepared: tuple[int, Geometry, dict[Settings, Plan]] | None = None
 
     def __repr__(self) -> str:
@@ -95,7 +101,8 @@ class Scene:
         _, geometry, plans = self._prepare()
         settings = settings or Settings()
         if settings not in plans:
-            plans[settings] = Plan.of(geometry, settings)
+            template = self._template and self._template.plan(settings)
+            plans[settings] = template.with_geometry(geometry) if template else Plan.of(geometry, settings)
         return plans[settings]
 
     def monte_carlo(self, samples: int = 2**16) -> MonteCarlo:
@@ -106,10 +113,33 @@ class Scene:
         """Return the same scene seen by another of its sensors."""
         return Scene(self.mitsuba, self.name, self.digest, self.parameters, sensor)
 
+    def sweep(self, parameter: str, values: Iterable[float]) -> list[Scene]:
+        """Return copies of the scene with other values of `exposure` (s) or `power` (W); they share one set-up.
+
+        Load the scene again for other parameters, because these change its geometry.
+
+        Raises InputError for another parameter, and for values out of range.
+        """
+        if parameter not in _SWEPT:
+            expected = f"{' or '.join(_SWEPT)}, which leave the geometry unchanged"
+            raise InputError("parameter", expected, repr(parameter), "load the scene with each value instead")
+        return [self._with_value(parameter, SI.check(parameter, value)) for value in values]
+
+    def _with_value(self, parameter: str, value: float) -> Scene:
+        given = {**self.parameters, parameter: _definition(parameter, value)}
+        digest = scene_digest(self.name, given) if self.digest else ""
+        other = Scene(self.mitsuba, self.name, digest, given, self._sensor_number)
+        other._template = self._template or self
+        other._changes = {**self._changes, parameter: value}
+        return other
+
     def _prepare(self) -> tuple[int, Geometry, dict[Settings, Plan]]:
         state = fingerprint(self.mitsuba)
         if self._prepared is None or self._prepared[0] != state:
-            self._prepared = (state, read_geometry(self.mitsuba, self.sensor), {})
+            geometry = read_geometry(self.mitsuba, self.sensor) if self._template is None else self._template.geometry
+            for parameter, value in self._changes.items():
+                geometry = _SWEPT[parameter](geometry, value)
+            self._prepared = (state, geometry, {})
         return self._prepared
 
 

@@ -12,8 +12,8 @@ import mitsuba as mi
 
 from correlograph.errors import InputError
 from scenes import scene_names, scene_path
+from sim.backend.variant import check_loadable
 from sim.plugins import refusals
-from sim.variant import check_loadable
 
 
 def parse_definitions(pairs: list[str]) -> dict[str, str]:
@@ -47,6 +47,22 @@ def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -
     anything that Mitsuba or a plugin refuses.
     """
     path = find_scene(path)
+    given, digest = _inspect(path, definitions or {})
+    refusals.clear()
+    try:
+        scene = mi.load_file(str(path), optimize=False, **given)
+    except Exception as error:  # Mitsuba raises bare exceptions, and wraps those of plugins in its own
+        raise refusals[0] if refusals else _as_input_error(error, path) from None
+    return scene, digest
+
+
+def scene_digest(path: str | Path, definitions: Mapping[str, str]) -> str:
+    """Return the SHA-256 of a scene file, its assets and definitions. Raises InputError for unknown definitions."""
+    return _inspect(find_scene(path), definitions)[1]
+
+
+def _inspect(path: Path, definitions: Mapping[str, str]) -> tuple[dict[str, str], str]:
+    """Check the XML and the definitions; return the definitions with resolved file names, and the digest."""
     content = path.read_bytes()
     try:
         root = ElementTree.fromstring(content)
@@ -54,7 +70,7 @@ def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -
         raise InputError("scene", "well-formed XML", f"{path} ({error})", "edit the file") from None
     check_loadable(root)
     defaults = {node.get("name", ""): node.get("value", "") for node in root.iter("default")}
-    given = dict(definitions or {})
+    given = dict(definitions)
     unknown = sorted(set(given) - set(defaults))
     if unknown:
         raise InputError(
@@ -72,12 +88,7 @@ def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -
             raise InputError(f"-D {key}", expected, f"no {given[key]}", "check the path")
     effective = {**defaults, **given}
     assets = _assets(root, path.parent, effective, (path.resolve(),))
-    refusals.clear()
-    try:
-        scene = mi.load_file(str(path), optimize=False, **given)
-    except Exception as error:  # Mitsuba raises bare exceptions, and wraps those of plugins in its own
-        raise refusals[0] if refusals else _as_input_error(error, path) from None
-    return scene, _digest(content, assets, {key: value for key, value in effective.items() if key not in names})
+    return given, _digest(content, assets, {key: value for key, value in effective.items() if key not in names})
 
 
 def _file_parameters(root: ElementTree.Element, parameters: Mapping[str, str]) -> set[str]:

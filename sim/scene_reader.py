@@ -11,6 +11,7 @@ import numpy as np
 from correlograph.errors import InputError, memory_bytes
 from correlograph.lags import LAG_SIDE
 from radiometry.throughput import LightPath, closed_form
+from sim.backend.variant import check_compilable
 from sim.geometry import Geometry, Spot
 from sim.plugins.laser import Laser
 from sim.plugins.phase_screen import PhaseScreen
@@ -22,7 +23,6 @@ from sim.transport.hidden_object import HiddenObject, bounds, is_hidden_object
 from sim.transport.light_transport import LightTransport
 from sim.transport.monte_carlo import estimate_other_light
 from sim.transport.surfaces import check_energy, check_surfaces
-from sim.variant import check_compilable
 
 BYTES_PER_PIXEL = 64
 """Measured memory of a simulation per pixel of the film."""
@@ -79,32 +79,22 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
     _facing(detector_normal, line, "the hidden_object")
     transport = LightTransport(scene, laser, camera, detector_centre, right, down, (height, width), wall_albedo)
     hidden_object = HiddenObject(transport, centre, lag_axes(right, down, line))
-    cosines = hidden_object.mean_cosines()
     to_source, to_detector = hidden_object.centre - spot_point, detector_centre - hidden_object.centre
     to_pupil = camera.pupil_centre - detector_centre
     screen = source.bsdf()
     if not isinstance(screen, PhaseScreen):
         raise InputError("virtual_source", "a phase_screen BSDF", type(screen).__name__, "wrap its BSDF in a phase_screen")
-    path = LightPath(
-        wavelength_m=laser.wavelength_m,
-        power_w=laser.power_w,
-        source_albedo=min(source_albedo, 1.0),
-        source_cosine=_cosine(source_normal, to_source),
-        source_to_object_m=float(np.linalg.norm(to_source)),
-        object_cosine_in=cosines[0],
-        object_albedo_area_m2=hidden_object.albedo_area_m2(),
-        object_cosine_out=cosines[1],
-        object_to_detector_m=float(np.linalg.norm(to_detector)),
-        detector_cosine_in=_cosine(detector_normal, -to_detector),
-        detector_albedo=min(wall_albedo, 1.0),
-        detector_cosine_out=_cosine(detector_normal, to_pupil),
-        detector_to_pupil_m=float(np.linalg.norm(to_pupil)),
-        pupil_diameter_m=camera.pupil_diameter_m,
-        pupil_cosine=_cosine(camera.axis, -to_pupil),
-        transmission=camera.transmission,
-        quantum_efficiency=camera.electronics.quantum_efficiency,
-        pixel_area_m2=camera.pixel_pitch_m**2 * float(np.linalg.norm(np.cross(right, down))),
-        pixels=height * width,
+    path = _light_path(
+        laser,
+        camera,
+        hidden_object,
+        (source_normal, source_albedo),
+        (detector_normal, wall_albedo),
+        to_source,
+        to_detector,
+        to_pupil,
+        abs(float(np.linalg.norm(np.cross(right, down)))),
+        height * width,
     )
     flat = closed_form(path).per_pixel
     if flat > 0.0 and hidden_object.throughput > 0.0:
@@ -147,6 +137,51 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
         frame_interval_s=camera.frame_interval_s,
         other_light=estimate_other_light(scene, camera=camera),
         direct_light=_direct_light(scene, path.source_albedo, spot_point, source_normal, detector_centre, detector_normal),
+    )
+
+
+def _light_path(
+    laser: Laser,
+    camera: SpeckleCamera,
+    hidden_object: HiddenObject,
+    source: tuple[np.ndarray, float],
+    detector: tuple[np.ndarray, float],
+    to_source: np.ndarray,
+    to_detector: np.ndarray,
+    to_pupil: np.ndarray,
+    stretch: float,
+    pixels: int,
+) -> LightPath:
+    """Return the input of the closed-form light budget.
+
+    Args:
+        source, detector: normal and albedo of the relay walls.
+        to_source, to_detector: vectors from spot to object and from object to frame centre.
+        to_pupil: vector from the frame centre to the pupil.
+        stretch: area of a pixel's footprint in units of the squared pitch.
+    """
+    (source_normal, source_albedo), (detector_normal, wall_albedo) = source, detector
+    cosines = hidden_object.mean_cosines()
+    return LightPath(
+        wavelength_m=laser.wavelength_m,
+        power_w=laser.power_w,
+        source_albedo=min(source_albedo, 1.0),
+        source_cosine=_cosine(source_normal, to_source),
+        source_to_object_m=float(np.linalg.norm(to_source)),
+        object_cosine_in=cosines[0],
+        object_albedo_area_m2=hidden_object.albedo_area_m2(),
+        object_cosine_out=cosines[1],
+        object_to_detector_m=float(np.linalg.norm(to_detector)),
+        detector_cosine_in=_cosine(detector_normal, -to_detector),
+        detector_albedo=min(wall_albedo, 1.0),
+        detector_cosine_out=_cosine(detector_normal, to_pupil),
+        detector_to_pupil_m=float(np.linalg.norm(to_pupil)),
+        pupil_diameter_m=camera.pupil_diameter_m,
+        pupil_cosine=_cosine(camera.axis, -to_pupil),
+        transmission=camera.transmission,
+        quantum_efficiency=camera.electronics.quantum_efficiency,
+        pixel_area_m2=camera.pixel_pitch_m**2 * stretch,
+        pixels=pixels,
     )
 
 

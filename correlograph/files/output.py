@@ -51,7 +51,7 @@ def sole_writer(output: str | Path, name: str = "output folder") -> Iterator[Non
         yield
         return
     path = Path(output).resolve()
-    key = hashlib.sha256(f"{os.getuid()} {path}".encode("utf-8", "surrogateescape")).hexdigest()[:32]
+    key = hashlib.sha256(f"{getattr(os, 'getuid', int)()} {path}".encode("utf-8", "surrogateescape")).hexdigest()[:32]
     lock = FileLock(Path(tempfile.gettempdir()) / f"correlograph-{key}.lock", timeout=0)
     try:
         lock.acquire()

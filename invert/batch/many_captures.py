@@ -1,4 +1,4 @@
-"""Many captures on Dask workers, with resumption, a table and contact sheets."""
+"""Many captures on parallel workers, with resumption, a table and contact sheets."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from correlograph.errors import InputError
 from correlograph.files.output import atomic, save_json
-from correlograph.workers import cluster_client
+from correlograph.workers import WorkerDeath, run_tasks
 from invert.albedo.metrics import aligned_pearson
 from invert.batch.captures import Captures, Request, check_request, invert_capture
 from invert.measure.capture import CONTACT_SHEET, find_frames
@@ -66,24 +66,20 @@ def _known(request: Request, files: Sequence[Path], folder: Path) -> dict[str, A
 def _invert_missing(
     request: Request, captures: Captures, names: Sequence[str], output: Path, workers: int, scheduler: str | None
 ) -> dict[str, dict[str, Any]]:
-    from distributed import KilledWorker, as_completed
-
     rows = {}
     work = partial(_in_worker, request, output.resolve())
-    with cluster_client(workers, scheduler) as client, tqdm(total=len(names), unit="capture", disable=None) as bar:
-        futures = client.map(work, names, [captures[name] for name in names], pure=False, retries=2)
-        of = {future.key: name for future, name in zip(futures, names, strict=True)}
-        for future in as_completed(futures):
-            try:
-                row = future.result()
-            except KilledWorker:
+    items = [(name, captures[name]) for name in names]
+    with tqdm(total=len(names), unit="capture", disable=None) as bar:
+        for (name, _), row in run_tasks(work, items, workers, scheduler):
+            if isinstance(row, WorkerDeath):
                 row = {"error": "its workers died; give them more memory, then run the same command again"}
-            rows[of[future.key]] = {"name": of[future.key], **row}
+            rows[name] = {"name": name, **row}
             bar.update()
     return rows
 
 
-def _in_worker(request: Request, output: Path, name: str, files: Sequence[Path]) -> dict[str, Any]:
+def _in_worker(request: Request, output: Path, item: tuple[str, Sequence[Path]]) -> dict[str, Any]:
+    name, files = item
     torch.set_num_threads(1)  # captures run in parallel processes, and sums depend on the number of threads
     try:
         return _row(invert_capture(request, files, output / name)[1])

@@ -24,7 +24,7 @@ def coherence(delay_s: np.ndarray, linewidth_hz: float) -> np.ndarray:
     return np.exp(-((np.pi * linewidth_hz * delay_s) ** 2) / (4.0 * np.log(2.0)))
 
 
-def lost_contrast(path_m: np.ndarray, amplitude: np.ndarray, linewidth_hz: float, bins: int = 512) -> float:
+def variance_lost_to_linewidth(path_m: np.ndarray, amplitude: np.ndarray, linewidth_hz: float, bins: int = 512) -> float:
     """Return 1 - contrast^2 of the speckle: the fraction of its variance that is lost to the linewidth.
 
     Args:

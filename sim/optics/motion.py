@@ -67,7 +67,7 @@ def sub_exposures(geometry: Geometry, samples: ObjectSamples, tolerance: float) 
             f"{grains:.3g}",
             "shorten the exposure; the speckle would be gone",
         )
-    likeness, exact = _likeness(geometry, samples), 1.0 - lost_variance(geometry, samples)
+    likeness, exact = _likeness(geometry, samples), 1.0 - variance_lost_to_motion(geometry, samples)
 
     def left(count: int) -> float:
         apart = np.arange(1, count)
@@ -78,7 +78,7 @@ def sub_exposures(geometry: Geometry, samples: ObjectSamples, tolerance: float) 
     return count
 
 
-def lost_variance(geometry: Geometry, samples: ObjectSamples) -> float:
+def variance_lost_to_motion(geometry: Geometry, samples: ObjectSamples) -> float:
     """Return 1 - contrast^2 of the speckle: the fraction of its variance that is lost to motion during the exposure."""
     if not geometry.motion.moves or len(samples.amplitude) == 0:
         return 0.0

@@ -180,7 +180,7 @@ def test_frames(kind, count, height, width, scale, patch, dtype, method, mean, s
     with np.errstate(invalid="ignore", over="ignore"):
         frames = frames_of(kind, (count, height, width), scale, seed).astype(dtype)
     try:
-        result = invert.reconstruct(frames, method=method, quality="fast", patch=patch, mean=mean, seed=seed)
+        result = invert.reconstruct(frames, method=method, quality="fast", patch=patch, mean_model=mean, seed=seed)
     except InputError as error:
         assert is_one_line(error)  # noqa: PT017 - not every example is refused
         return

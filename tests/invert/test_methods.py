@@ -161,7 +161,7 @@ def test_twenty_windowed_estimates_of_k_1e6(name, wanted):
         noise = rng.normal(1.0, 1e-3, lags.shape)
         noise = np.where(np.tri(127, 127, -1), noise, noise[::-1, ::-1])
         result = reconstruct_measurement(
-            read_measurement((lags.clip(0.0) * noise).astype(np.float32)), name, "balanced", 0, "cpu"
+            read_measurement((lags.clip(0.0) * noise).astype(np.float32)), METHODS[name], BALANCED, 0, "cpu"
         )
         pearson.append(aligned_pearson(result.albedo, image)[0])
     assert np.mean(np.array(pearson) >= wanted) >= 0.95, np.round(pearson, 3)

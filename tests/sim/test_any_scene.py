@@ -13,12 +13,12 @@ from radiometry.estimation.whole_frames import estimate_autocorrelation  # noqa:
 from radiometry.noise.level import HALF_PLANE, RING  # noqa: E402
 from radiometry.throughput import light_budget  # noqa: E402
 from scenes import scene_path  # noqa: E402
+from sim.backend.variant import llvm_major  # noqa: E402
 from sim.frame import Simulation  # noqa: E402
 from sim.plan import Settings  # noqa: E402
 from sim.plan_report import disagreement, make_plan  # noqa: E402
 from sim.scene_reader import read_geometry  # noqa: E402
 from sim.transport.monte_carlo import estimate_throughput  # noqa: E402
-from sim.variant import llvm_major  # noqa: E402
 from tests.sim.random_scenes import path_traced, random_scene  # noqa: E402
 
 NEW_LLVM = pytest.mark.skipif((llvm_major() or 99) < 17, reason="spheres, masks and microfacets need libLLVM 17")

@@ -15,7 +15,7 @@ from scenes import scene_path
 from sim.effects import parse_effects
 from sim.frame import Simulation
 from sim.optics.camera import expose
-from sim.optics.coherence import coherence, lost_contrast, spectral_lines
+from sim.optics.coherence import coherence, spectral_lines, variance_lost_to_linewidth
 from sim.optics.illumination import overlap, specular_field, specular_share
 from sim.plan import Settings
 from sim.plan_report import make_plan
@@ -68,7 +68,7 @@ def test_linewidth_lowers_contrast_as_the_paths_say(scene):
     delay = (samples.path_m[chosen[0]] - samples.path_m[chosen[1]]) / speed_of_light
     predicted = float((coherence(delay, 2e10) ** 2).mean())
     assert 0.2 < predicted < 0.9
-    assert 1.0 - lost_contrast(samples.path_m, samples.amplitude, 2e10) == pytest.approx(predicted, rel=0.01)
+    assert 1.0 - variance_lost_to_linewidth(samples.path_m, samples.amplitude, 2e10) == pytest.approx(predicted, rel=0.01)
     assert simulation.effects["linewidth"].modelled
     assert contrast(simulation) ** 2 == pytest.approx(predicted, rel=0.08)
     narrow = Simulation(scene(tilted), settings)

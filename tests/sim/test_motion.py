@@ -11,7 +11,7 @@ from radiometry.noise.level import HALF_PLANE, fit_known_signal, read_noise_leve
 from radiometry.prediction import predict
 from scenes import scene_path
 from sim.frame import Simulation
-from sim.optics.motion import correlation, lost_variance, sub_exposures
+from sim.optics.motion import correlation, sub_exposures, variance_lost_to_motion
 from sim.plan import Settings
 
 SPOT = '<float name="spot_diameter" value="5e-3"/>'
@@ -39,7 +39,7 @@ def test_a_moving_object_blurs_its_speckle(scene, grains):
     speed = grains * grain / (1.0 + still.distance_m / still.source_distance_m) / exposure
     geometry = scene(moving(0.8 * speed, 0.6 * speed))
     simulation = Simulation(geometry, BARE)
-    expected = 1.0 - lost_variance(geometry, simulation.plan.samples)
+    expected = 1.0 - variance_lost_to_motion(geometry, simulation.plan.samples)
     assert 0.05 < expected < 0.95
     assert contrast_squared(simulation) == pytest.approx(expected, rel=0.1)
 
@@ -55,7 +55,7 @@ def test_a_travelling_spot_washes_its_speckle_out(scene, share):
     reduced = share * x
     overlap = 2.0 / np.pi * (np.arccos(reduced) - reduced * np.sqrt(1.0 - reduced**2))
     expected = 2.0 * np.mean((1.0 - x) * overlap**2)
-    assert 1.0 - lost_variance(geometry, simulation.plan.samples) == pytest.approx(expected, rel=2e-3)
+    assert 1.0 - variance_lost_to_motion(geometry, simulation.plan.samples) == pytest.approx(expected, rel=2e-3)
     assert contrast_squared(simulation) == pytest.approx(expected, rel=0.1)
 
 
@@ -131,7 +131,7 @@ def test_floor_degrees_of_freedom_and_brightness_of_each_lag_are_as_predicted(tm
 def test_motion_limits(scene):
     still = Simulation(scene())
     assert not still.effects["motion"].modelled
-    assert lost_variance(still.geometry, still.plan.samples) == 0.0
+    assert variance_lost_to_motion(still.geometry, still.plan.samples) == 0.0
     fast = scene(moving(1.0, 0.0))
     with pytest.raises(InputError, match="grains in an exposure"):
         sub_exposures(fast, Simulation(fast, Settings(effects=(("motion", False),))).plan.samples, 1e-2)

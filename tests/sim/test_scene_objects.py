@@ -53,3 +53,26 @@ def test_a_saved_capture_loads_as_it_was(tmp_path):
     assert loaded.camera == capture.camera
     assert "2 frames of 2056 x 2464 pixels" in repr(loaded)
     assert "<img" in loaded._repr_html_()
+
+
+def test_a_sweep_equals_scenes_loaded_with_each_value(scene):
+    swept = scene.sweep("exposure", np.array([0.125, 0.5]))
+    loaded = cg.load("corner_letter", exposure=0.5, power=0.5)
+    assert swept[1].digest == loaded.digest
+    assert swept[1].plan().mean_photoelectrons == pytest.approx(loaded.plan().mean_photoelectrons, rel=1e-12)
+    assert cg.predict(swept[1]).floor_over_peak == pytest.approx(cg.predict(loaded).floor_over_peak, rel=1e-12)
+    assert cg.predict(swept[0]).floor_over_peak > cg.predict(swept[1]).floor_over_peak
+    (brighter,) = swept[1].sweep("power", [1.0])
+    assert brighter.geometry.electronics.exposure_s == 0.5
+    assert cg.light_budget(brighter).photoelectrons_per_pixel_s == pytest.approx(
+        2.0 * cg.light_budget(swept[1]).photoelectrons_per_pixel_s
+    )
+    with pytest.raises(cg.InputError, match="exposure or power"):
+        scene.sweep("standoff", [1.0])
+
+
+def test_frames_of_a_sweep_are_those_of_the_loaded_scene(scene):
+    (swept,) = scene.sweep("exposure", [0.5])
+    one = cg.render(swept, frames=1, seed=2).frames[0]
+    other = cg.render(cg.load("corner_letter", exposure=0.5, power=np.float32(0.5)), frames=1, seed=2).frames[0]
+    assert (one == other).all()

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 from correlograph.errors import InputError
 from correlograph.files.output import silence_output
-from sim.libllvm import MIN_LLVM_VERSION, newest_preferred, version_of
+from sim.backend.libllvm import MIN_LLVM_VERSION, newest_preferred, version_of
 
 with silence_output():  # `activate_variant` reports a missing libLLVM on one line
     import drjit as dr
