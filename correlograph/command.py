@@ -7,7 +7,8 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any, NoReturn
 
@@ -88,11 +89,30 @@ def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str
     sys.exit(0)
 
 
+@contextmanager
+def exit_at_once() -> Iterator[None]:
+    """End an interrupted command immediately while libraries load, because a partly loaded library may abort."""
+
+    def leave(number: int, _: Any) -> NoReturn:
+        os.write(2, b"interrupted\n")
+        os._exit(128 + number)
+
+    is_main_thread = threading.current_thread() is threading.main_thread()
+    before = {number: signal.signal(number, leave) for number in (signal.SIGINT, signal.SIGTERM)} if is_main_thread else {}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def run_module(name: str, argv: Sequence[str] | None = None) -> NoReturn:
     """Import a command's module and run its `main`; an interruption during the import also ends in one line."""
 
     def main(arguments: Sequence[str] | None) -> None:
-        import_module(name).main(arguments)
+        with exit_at_once():
+            module = import_module(name)
+        module.main(arguments)
 
     run_command(main, argv)
 

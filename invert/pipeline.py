@@ -30,7 +30,7 @@ from invert.solvers.base import Progress, no_progress
 Source = Capture | Estimate | str | Path | Sequence[str | Path] | np.ndarray | Sequence[np.ndarray]
 
 Blur = float | Literal["auto"] | None
-"""Standard deviation of a Gaussian blur in pixels, or the rule that estimates it; see `reconstruct`."""
+"""Standard deviation of a Gaussian blur in pixels, "auto" to estimate it, or None for the default of the method."""
 
 
 def reconstruct(

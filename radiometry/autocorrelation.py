@@ -54,7 +54,7 @@ class PatchGrid:
 
 
 def patch_grid(frame_shape: tuple[int, int], size: int | tuple[int, int]) -> PatchGrid:
-    """Return a grid of `size`-pixel patches for a frame; the count along one side is a multiple of the other.
+    """Return a grid of `size`-pixel patches for a frame; the larger of its two patch counts is a multiple of the smaller.
 
     A 2056 x 2464 frame and 257 pixels give the 8 x 8 patches of Metzler et al. 2020. Raises InputError if no patch fits, or if a
     patch is too small for 127 lags.

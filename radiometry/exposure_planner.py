@@ -20,7 +20,7 @@ FRAME_COUNTS = (2, 3, 4, 5, 7, *(round(10 * 2 ** (half / 2)) for half in range(3
 """Numbers of frames in half octaves, up to a million."""
 
 RELATIVE_TOLERANCE = 0.02
-"""Relative tolerance of the error; among plans within it, the one with the fewest frames is chosen."""
+"""Plans whose predicted error is within this fraction of the lowest count as equal; the one with the fewest frames is chosen."""
 
 
 @dataclass(frozen=True)

@@ -98,8 +98,7 @@ class Prediction:
         return max(0.0, mean) / deviation * patches**0.5
 
     def signal_to_noise(self, frames: int) -> float | None:
-        """Return the ratio of signal and standard deviation, averaged by signal over the lags of the object; None
-        without light."""
+        """Return the signal-to-noise ratio, averaged over the lags of the object with the signal as weight; None without light."""
         floor = self.terms.floor_over_peak()
         if floor is None:
             return None

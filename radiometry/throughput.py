@@ -41,7 +41,7 @@ class LightPath:
     pixel_area_m2: float
     pixels: int
     beyond_flat: float = 1.0
-    """Light of the traced rays in units of the closed form: curvature, depth, tilt and BSDFs that are not Lambertian."""
+    """Ratio of ray-traced to closed-form light; curvature, depth, tilt and non-Lambertian BSDFs make it differ from 1."""
 
     def __post_init__(self) -> None:
         for name in (

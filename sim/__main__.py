@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Sequence
 
-from correlograph.command import ArgumentParser, run_command
+from correlograph.command import ArgumentParser, exit_at_once, run_command
 from correlograph.errors import InputError, check_device
 from correlograph.ranges import FRAMES, SEED, SI
 
@@ -69,7 +69,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     _check(options)
     from sim import activate
 
-    activate()
+    with exit_at_once():
+        activate()
     from sim.effects import parse_effects
     from sim.plan import Settings
     from sim.plan_report import as_json, summary

@@ -165,7 +165,7 @@ class Geometry:
 
     @property
     def object_pitch_m(self) -> tuple[float, float]:
-        """Object sampling (down, right) whose FFT is exactly a period: lambda z / (pixels pitch)."""
+        """Sample spacing on the object (down, right) for which one FFT covers exactly `period_shape` pixels."""
         rows, columns = (
             self.wavelength_m * self.distance_m / (n * pitch)
             for n, pitch in zip(self.period_shape, self.seen_pitch_m, strict=True)

@@ -103,7 +103,7 @@ def defocus_pixels(geometry: Geometry) -> float:
 
 
 def disagreement(geometry: Geometry, monte_carlo: MonteCarlo) -> list[str]:
-    """Return a warning if the light budget of the frames lies outside the interval of the Monte Carlo estimate."""
+    """Return a warning if light budget and Monte Carlo differ by more than four standard errors plus `DISAGREEMENT`."""
     budget = light_budget(geometry.light_path)
     expected = budget.per_pixel * budget.pixels
     allowed = 4.0 * monte_carlo.standard_error + DISAGREEMENT * max(expected, monte_carlo.per_frame)

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from correlograph.command import ArgumentParser, run_command
+from correlograph.command import ArgumentParser, exit_at_once, run_command
 from correlograph.ranges import SEED, SI, Range
 
 
@@ -34,6 +34,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     options = parser().parse_args(argv)
     from correlograph.files.output import output_folder, save_json
     from radiometry.exposure_planner import best, divide
+
+    with exit_at_once():
+        import sim  # noqa: F401 - loads Mitsuba
     from sim.plan import check
     from sim.scene_file import load_scene, parse_definitions
     from sim.scene_reader import read_geometry

@@ -249,7 +249,7 @@ def _one_line(error: Exception) -> str:
 
 
 def _difference(found: Any, wanted: Any) -> str:
-    """Return the difference of two entries."""
+    """Describe, for an error message, how a stored attribute differs from the requested one."""
     if isinstance(found, dict) and isinstance(wanted, dict):
         keys = [key for key in {**found, **wanted} if found.get(key) != wanted.get(key)]
         return ", ".join(f"{key} {found.get(key)!r:.60} there and {wanted.get(key)!r:.60} here" for key in keys)

@@ -1,4 +1,4 @@
-"""Scores of a reconstruction: against a truth after registration, and against the estimate without a truth."""
+"""Scores of a reconstruction: against a known truth after registration or, without one, against the estimate."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Level:
-    """All cases of one set at one level."""
+    """All cases of one test set at one noise level or exposure."""
 
     test_set: str
     label: str

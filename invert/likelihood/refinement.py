@@ -30,7 +30,9 @@ MIN_ALBEDO = 1e-4
 
 
 def refine_by_likelihood(albedo: torch.Tensor, measurement: Measurement) -> torch.Tensor:
-    """Return a reconstruction (64, 64), maximum 1, after the ascent; unchanged if the held-out gain is not significant."""
+    """Refine a reconstruction (64, 64), maximum 1, by gradient ascent of its log-likelihood.
+
+    It remains unchanged if the log-likelihood of held-out lags does not rise significantly."""
     likelihood = NoiseLikelihood(measurement, albedo.device, torch.float32)
     half = (torch.rand(likelihood.lags, generator=torch.Generator().manual_seed(0)) < 0.5).float().to(albedo.device)
     steps = _validated_steps(albedo, likelihood, torch.stack((half, 1.0 - half)))

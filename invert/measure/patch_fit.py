@@ -16,7 +16,7 @@ from radiometry.autocorrelation import PatchGrid, patch_grid
 from radiometry.noise.level import HALF_PLANE, RING
 
 MIN_EXTENT_LAGS, MAX_EXTENT_LAGS = 24.0, 44.0
-"""Extents, of 64 lags, up to which a small object is magnified and a large one reduced."""
+"""Target extents in lags (the grid has 64): smaller objects are enlarged to the first, wider ones reduced to the second."""
 
 MAX_RELIABLE_EXTENT_LAGS = 50
 """Extent above which an object may be wider than the lags."""

@@ -17,7 +17,7 @@ RESOLUTION_LAGS = 0.5
 """Standard deviation, in lags, of the Gaussian that limits the resolution of a noisy reconstruction."""
 
 RESOLVED_ERROR = 0.01
-"""Relative error of the estimate above which protection against noise is complete; below it, it is proportional."""
+"""Relative error of the estimate above which the regularisation is complete; below it, its strength is proportional."""
 
 
 DETECTION_LIMIT = 6.0
@@ -167,7 +167,7 @@ _COLUMN = np.fft.rfftfreq(GRID)[None, :]
 
 
 def _guard(measurement: Measurement) -> float:
-    """Return the degree of protection against noise, 0 to 1."""
+    """Return the regularisation strength, 0 without noise to 1; it sets the subtracted spectral floor and the low-pass filter."""
     return min(1.0, estimate_noise(measurement) / RESOLVED_ERROR)
 
 

@@ -107,9 +107,9 @@ class LikelihoodPoint:
 def run_data_consistency_steps(
     seen: Observation, albedo: torch.Tensor, variance: torch.Tensor, steps: int, explained: float = 0.0
 ) -> torch.Tensor:
-    """Move albedos (n, 64, 64) up the likelihood of their estimates, under a Gaussian prior around their initial values.
+    """Move albedos (n, 64, 64) up their likelihood given their estimates, under a Gaussian prior around the initial values.
 
-    Each step is a preconditioned conjugate gradient, with a length given by the curvature. Dark pixels stay dark if their gradient is
+    Each is a preconditioned conjugate-gradient step whose length follows from the curvature. Dark pixels stay dark if their gradient is
     negative.
 
     Args:

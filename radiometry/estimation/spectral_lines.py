@@ -28,11 +28,11 @@ Line = tuple[int, int]
 
 
 def find_lines(power: torch.Tensor, per_lag: tuple[float, float]) -> list[Line]:
-    """Return rows and columns of lines in the power (rows, columns // 2 + 1) of a padded frame.
+    """Return the positions (row, column) of narrow peaks in the power spectrum (rows, columns // 2 + 1) of a zero-padded frame.
 
     Args:
-        per_lag: frequencies of the padded frame per lag, along rows and columns. The lags next to zero, which contain smooth light,
-            are excluded.
+        per_lag: frequency bins per lag, along rows and columns. Bins near zero frequency, which contain smooth light, are
+            excluded.
     """
     down, right = (
         min(int((LAGS + 1) * each) // _BLOCK + 1, size // way // _BLOCK) * _BLOCK

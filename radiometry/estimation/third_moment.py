@@ -176,5 +176,5 @@ def drawn_third_moment(
 
 
 def _between_lags(lags: np.ndarray) -> np.ndarray:
-    """Return weights (frequencies, 127) of linear interpolation between lags; zero beyond the last one."""
+    """Return the matrix (len(lags), 127) that interpolates linearly from whole lags -63..63 to fractional `lags`; zero beyond."""
     return np.clip(1.0 - np.abs(lags[:, None] - np.arange(-LAGS, LAGS + 1)), 0.0, None).astype(np.float32)

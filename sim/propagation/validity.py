@@ -68,7 +68,7 @@ def statistical_error(
 
 
 def direct_error(wall: Wall, scatterers: Scatterers, precision: str, tile: int) -> float:
-    """Return the rounding error of the direct sum: of the phase within a tile, and of the sum."""
+    """Return the relative rounding error of the direct sum: phase rounding within a tile, and accumulation."""
     if precision == "float64":
         return 1e-11
     reach = float(np.linalg.norm(scatterers.position_m, axis=1).max())

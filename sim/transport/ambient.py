@@ -25,10 +25,12 @@ BOUNCES = 4
 def ambient_irradiance(
     scene: mi.Scene, centre: np.ndarray, right: np.ndarray, down: np.ndarray, normal: np.ndarray, extent_m: tuple[float, float]
 ) -> np.ndarray | None:
-    """Return the irradiance of the frame in W/m^2 of light that passes the camera filter, float64 (GRID, GRID); None without emitters.
+    """Return the irradiance in W/m^2, by emitters other than the laser and within the filter band, of the imaged part of the wall.
+
+    The result is float64 (GRID, GRID), or None if there is no such emitter.
 
     Args:
-        centre, right, down, normal: vectors of the frame on the wall, in the world.
+        centre: centre of the imaged part; right, down, normal: its axes; all in world coordinates.
         extent_m: height and width of the frame.
     """
     if not any(not isinstance(emitter, Laser) for emitter in scene.emitters()):
