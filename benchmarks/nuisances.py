@@ -237,7 +237,7 @@ def written(cell: list[dict[str, Any]], clean: float) -> str:
     if found:
         below = "*" if mean_pearson(cell) < clean - 0.05 else ""
         confidence = f"({np.mean([one['confidence'] for one in found]):.2f})"
-        parts.append(f"{mean_pearson(letter_albedo):.2f}{below} {confidence}" if clean else confidence)
+        parts.append(f"{mean_pearson(found):.2f}{below} {confidence}" if clean else confidence)
     for word, number in (
         ("refused", sum("refused" in one for one in cell)),
         ("none", sum(not one.get("found", True) for one in cell)),

@@ -57,6 +57,8 @@ def run_tasks(
         workers: number of processes on this machine.
         scheduler: address of a running Dask scheduler to use instead.
     """
+    if not items:
+        return iter(())
     if scheduler is None:
         return _run_locally(task, items, workers)
     return _run_on_cluster(task, items, scheduler)
