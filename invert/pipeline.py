@@ -112,6 +112,8 @@ def read_source(source: Source, camera: CameraMetadata, autocorrelation: bool | 
         source = [source]
     paths = [Path(item) for item in source if isinstance(item, (str, Path))] if isinstance(source, Sequence) else []
     if paths and len(paths) == len(source):
+        if autocorrelation and len(paths) > 1:
+            raise InputError("frames", "one file with --autocorrelation", f"{len(paths)} files", "give them one by one")
         if autocorrelation or (autocorrelation is None and len(paths) == 1 and _has_published_shape(paths[0])):
             return published_estimate(paths[0])
         return read_capture(paths, camera)

@@ -107,6 +107,7 @@ class Plan:
 
     def with_geometry(self, geometry: Geometry) -> Plan:
         """Plan the same scene at another exposure or laser power; samples and propagators are reused."""
+        check_exposure(geometry)
         prediction = predict(geometry)
         effects = decide(geometry, self.samples, prediction.terms, self.settings.effects, self.settings.tolerance)
         modes = _modes(geometry, self.samples, effects, self.settings)

@@ -68,7 +68,9 @@ class Scene:
         return figure_as_html(self.draw(), repr(self))
 
     def __copy__(self) -> Scene:
-        return Scene(self.mitsuba, self.name, self.digest, self.parameters, self._sensor_number)
+        copied = Scene(self.mitsuba, self.name, self.digest, self.parameters, self._sensor_number)
+        copied._template, copied._changes = self._template, dict(self._changes)
+        return copied
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Scene:
         make, arguments = self.__reduce__()
@@ -111,7 +113,9 @@ class Scene:
 
     def through(self, sensor: int) -> Scene:
         """Return the same scene seen by another of its sensors."""
-        return Scene(self.mitsuba, self.name, self.digest, self.parameters, sensor)
+        seen = Scene(self.mitsuba, self.name, self.digest, self.parameters, sensor)
+        seen._template, seen._changes = self._template and self._template.through(sensor), dict(self._changes)
+        return seen
 
     def sweep(self, parameter: str, values: Iterable[float]) -> list[Scene]:
         """Return copies of the scene with other values of `exposure` (s) or `power` (W); they share one set-up.
