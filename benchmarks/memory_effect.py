@@ -19,7 +19,7 @@ from invert.albedo.registration import consensus, crop_centred
 from invert.solvers.hio import HioOptions, hio
 from radiometry.prediction import predict
 from sim.memory_effect import MemoryEffect, autocovariance
-from sim.scene import render_geometry
+from sim.rendering import render_geometry
 
 EXPOSURES_S = (1 / 8, 10.0, 1000.0)
 FRAMES = 20

@@ -43,12 +43,12 @@ def speckle(albedo: np.ndarray, rng: np.random.Generator, moved: float = 0.0) ->
     """
     rows, columns = (int(1.2 * side) for side in SHAPE)
     lag_rows, lag_columns = np.fft.fftfreq(rows) * PATCH, np.fft.fftfreq(columns) * PATCH
-    letter_albedo = ndimage.map_coordinates(
+    albedo_on_lags = ndimage.map_coordinates(
         albedo.astype(np.float64), np.stack(np.meshgrid(lag_rows + 31.5, lag_columns + 31.5, indexing="ij")), order=0, cval=0.0
     )
     inside = (np.abs(lag_rows)[:, None] < 32.0) & (np.abs(lag_columns) < 32.0)
-    field = rng.standard_normal(letter_albedo.shape) + 1j * rng.standard_normal(letter_albedo.shape)
-    wall = np.fft.fft2(field * np.sqrt(letter_albedo * inside))[: SHAPE[0], : SHAPE[1] + 64]
+    field = rng.standard_normal(albedo_on_lags.shape) + 1j * rng.standard_normal(albedo_on_lags.shape)
+    wall = np.fft.fft2(field * np.sqrt(albedo_on_lags * inside))[: SHAPE[0], : SHAPE[1] + 64]
     intensity = np.abs(wall) ** 2
     if moved:
         intensity = ndimage.uniform_filter1d(intensity, round(moved), axis=1)

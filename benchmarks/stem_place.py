@@ -74,14 +74,16 @@ def render_estimates(floor: float, count: int) -> Iterator[Estimate]:
     """Render two frames per estimate, exposed so that their noise floor is as given."""
     import sim
     from radiometry.prediction import predict
-    from sim.scene import render_geometry
+    from sim.rendering import render_geometry
 
     geometry = sim.load("corner_letter").geometry
     geometry = geometry.with_object(CANDIDATES[0].numpy(), predict(geometry).pitches_m)
     prediction = predict(geometry)
 
     def excess(power: float) -> float:
-        return (prediction.with_exposure(10.0**power).terms.floor_over_peak() or np.inf) / prediction.signal[63, 64] - floor
+        return (prediction.with_exposure_factor(10.0**power).terms.floor_over_peak() or np.inf) / prediction.signal[
+            63, 64
+        ] - floor
 
     exposure_s = geometry.electronics.exposure_s * 10.0 ** brentq(excess, -5.0, 2.0)
     for seed in range(count):

@@ -6,7 +6,7 @@
     capture = cg.render(scene, frames=2, seed=1)
     result = cg.reconstruct(capture)
 
-This package is the front door and the foundation. The front door:
+This package holds the public interface and what all other packages share. The public interface:
 
     __init__.py     the public interface, imported when it is used
     cli.py          the `correlograph` command
@@ -37,7 +37,8 @@ if TYPE_CHECKING:
     from invert.pipeline import reconstruct
     from radiometry.scene_budget import Forecast, light_budget, predict
     from sim.plan import Settings
-    from sim.scene import Scene, load, render
+    from sim.rendering import render
+    from sim.scene import Scene, load
 
 _MODULES = {
     "CameraMetadata": "correlograph.files.capture",
@@ -55,7 +56,7 @@ _MODULES = {
     "load": "sim.scene",
     "predict": "radiometry.scene_budget",
     "reconstruct": "invert.pipeline",
-    "render": "sim.scene",
+    "render": "sim.rendering",
     "score": "invert.albedo.metrics",
 }
 

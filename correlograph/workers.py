@@ -79,6 +79,7 @@ def _run_locally(task: Callable[[Any], Any], items: Sequence[Any], workers: int)
 
 def _run_pool(task: Callable[[Any], Any], items: Sequence[Any], workers: int) -> Iterator[tuple[Any, Any]]:
     """Yield the outcomes of one process pool, up to the death of a worker."""
+    others = active_children()
     pool = ProcessPoolExecutor(min(workers, len(items)), mp_context=get_context("spawn"), initializer=_prepare_worker)
     try:
         futures = {pool.submit(task, item): item for item in items}
@@ -90,7 +91,7 @@ def _run_pool(task: Callable[[Any], Any], items: Sequence[Any], workers: int) ->
     except BrokenProcessPool:
         return
     except BaseException:
-        for process in active_children():
+        for process in set(active_children()).difference(others):
             process.terminate()
         raise
     finally:
@@ -98,7 +99,8 @@ def _run_pool(task: Callable[[Any], Any], items: Sequence[Any], workers: int) ->
 
 
 def _prepare_worker() -> None:
-    """Leave interruptions to the parent process, and end with it."""
+    """Use one thread, leave interruptions to the parent process, and end with it."""
+    os.environ["OMP_NUM_THREADS"] = "1"  # numpy and torch read it when they load, after this function
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
     if parent is None:

@@ -34,9 +34,7 @@ def parser() -> ArgumentParser:
         default="none",
         help="none: targets only, for noise drawn while training",
     )
-    p.add_argument(
-        "--scene", type=Path, help="scene to render, or whose noise the model takes; targets stand in for its hidden object"
-    )
+    p.add_argument("--scene", help="scene file or name of a shipped scene; targets replace its hidden object")
     bounds = ("LOW", "HIGH")
     p.add_argument("--floor-over-peak", type=SI, nargs=2, metavar=bounds, help="range of the noise model (0.01 0.7)")
     p.add_argument("--dof", type=SI, nargs=2, metavar=bounds, help="range of the noise model (4 1000)")
@@ -122,9 +120,7 @@ def _recipe(options: Any) -> tuple[Any, dict[str, Any]]:
         print(f"{len(photographs.skipped)} files skipped: {listed}{' ...' if len(photographs.skipped) > 20 else ''}")
     name = options.source or "edges"
     source = target_source(name, photographs)
-    scene = str(options.scene) if options.scene else None
-    if options.scene and not options.scene.is_file():
-        raise InputError("--scene", "a scene file", f"no {options.scene}", "check the path")
+    scene = _find_scene(options.scene) if options.scene else None
     recipe = Recipe(
         source,
         options.count,
@@ -151,6 +147,12 @@ def _recipe(options: Any) -> tuple[Any, dict[str, Any]]:
         "versions": {package: version(package) for package in PACKAGES},
     }
     return recipe, manifest
+
+
+def _find_scene(name: str) -> str:
+    from sim.scene_file import find_scene
+
+    return str(find_scene(name))
 
 
 def _scene_sha256(scene: str) -> str:

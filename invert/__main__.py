@@ -12,7 +12,8 @@ from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError, check_device
 from correlograph.ranges import BLUR, SEED, SI, WAVELENGTH, WORKERS
 from correlograph.workers import check_scheduler, check_workers
-from invert.choices import MEAN_MODELS, METHODS, QUALITIES, UNET
+from invert.choices import METHODS, QUALITIES, UNET
+from radiometry.estimation.background import MEAN_MODELS
 
 if TYPE_CHECKING:
     from invert.batch.captures import Captures, Request

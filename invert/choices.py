@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 from correlograph.errors import InputError
+from radiometry.estimation.background import MEAN_MODELS, MeanModel
 
 T = TypeVar("T")
-
-MeanModel = Literal["auto", "pooled", "fixed", "published"]
-"""Background models of the estimator; see `radiometry.estimation.whole_frames`."""
-
-MEAN_MODELS: tuple[MeanModel, ...] = ("auto", "pooled", "fixed", "published")
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ class Prediction:
         """Return K of an estimate from a number of frames without static pattern."""
         return degrees_of_freedom(frames, self.grid.frame_shape, self.grid.patch_shape)
 
-    def with_exposure(self, factor: float) -> Prediction:
+    def with_exposure_factor(self, factor: float) -> Prediction:
         """Return the prediction for exposures longer by a factor."""
         terms = self.terms
         longer = replace(terms, signal=terms.signal * factor, dark=terms.dark * factor, ambient=terms.ambient * factor)

@@ -1,12 +1,13 @@
 """Coherent simulator: one Mitsuba scene file to speckle frames.
 
-    scene.py         public interface: load, render, wall_field
+    scene.py         loaded scene: geometry, plan, drawing, sweeps
+    rendering.py     render and wall_field
     scene_drawing.py drawing of a scene to scale
     scene_file.py    loading and checking of a scene file, digest of its content
     backend/         libLLVM and Mitsuba variant
     plugins/         laser, phase_screen, speckle_camera: the scene vocabulary (table.py lists its parameters)
     integrators/     speckle, throughput: frames and light budget by mi.render
-    scene_reader.py  scene -> Geometry, validated
+    scene_reader.py  scene -> Geometry, validated (scene_checks.py: rays and sizes)
     geometry.py      distances, cosines, light path
     transport/       light as rays: surfaces, light budget, object as seen from the virtual detector, Monte Carlo
     optics/          light as waves: illumination, motion, coherence, camera
@@ -32,12 +33,13 @@ from correlograph.version import version
 
 if TYPE_CHECKING:
     from sim.plan import Settings
-    from sim.scene import Scene, load, render, wall_field
+    from sim.rendering import render, wall_field
+    from sim.scene import Scene, load
 
 __all__ = ["Scene", "Settings", "activate", "load", "render", "wall_field"]
 __version__ = version()
 __getattr__, __dir__, _ = lazy_loader.attach(
-    __name__, submod_attrs={"plan": ["Settings"], "scene": ["Scene", "load", "render", "wall_field"]}
+    __name__, submod_attrs={"plan": ["Settings"], "rendering": ["render", "wall_field"], "scene": ["Scene", "load"]}
 )
 
 

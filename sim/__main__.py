@@ -120,14 +120,14 @@ def _render(scene, plan, content, options) -> None:
     from correlograph.files.capture_folder import frame_path, replace_capture, stage_capture
     from correlograph.files.frames import write_frame
     from correlograph.files.output import output_folder, save_array, save_json
-    from sim.scene import draw, header, lag_grid_albedo, record, saturation
+    from sim.rendering import draw_frames, header, lag_grid_albedo, record, saturation
 
     folder = output_folder(options.output)
     begin = time.perf_counter()
     truth, pitches_m = lag_grid_albedo(plan.geometry, options.truth_patch)
     write_s = saturated = 0.0
     with stage_capture(folder) as staging:
-        drawn = draw(plan, options.frames, options.seed, mean=options.noise_free, device=options.device)
+        drawn = draw_frames(plan, options.frames, options.seed, mean=options.noise_free, device=options.device)
         prepared = time.perf_counter()
         for number, frame in enumerate(tqdm(drawn, total=options.frames, desc="frames", unit="frame", disable=None)):
             started = time.perf_counter()

@@ -119,7 +119,7 @@ def disagreement(geometry: Geometry, monte_carlo: MonteCarlo) -> list[str]:
 def advice(plan: Plan, frames: int) -> str:
     """Return the exposure at which the object becomes detectable, as a sentence."""
     for factor in (2.0**n for n in range(1, 61)):
-        longer = plan.prediction.with_exposure(factor)
+        longer = plan.prediction.with_exposure_factor(factor)
         if (longer.signal_to_noise(frames) or 0.0) >= MIN_DETECTABLE_SNR:
             return f"expose {factor * plan.geometry.electronics.exposure_s:.2g} s to detect it"
     return "the object stays below the noise at any exposure; increase --frames"

@@ -1,28 +1,20 @@
-"""Public interface of the simulator: load a scene, render captures of it, compute the field on the virtual detector."""
+"""A loaded scene: its geometry, plan, drawing, light budget and copies with other values."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import mitsuba as mi
 import numpy as np
-import torch
 
-from correlograph.errors import InputError, check_device
-from correlograph.files.capture import CameraMetadata, Capture
+from correlograph.errors import InputError
 from correlograph.files.figures import figure_as_html, show_figure
-from correlograph.files.frames import FrameHeader
-from correlograph.ranges import FRAMES, SEED, SI
-from correlograph.version import version
-from radiometry.prediction import patches_of
-from sim.frame import Simulation
+from correlograph.ranges import SI
 from sim.geometry import Geometry
 from sim.plan import Plan, Settings
-from sim.plan_report import as_json
 from sim.plugins import refusals
 from sim.scene_file import load_scene, scene_digest
 from sim.scene_reader import fingerprint, read_geometry
@@ -120,21 +112,24 @@ class Scene:
     def sweep(self, parameter: str, values: Iterable[float]) -> list[Scene]:
         """Return copies of the scene with other values of `exposure` (s) or `power` (W); they share one set-up.
 
-        Load the scene again for other parameters, because these change its geometry.
+        The scene file must declare the parameter by `<default name="exposure" .../>`. Load the scene again for other
+        parameters, because these change its geometry.
 
         Raises InputError for another parameter, and for values out of range.
         """
         if parameter not in _SWEPT:
             expected = f"{' or '.join(_SWEPT)}, which leave the geometry unchanged"
             raise InputError("parameter", expected, repr(parameter), "load the scene with each value instead")
-        return [self._with_value(parameter, SI.check(parameter, value)) for value in values]
+        return [self._with_value(parameter, value) for value in values]
 
     def _with_value(self, parameter: str, value: float) -> Scene:
+        is_dark = parameter == "power" and value == 0.0
+        number = 0.0 if is_dark else SI.check(parameter, value)
         given = {**self.parameters, parameter: _definition(parameter, value)}
         digest = scene_digest(self.name, given) if self.digest else ""
         other = Scene(self.mitsuba, self.name, digest, given, self._sensor_number)
         other._template = self._template or self
-        other._changes = {**self._changes, parameter: value}
+        other._changes = {**self._changes, parameter: number}
         return other
 
     def _prepare(self) -> tuple[int, Geometry, dict[Settings, Plan]]:
@@ -195,138 +190,3 @@ def _definition(name: str, value: Any) -> str:
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
         raise InputError(name, "a number or a text", f"{value!r:.60}", "convert it to a number")
     return str(int(value)) if isinstance(value, Integral) else repr(float(value))
-
-
-def render(
-    scene: Scene | str | Path | dict[str, Any] | mi.Scene,
-    frames: int = 2,
-    seed: int = 0,
-    *,
-    settings: Settings | None = None,
-    mean: bool = False,
-    device: str = "cpu",
-) -> Capture:
-    """Render a capture in memory; `Capture.save` writes it.
-
-    Args:
-        frames: number of frames, each with an independent illumination.
-        mean: whether to render expected photoelectrons, without photon and camera noise.
-
-    Raises InputError if the scene cannot be modelled with these settings.
-    """
-    scene = scene if isinstance(scene, Scene) else load(scene)
-    frames, seed = _check(frames, seed, device)
-    begin = time.perf_counter()
-    plan = scene.plan(settings)
-    content = as_json(plan, frames, scene.monte_carlo())
-    prepared = time.perf_counter()
-    drawn = list(draw(plan, frames, seed, mean=mean, device=device))
-    seconds = {"prepare": prepared - begin, "render": time.perf_counter() - prepared, "write": 0.0}
-    headers = tuple(header(plan, seed, number, scene.digest) for number in range(frames))
-    truth, pitches_m = lag_grid_albedo(plan.geometry)
-    entries = record(
-        scene, plan, content, seed, frames, pitches_m, mean=mean, saturated=saturation(plan, drawn), seconds=seconds
-    )
-    names = tuple(f"frame_{number:04d}" for number in range(frames))
-    return Capture(drawn, CameraMetadata.of(headers[0]), names, truth, entries, headers)
-
-
-def render_geometry(geometry: Geometry, frames: int = 2, seed: int = 0) -> Capture:
-    """Render frames of a geometry in memory, with the metadata of its camera but without truth and record."""
-    plan = Plan.of(geometry)
-    names = tuple(f"frame_{number:04d}" for number in range(frames))
-    return Capture(list(draw(plan, frames, seed)), CameraMetadata.of(header(plan, seed, 0, "")), names)
-
-
-def wall_field(
-    scene: Scene | str | Path | dict[str, Any] | mi.Scene,
-    seed: int = 0,
-    frame: int = 0,
-    *,
-    settings: Settings | None = None,
-    device: str = "cpu",
-) -> np.ndarray:
-    """Return the complex field on the virtual detector, (H, W), mean square 1 on average; complex128 for a propagator in
-    double precision."""
-    scene = scene if isinstance(scene, Scene) else load(scene)
-    _, seed = _check(1, seed, device)
-    plan = scene.plan(settings)
-    field = Simulation(plan.geometry, device=device, plan=plan).wall_field(seed, frame)
-    return (field / np.sqrt(plan.samples.brightness)).cpu().numpy()
-
-
-def draw(plan: Plan, frames: int, seed: int, *, mean: bool = False, device: str = "cpu") -> Iterator[np.ndarray]:
-    """Yield frames, float32 (H, W)."""
-    simulation = Simulation(plan.geometry, device=device, plan=plan)
-    for number in range(frames):
-        frame: torch.Tensor = simulation.expected_frame(seed, number) if mean else simulation.frame(seed, number)
-        yield frame.numpy()
-
-
-def header(plan: Plan, seed: int, number: int, digest: str) -> FrameHeader:
-    """Return the header of a frame file."""
-    geometry = plan.geometry
-    return FrameHeader(
-        geometry.wavelength_m,
-        geometry.pixel_pitch_m,
-        geometry.distance_m,
-        geometry.electronics.exposure_s,
-        seed,
-        number,
-        digest,
-        version(),
-        geometry.pupil_diameter_m,
-        geometry.pupil_distance_m,
-        *geometry.seen_pitch_m,
-    )
-
-
-def record(
-    scene: Scene,
-    plan: Plan,
-    content: dict[str, Any],
-    seed: int,
-    frames: int,
-    pitches_m: tuple[float, float],
-    *,
-    mean: bool,
-    saturated: float,
-    seconds: dict[str, float],
-) -> dict[str, Any]:
-    """Return the content of sim.json."""
-    return {
-        "scene": scene.name,
-        "scene_sha256": scene.digest,
-        "definitions": dict(scene.parameters),
-        "seed": seed,
-        "version": version(),
-        "lag_pitch_m": pitches_m[0],
-        "lag_pitches_m": list(pitches_m),
-        "mean_photoelectrons_per_pixel": plan.mean_photoelectrons,
-        "expected_photoelectrons_only": mean,
-        "frames": frames,
-        "saturated_fraction": saturated,
-        "plan": content,
-        "seconds": seconds,
-    }
-
-
-def lag_grid_albedo(geometry: Geometry, patch: int | None = None) -> tuple[np.ndarray, tuple[float, float]]:
-    """Return the albedo of the hidden object on the lag grid of patches of `patch` pixels (None: as in `invert`), and the pitches.
-
-    The albedo is (64, 64) float32; the pitches belong to rows and columns.
-    """
-    _, pitches_m = patches_of(geometry, patch)
-    return geometry.hidden_object.sample(pitches_m, (64, 64)).albedo, pitches_m
-
-
-def saturation(plan: Plan, frames: list[np.ndarray]) -> float:
-    """Return the fraction of the pixels at the full well."""
-    full_well = plan.geometry.electronics.full_well
-    return float(np.mean([(frame >= full_well).mean() for frame in frames])) if full_well else 0.0
-
-
-def _check(frames: int, seed: int, device: str) -> tuple[int, int]:
-    """Return number of frames and seed as Python integers. Raises InputError for values out of range."""
-    check_device(device)
-    return FRAMES.check("frames", frames), SEED.check("seed", seed)

@@ -22,7 +22,7 @@ BUDGETS = ((100, 0.1), (10, 1.0), (1, 10.0))
 def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m radiometry.validate", description="Noise model against rendered and measured speckle.")
     p.add_argument("-o", "--output", default="out/validation", help="folder for validation.json and the figures")
-    p.add_argument("--scene", help="scene file (default: corner_letter)")
+    p.add_argument("--scene", default="corner_letter", help="scene file or name of a shipped scene (default: corner_letter)")
     p.add_argument("--measured", type=Path, help="folder of published autocorrelations (PNG)")
     p.add_argument("--seed", type=SEED, default=0)
     return p
@@ -43,9 +43,8 @@ def main(argv: Sequence[str] | None = None) -> None:
 def _validate(folder: Path, options: Any) -> None:
     from correlograph.files.output import save_json
     from radiometry.validation.figures import draw_budget, draw_floor, draw_statistics
-    from scenes import scene_path
 
-    renderer = Renderer(options.scene or scene_path("corner_letter"), options.seed)
+    renderer = Renderer(options.scene, options.seed)
     series = {"rendered": {"exposure": renderer.over_exposure(), "patches": renderer.over_patches()}}
     if options.measured is not None:
         series["measured"] = {"exposure": lab_over_exposure(options.measured), "patches": lab_over_patches(options.measured)}

@@ -26,9 +26,9 @@ class Corrections:
         mask: image; its zero pixels are excluded: they take the mean of the others.
     """
 
-    dark: Path | None = None
-    flat: Path | None = None
-    mask: Path | None = None
+    dark: Path | str | None = None
+    flat: Path | str | None = None
+    mask: Path | str | None = None
 
     def apply(self, capture: Capture) -> Capture:
         """Return the capture with corrected frames. Raises InputError for unsuitable files."""
@@ -46,7 +46,7 @@ class Corrections:
                 raise InputError(
                     "--flat",
                     "more light in every pixel than the dark frame holds",
-                    f"{flat.min():g} in {self.flat.name}",
+                    f"{flat.min():g} in {Path(self.flat).name}",
                     "give such pixels a value, and mask them",
                 )
             corrected = [frame / (flat / flat.mean()) for frame in corrected]
@@ -56,14 +56,15 @@ class Corrections:
                 raise InputError(
                     "--mask",
                     f"a mask that leaves {MIN_USED_FRACTION:.0%} of the pixels",
-                    f"{used.mean():.1%} in {self.mask.name}",
+                    f"{used.mean():.1%} in {Path(self.mask).name}",
                     "zero pixels are left out; turn it round",
                 )
             corrected = [np.where(used, frame, frame[used].mean()).astype(np.float32) for frame in corrected]
         return corrected
 
 
-def _read(option: str, file: Path, shape: tuple[int, ...]) -> np.ndarray:
+def _read(option: str, name: Path | str, shape: tuple[int, ...]) -> np.ndarray:
+    file = Path(name)
     if not file.is_file():
         raise InputError(option, "a picture", f"no {file}", "check the path")
     pixels, _ = read_image(file)

@@ -54,7 +54,7 @@ def write_frame(path: Path, photoelectrons: np.ndarray, header: FrameHeader) -> 
 
 
 def read_frame(path: Path) -> tuple[np.ndarray, FrameHeader | None]:
-    """Read a frame: float32 (H, W), and its header, None where the file carries no capture facts.
+    """Read a frame: float32 (H, W), and its header, None where the file contains no metadata.
 
     Raises InputError for a damaged file or one with colour channels.
     """

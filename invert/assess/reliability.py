@@ -48,7 +48,7 @@ def assess_reliability(
         likelihood: returns the likelihood of the estimate before division by the camera's transfer.
         record: origin of the estimate; None for a published one.
     """
-    doubts = [] if test is None or test.third_moment is None else _check_speckle(test, record.frames if record else 0)
+    doubts = [] if test is None or test.third_moment_ratio is None else _check_speckle(test, record.frames if record else 0)
     if found.posterior is not None:
         doubts += _check_samples(found.posterior, likelihood())
     warnings = doubts + ([] if record is None else _describe_frames(record, measurement))
@@ -56,7 +56,7 @@ def assess_reliability(
 
 
 def _check_speckle(test: SpeckleTest, frames: int) -> list[str]:
-    moment, error = test.third_moment or 0.0, 2.0 * (test.error or 0.0)
+    moment, error = test.third_moment_ratio or 0.0, 2.0 * (test.error or 0.0)
     found = f"third moment {moment:.2g} +- {0.5 * error:.2g} times that of speckle"
     if moment - error > MAX_MOMENT_RATIO:
         return [

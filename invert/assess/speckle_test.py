@@ -20,19 +20,19 @@ class SpeckleTest:
     """Consistency of frames and estimate with a reconstruction.
 
     Attributes:
-        third_moment: third moment of the frames in units of that of speckle from the reconstruction: 1 for polarised light, 0.7 for
+        third_moment_ratio: third moment of the frames in units of that of speckle from the reconstruction: 1 for polarised light, 0.7 for
             unpolarised light, 0 for texture, much more for a specular highlight.
         error: its standard error.
         unexplained: relative L2 error of the reconstruction's r*r against the estimate, in excess of noise.
     """
 
-    third_moment: float | None
+    third_moment_ratio: float | None
     error: float | None
     unexplained: float
 
     def as_dict(self) -> dict[str, float | None]:
         """Return the numbers for JSON, None for values that are not finite; `third_moment` is the old name of the ratio."""
-        values = {"third_moment_ratio": self.third_moment, "third_moment": self.third_moment}
+        values = {"third_moment_ratio": self.third_moment_ratio, "third_moment": self.third_moment_ratio}
         values |= {"error": self.error, "unexplained": self.unexplained}
         return {name: value if value is not None and np.isfinite(value) else None for name, value in values.items()}
 

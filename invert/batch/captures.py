@@ -13,7 +13,7 @@ from correlograph.files.capture_folder import check_complete
 from correlograph.files.corrections import Corrections
 from correlograph.files.output import output_folder, sole_writer
 from correlograph.version import version
-from invert.choices import BALANCED, UNET, MeanModel, Method, Quality
+from invert.choices import BALANCED, UNET, Method, Quality
 from invert.measure.capture import find_frames, frames_inside, printable
 from invert.measure.estimate import Patch
 from invert.network.checkpoints import DEFAULT_WEIGHTS, load_network
@@ -21,6 +21,7 @@ from invert.output.result import Result
 from invert.output.result_files import check_truth_pitch, read_truth
 from invert.pipeline import Blur, reconstruct
 from invert.solvers.base import Progress, no_progress
+from radiometry.estimation.background import MeanModel
 
 REVISION = 8
 """Number to raise whenever the same request gives another result."""

@@ -14,8 +14,9 @@ import numpy as np
 from correlograph.command import ArgumentParser
 from correlograph.errors import InputError
 from correlograph.ranges import FRAMES, SEED, Range
-from invert.choices import BALANCED, FAST, MEAN_MODELS, METHODS, QUALITIES, UNET
+from invert.choices import BALANCED, FAST, METHODS, QUALITIES, UNET
 from invert.evaluation.cells import Cell, read_cell, write_cell
+from radiometry.estimation.background import MEAN_MODELS
 
 SETS = ("edges", "shapes", "grey", "rendered", "rendered-edges", "measured")
 CHARACTER_SETS = ("rendered", "measured 7", "measured letters")

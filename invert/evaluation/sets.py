@@ -12,11 +12,12 @@ import torch
 
 from correlograph.errors import InputError
 from correlograph.lags import OBJECT_SIDE
-from invert.choices import BEST, CLASSICAL, MeanModel
+from invert.choices import BEST, CLASSICAL
 from invert.measure.estimate import Estimate, estimate_from_frames, published_estimate
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.pipeline import reconstruct
 from invert.training.data import at_noise
+from radiometry.estimation.background import MeanModel
 
 NOISE_LEVELS = ((80.0, 64.0), (80.0, 16.0), (80.0, 256.0), (80.0, 1e4), (5.0, 64.0), (5.0, 1e4), (200.0, 64.0), (200.0, 256.0))
 """Noise floor (of 255 at the maximum lag except zero) and K; near the training point of Metzler et al. 2020 (b 70, K 67)
@@ -159,7 +160,7 @@ def _rendered_levels(
     objects: Sequence[tuple[str, Any, np.ndarray, range]],
 ) -> Iterator[Level]:
     """Yield one level per background model, of objects (name, geometry, truth, seeds of the captures)."""
-    from sim.scene import render_geometry
+    from sim.rendering import render_geometry
 
     cases: dict[MeanModel, list[Case]] = {mean_model: [] for mean_model in mean_models}
     for case, geometry, truth, seeds in objects:

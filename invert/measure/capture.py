@@ -98,12 +98,12 @@ def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture
     given = {name: check_positive(name, value) for name, value in vars(known).items() if value is not None}
     if "pixel_pitch_m" in given:  # the angles of the header belong to its own pitch
         given = {"row_pitch_m": None, "column_pitch_m": None, **given}
-    facts = replace(CameraMetadata.of(first), **given)
-    lacking = [name for name in ("wavelength_m", "pixel_pitch_m", "distance_m") if getattr(facts, name) is None]
+    metadata = replace(CameraMetadata.of(first), **given)
+    lacking = [name for name in ("wavelength_m", "pixel_pitch_m", "distance_m") if getattr(metadata, name) is None]
     if given and lacking:
         options = ", ".join("--" + name.replace("_", "-") for name in lacking)
-        raise InputError("camera facts", "wavelength, pixel pitch and distance together", f"no {options}", f"add {options}")
-    return Capture(frames, facts, tuple(printable(file.name) for file in files))
+        raise InputError("camera metadata", "wavelength, pixel pitch and distance together", f"no {options}", f"add {options}")
+    return Capture(frames, metadata, tuple(printable(file.name) for file in files))
 
 
 def printable(name: str) -> str:

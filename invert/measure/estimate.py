@@ -15,12 +15,11 @@ from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.images import read_autocorrelation
 from correlograph.lags import LAG_SIDE, LAGS
 from correlograph.ranges import BLUR, Range
-from invert.choices import MeanModel
 from invert.measure.capture import printable
 from invert.measure.patch_fit import choose_patch_grid
 from invert.measure.spectrum import read_measurement
 from radiometry.autocorrelation import PatchGrid, automatic_patch_size, patch_grid
-from radiometry.estimation.background import BackgroundRecord
+from radiometry.estimation.background import BackgroundRecord, MeanModel
 from radiometry.estimation.published import PublishedEstimator
 from radiometry.estimation.third_moment import FilteredFrames
 from radiometry.estimation.whole_frames import AutocorrelationEstimator, estimator_of

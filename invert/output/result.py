@@ -123,7 +123,8 @@ class Result:
             summary = json.loads((path / "result.json").read_text())
             albedo, lags = (np.load(path / name, allow_pickle=False) for name in ("albedo.npy", "autocorrelation.npy"))
             file = path / "samples.npy"
-            samples = Samples(np.load(file, allow_pickle=False)) if file.is_file() else None
+            posterior = summary["posterior"]
+            samples = Samples(np.load(file, allow_pickle=False), posterior.get("size_errors")) if posterior else None
             pitches = summary["pitches_m"]
             estimate = Estimate(summary["input"], lags, pitches_m=None if pitches is None else (pitches[0], pitches[1]))
             reconstruction = Reconstruction(
@@ -138,7 +139,7 @@ class Result:
             settings = Settings(*(summary[name] for name in ("method", "quality", "seed")))
             warnings = tuple(summary["warnings"])
             seconds = dict(summary["seconds"])
-        except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError) as error:
             found = f"{type(error).__name__} in {path}"
             raise InputError("result", "a folder that python -m invert wrote", found, "check the path") from None
         return cls(estimate, read_measurement(lags), reconstruction, settings, seconds, test, warnings)

@@ -132,7 +132,8 @@ def summarise_samples(samples: Samples, pitches_m: tuple[float, float] | None) -
         for size in SIZES
     }
     clusters = [{"probability": cluster.probability, "samples": cluster.members} for cluster in samples.clusters]
-    return {"samples": len(samples), "answers": clusters, "intervals": intervals}
+    errors = None if samples.errors is None else {size: list(errors) for size, errors in samples.errors.items()}
+    return {"samples": len(samples), "answers": clusters, "intervals": intervals, "size_errors": errors}
 
 
 def floor_over_known_peak(estimate: Estimate, truth: np.ndarray, has_lines: bool) -> float | None:

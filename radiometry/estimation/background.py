@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
+
+MeanModel = Literal["auto", "pooled", "fixed", "published"]
+"""Background models of an estimator; `radiometry.estimation.whole_frames` describes them."""
+
+MEAN_MODELS: tuple[MeanModel, ...] = ("auto", "pooled", "fixed", "published")
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
@@ -27,15 +27,13 @@ from scipy.fft import next_fast_len
 from correlograph.errors import InputError
 from correlograph.lags import LAGS
 from radiometry.autocorrelation import PatchGrid
-from radiometry.estimation.background import BackgroundRecord
+from radiometry.estimation.background import BackgroundRecord, MeanModel
 from radiometry.estimation.fixed_pattern import shared_lags, shift_between
 from radiometry.estimation.illumination import flatten_illumination, is_uneven
 from radiometry.estimation.pixel_faults import PixelFaults, repair
 from radiometry.estimation.published import PublishedEstimator
 from radiometry.estimation.spectral_lines import MIN_PATCHES, find_lines, lower_lines, subtract_waves
 from radiometry.estimation.third_moment import MAX_FRAMES, FilteredFrames, narrow
-
-Mean = Literal["auto", "pooled", "fixed", "published"]
 
 MIN_COPY_CORRELATION = 1.0 - 1e-6
 """Minimum correlation of frames that are copies of one frame."""
@@ -63,7 +61,7 @@ class AutocorrelationEstimator:
             at every lag, as Eq. (9) does, which halves K for two frames.
     """
 
-    def __init__(self, grid: PatchGrid, device: torch.device | str = "cpu", mean: Mean = "auto") -> None:
+    def __init__(self, grid: PatchGrid, device: torch.device | str = "cpu", mean: MeanModel = "auto") -> None:
         self.grid, self.device, self.mean = grid, torch.device(device), mean
         self.frames = 0
         self.background = BackgroundRecord(mean)
@@ -230,7 +228,7 @@ def _spectral_window(length: int, size: int, padded: int) -> np.ndarray:
 
 
 def estimate_autocorrelation(
-    frames: Iterable[np.ndarray | torch.Tensor], grid: PatchGrid, mean: Mean = "auto", device: torch.device | str = "cpu"
+    frames: Iterable[np.ndarray | torch.Tensor], grid: PatchGrid, mean: MeanModel = "auto", device: torch.device | str = "cpu"
 ) -> tuple[np.ndarray, float]:
     """Estimate the autocorrelation of frames; return (estimate (127, 127), degrees of freedom)."""
     estimator = estimator_of(grid, mean, device)
@@ -240,7 +238,7 @@ def estimate_autocorrelation(
 
 
 def estimator_of(
-    grid: PatchGrid, mean: Mean = "auto", device: torch.device | str = "cpu"
+    grid: PatchGrid, mean: MeanModel = "auto", device: torch.device | str = "cpu"
 ) -> AutocorrelationEstimator | PublishedEstimator:
     """Return the estimator of a background model; add frames to it."""
     return PublishedEstimator(grid, device) if mean == "published" else AutocorrelationEstimator(grid, device, mean)

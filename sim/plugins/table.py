@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from sim.plugins.laser import PARAMETERS as LASER
-from sim.plugins.parameters import Parameter
-from sim.plugins.phase_screen import PARAMETERS as PHASE_SCREEN
-from sim.plugins.speckle_camera import ELECTRONIC, OPTICAL
+from sim import activate
+
+activate()  # plugins can be imported only after a Mitsuba variant is set
+from sim.plugins.laser import PARAMETERS as LASER  # noqa: E402
+from sim.plugins.parameters import Parameter  # noqa: E402
+from sim.plugins.phase_screen import PARAMETERS as PHASE_SCREEN  # noqa: E402
+from sim.plugins.speckle_camera import ELECTRONIC, OPTICAL  # noqa: E402
+
+OTHERS = (
+    "| `laser` | `scan_step` | metres of the wall between frames | the spot's diameter or more | 0 to 1e+15 |",
+    "| `phase_screen` | `depolarising` | true or false | false | |",
+    "| `phase_screen` | `velocity` | metres per second, vector | 0, 0, 0 | finite |",
+)
+"""Parameters that are no required numbers; `mi.traverse` does not list them."""
 
 PLUGINS = {"laser": LASER, "phase_screen": PHASE_SCREEN, "speckle_camera": (*OPTICAL, *ELECTRONIC)}
 
 
 def table() -> str:
-    """Return the table of all numeric parameters, which `mi.traverse` reads and changes."""
+    """Return the table of all parameters."""
     lines = [
         "# Parameters of the plugins",
         "",
-        "Written by `python -m sim.plugins.table`. SI units throughout; each can be read and changed by `mi.traverse`.",
+        "Written by `python -m sim.plugins.table`. SI units throughout. `mi.traverse` reads and changes all but the last three.",
         "",
         "| plugin | parameter | unit | default | range |",
         "|---|---|---|---|---|",
@@ -25,7 +35,7 @@ def table() -> str:
         for plugin, parameters in PLUGINS.items()
         for known in parameters
     ]
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *OTHERS]) + "\n"
 
 
 def _default(known: Parameter) -> str:

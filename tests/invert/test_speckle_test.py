@@ -26,7 +26,7 @@ def test_speckle_of_a_letter_has_the_third_moment_of_the_letter(rng, count):
     test = result.speckle_test
     assert result.object_found
     assert test is not None
-    assert abs(test.third_moment - 1.0) < 4.0 * test.error + 0.1
+    assert abs(test.third_moment_ratio - 1.0) < 4.0 * test.error + 0.1
     assert test.error < 0.2
     assert test.unexplained < 0.2
     assert result.warnings == ()

@@ -30,6 +30,9 @@ def test_copies_and_pickles_are_the_same_scene(scene):
     for other in (copy.copy(scene), copy.deepcopy(scene), pickle.loads(pickle.dumps(scene))):
         assert (other.digest, other.parameters) == (scene.digest, scene.parameters)
         assert other.geometry.distance_m == scene.geometry.distance_m
+    (swept,) = scene.sweep("exposure", [0.5])
+    for other in (copy.copy(swept), copy.deepcopy(swept), pickle.loads(pickle.dumps(swept))):
+        assert other.geometry.electronics.exposure_s == 0.5
 
 
 def test_the_drawing_shows_every_shape_to_scale(scene):
@@ -76,3 +79,9 @@ def test_frames_of_a_sweep_are_those_of_the_loaded_scene(scene):
     one = cg.render(swept, frames=1, seed=2).frames[0]
     other = cg.render(cg.load("corner_letter", exposure=0.5, power=np.float32(0.5)), frames=1, seed=2).frames[0]
     assert (one == other).all()
+    (dark,) = scene.sweep("power", [0.0])
+    assert dark.geometry.light_path.power_w == 0.0
+    with pytest.raises(cg.InputError, match="exposure"):
+        scene.sweep("exposure", [-1.0])
+    with pytest.raises(cg.InputError, match="exposure"):
+        scene.sweep("exposure", [1e14])[0].plan()
