@@ -21,6 +21,10 @@ class ArgumentParser(argparse.ArgumentParser):
     def __init__(self, **settings: Any) -> None:
         super().__init__(allow_abbrev=False, **settings)
 
+    def add_overwrite(self) -> None:
+        """Add `--overwrite`, the permission to replace a user's files of the output's names."""
+        self.add_argument("--overwrite", action="store_true", help="replace files of the output's names that others wrote")
+
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"error: {self.prog}: {message}; see '{self.prog} --help'\n")
 

@@ -16,6 +16,7 @@ from scipy.ndimage import distance_transform_edt
 from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError
 from correlograph.files.output import atomic, output_folder
+from correlograph.files.ownership import claim
 from correlograph.ranges import SI
 from data_gen.fonts import dejavu_sans
 
@@ -72,6 +73,7 @@ def parser() -> ArgumentParser:
     p.add_argument("folder")
     p.add_argument("characters", nargs="+", help="one character each")
     p.add_argument("--mesh-depth-m", type=SI, help="write solid letters of this depth, G.ply, instead of bitmaps")
+    p.add_overwrite()
     return p
 
 
@@ -81,6 +83,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         if len(character) != 1 or not character.isalnum():
             raise InputError("characters", "single letters or digits", character, "separate them by blanks")
     folder = output_folder(options.folder)
+    kind = "png" if options.mesh_depth_m is None else "ply"
+    claim(folder, [f"{character}.{kind}" for character in options.characters], overwrite=options.overwrite)
     for character in options.characters:
         bitmap = letter(character)
         if options.mesh_depth_m is not None:

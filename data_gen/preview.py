@@ -11,7 +11,7 @@ import torch
 
 from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError
-from correlograph.files.output import atomic
+from correlograph.files.figures import save_figure
 from correlograph.ranges import Range
 from radiometry.noise.level import dim_zero_lag
 
@@ -23,11 +23,13 @@ def parser() -> ArgumentParser:
     p.add_argument("dataset")
     p.add_argument("-o", "--output", type=Path, help="picture; DATASET.preview.png by default")
     p.add_argument("--rows", type=Range(1, 50), default=3)
+    p.add_overwrite()
     return p
 
 
 def main(argv: Sequence[str] | None = None) -> None:
     options = parser().parse_args(argv)
+    from correlograph.files.ownership import claim
     from correlograph.files.store import read_rows
     from data_gen.dataset import dataset_schema_of, open_dataset
     from radiometry.noise.model import autocorrelate_windowed
@@ -36,6 +38,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     output = options.output or Path(options.dataset.rstrip("/")).with_suffix(".preview.png")
     if options.output is None and "://" in options.dataset:
         raise InputError("-o", "a picture's name for a store that is not on this machine", "none", "add -o PICTURE.png")
+    claim(output.parent, [output.name], overwrite=options.overwrite)
     count = group["albedo"].shape[0]
     chosen = np.linspace(0, count - 1, min(COLUMNS * options.rows, count)).astype(int)
     schema = dataset_schema_of(options.dataset)
@@ -68,8 +71,7 @@ def save_sheet(path: Path, albedo: np.ndarray, lags: np.ndarray, captions: list[
             axes.imshow(picture, cmap="gray", interpolation="nearest", vmin=0.0)
             axes.set_title(title, fontsize=7)
             axes.axis("off")
-    with atomic(path) as partial:
-        figure.savefig(partial, format="png", dpi=100)
+    save_figure(path, figure, 100)
 
 
 if __name__ == "__main__":

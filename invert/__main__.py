@@ -59,6 +59,7 @@ def parser() -> ArgumentParser:
     p.add_argument("--workers", type=WORKERS, help="processes for many captures; default: one per core")
     p.add_argument("--scheduler", help="address of a running Dask scheduler, instead of --workers")
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
+    p.add_overwrite()
     return p
 
 
@@ -71,12 +72,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     request = _request(options)
     captures = find_captures(options.inputs, options.autocorrelation)
     if "" in captures:
-        _invert_one(request, captures[""], Path(options.output))
+        _invert_one(request, captures[""], Path(options.output), overwrite=options.overwrite)
     else:
         _invert_many(request, captures, options, workers)
 
 
-def _invert_one(request: Request, files: Sequence[Path], output: Path) -> None:
+def _invert_one(request: Request, files: Sequence[Path], output: Path, *, overwrite: bool) -> None:
     from tqdm import tqdm
 
     from invert.batch.captures import invert_capture
@@ -85,7 +86,7 @@ def _invert_one(request: Request, files: Sequence[Path], output: Path) -> None:
     begin = time.perf_counter()
     total = progress_steps(request.method, request.quality)
     with tqdm(total=total, desc=f"{request.method}:{request.quality}", unit="step", disable=None, leave=False) as bar:
-        result, summary = invert_capture(request, files, output, bar.update)
+        result, summary = invert_capture(request, files, output, bar.update, overwrite=overwrite)
     for warning in result.warnings:
         print(f"warning: {warning}", file=sys.stderr)
     parts = ["object found" if result.object_found else "no object found", f"confidence {result.confidence:.2f}"]
@@ -96,11 +97,14 @@ def _invert_one(request: Request, files: Sequence[Path], output: Path) -> None:
 
 def _invert_many(request: Request, captures: Captures, options: Any, workers: int) -> None:
     from correlograph.files.output import output_folder, sole_writer
+    from invert.batch.captures import skipped_folders
     from invert.batch.many_captures import invert_captures
 
+    for folder in skipped_folders(options.inputs):
+        print(f"warning: {folder} is left out, because it holds no frames", file=sys.stderr)
     output = output_folder(options.output)
     with sole_writer(output):
-        invert_captures(request, captures, output, workers, options.scheduler)
+        invert_captures(request, captures, output, workers, options.scheduler, overwrite=options.overwrite)
     print(f"{len(captures)} captures: {output / 'table.md'}")
 
 

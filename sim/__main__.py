@@ -60,6 +60,7 @@ def parser() -> ArgumentParser:
         help="model an effect, or leave it out, whatever the plan says",
     )
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
+    p.add_overwrite()
     return p
 
 
@@ -85,7 +86,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     content = as_json(plan, options.frames, monte_carlo)
     if options.plan:
         if options.output is not None:
-            _draw_plan(scene, options.output)
+            _draw_plan(scene, options.output, overwrite=options.overwrite)
         if sys.stdout.isatty() and not options.json:
             print(summary(plan, options.frames, monte_carlo))
             return
@@ -97,11 +98,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     _render(scene, plan, content, options)
 
 
-def _draw_plan(scene, output: str) -> None:
+def _draw_plan(scene, output: str, *, overwrite: bool) -> None:
     from correlograph.files.figures import save_figure
     from correlograph.files.output import output_folder
+    from correlograph.files.ownership import claim
 
     path = output_folder(output) / "plan.png"
+    claim(path.parent, [path.name], overwrite=overwrite)
     save_figure(path, scene.draw())
     print(f"drawing of the scene: {path}", file=sys.stderr)
 
@@ -126,7 +129,7 @@ def _render(scene, plan, content, options) -> None:
     begin = time.perf_counter()
     truth, pitches_m = lag_grid_albedo(plan.geometry, options.truth_patch)
     write_s = saturated = 0.0
-    with stage_capture(folder) as staging:
+    with stage_capture(folder, options.frames, overwrite=options.overwrite) as staging:
         drawn = draw_frames(plan, options.frames, options.seed, mean=options.noise_free, device=options.device)
         prepared = time.perf_counter()
         for number, frame in enumerate(tqdm(drawn, total=options.frames, desc="frames", unit="frame", disable=None)):

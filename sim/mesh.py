@@ -13,6 +13,7 @@ import numpy as np
 from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError
 from correlograph.files.output import atomic
+from correlograph.files.ownership import claim
 from correlograph.ranges import SI
 
 
@@ -21,6 +22,7 @@ def parser() -> ArgumentParser:
     p.add_argument("input", type=Path)
     p.add_argument("output", type=Path)
     p.add_argument("--unit-m", type=SI, default=1.0, help="metres per unit of the input (0.001 for millimetres)")
+    p.add_overwrite()
     return p
 
 
@@ -30,6 +32,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         raise InputError("output", "a name that ends in .ply", options.output, "use another name")
     if not options.input.is_file():
         raise InputError("input", "a mesh", f"no {options.input}", "check the path")
+    claim(options.output.parent, [options.output.name], overwrite=options.overwrite)
     import trimesh
 
     try:

@@ -26,6 +26,7 @@ def parser() -> ArgumentParser:
     )
     p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("-o", "--output", help="folder for plan.json and plan.png; nothing is written without it")
+    p.add_overwrite()
     return p
 
 
@@ -33,6 +34,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Predict the error of every division, select the best, check it by rendering if asked, plot the curve."""
     options = parser().parse_args(argv)
     from correlograph.files.output import output_folder, save_json
+    from correlograph.files.ownership import claim
     from radiometry.exposure_planner import best, divide
 
     with exit_at_once():
@@ -41,6 +43,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     from sim.scene_file import load_scene, parse_definitions
     from sim.scene_reader import read_geometry
 
+    folder = None if options.output is None else output_folder(options.output)
+    if folder is not None:
+        claim(folder, ["plan.json", "plan.png"], overwrite=options.overwrite)
     scene, _ = load_scene(options.scene, parse_definitions(options.definitions))
     geometry = read_geometry(scene)
     check(geometry)
@@ -52,9 +57,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         f"({chosen.pitch_m * 1e6:.0f} um per lag): floor over peak {chosen.floor_over_peak:.3g}, K {chosen.dof:.3g}, "
         f"error of the estimate {100 * chosen.error:.3g} %"
     )
-    if options.output is None:
+    if folder is None:
         return
-    folder = output_folder(options.output)
     content = {
         "budget_s": options.budget_s,
         "chosen": asdict(chosen),
@@ -94,7 +98,7 @@ def draw(path: Path, divisions: list[Any], chosen: Any, checked: dict[int, float
     """Plot the error against the number of frames, up to ten times the lowest error."""
     from matplotlib.figure import Figure
 
-    from correlograph.files.output import atomic
+    from correlograph.files.figures import save_figure
 
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
     axes = figure.add_subplot()
@@ -106,8 +110,7 @@ def draw(path: Path, divisions: list[Any], chosen: Any, checked: dict[int, float
     axes.set_xlabel("frames that share the budget")
     axes.set_ylabel("relative error of the estimate (%)")
     axes.legend(frameon=False)
-    with atomic(path) as partial:
-        figure.savefig(partial, format="png", dpi=110)
+    save_figure(path, figure)
 
 
 if __name__ == "__main__":

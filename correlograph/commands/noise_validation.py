@@ -25,6 +25,7 @@ def parser() -> ArgumentParser:
     p.add_argument("--scene", default="corner_letter", help="scene file or name of a shipped scene (default: corner_letter)")
     p.add_argument("--measured", type=Path, help="folder of published autocorrelations (PNG)")
     p.add_argument("--seed", type=SEED, default=0)
+    p.add_overwrite()
     return p
 
 
@@ -34,9 +35,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     if options.measured is not None and not options.measured.is_dir():
         raise InputError("--measured", "a folder of autocorrelation pictures", options.measured, "check the path")
     from correlograph.files.output import output_folder, sole_writer
+    from correlograph.files.ownership import claim
 
     folder = output_folder(options.output)
     with sole_writer(folder):
+        names = ["validation.json", "noise_statistics.png", "photon_budget.png"]
+        claim(folder, names + ["lab_floor.png"] * (options.measured is not None), overwrite=options.overwrite)
         _validate(folder, options)
 
 

@@ -140,12 +140,18 @@ class Capture:
         """The plan of rendered frames, None for captured ones."""
         return self.record.get("plan")
 
-    def save(self, folder: str | Path) -> Path:
-        """Write rendered frames with truth.npy and sim.json, as `python -m sim` does. Raises InputError for captured frames."""
+    def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
+        """Write rendered frames with truth.npy and sim.json, as `python -m sim` does.
+
+        Args:
+            overwrite: whether to replace files of these names that others wrote.
+
+        Raises InputError for captured frames, and for files of others without `overwrite`.
+        """
         if len(self.headers) != len(self.frames) or self.truth is None:
             raise InputError("capture", "frames that were rendered", "captured ones", "their files are elsewhere already")
         target = output_folder(folder)
-        with stage_capture(target) as staging:
+        with stage_capture(target, len(self.frames), overwrite=overwrite) as staging:
             for number, (frame, header) in enumerate(zip(self.frames, self.headers, strict=True)):
                 write_frame(frame_path(staging, number), frame, header)
             save_array(staging / "truth.npy", self.truth)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import json
+import hashlib
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,9 +12,14 @@ from pathlib import Path
 
 from correlograph.errors import InputError
 from correlograph.files.output import PARTIAL, sole_writer
+from correlograph.files.ownership import MANIFEST, claim, own_files, record, record_temporary, recorded
 
 MOVING = ".capture-is-being-moved"
 """Marker file, present while a finished capture moves into its folder; if it remains, the folder holds parts of two captures."""
+
+
+EMPTY_DIGEST = hashlib.sha256().hexdigest()
+"""Digest of the empty marker file."""
 
 
 def check_complete(folder: Path) -> None:
@@ -31,11 +37,23 @@ def frame_path(folder: Path, number: int) -> Path:
     return folder / f"frame_{number:04d}.exr"
 
 
+def is_frame_name(name: str) -> bool:
+    """Return whether a rendered frame has this name."""
+    return re.fullmatch(r"frame_\d{4,}\.exr", name) is not None
+
+
 @contextmanager
-def stage_capture(folder: Path) -> Iterator[Path]:
-    """Create a hidden folder inside `folder` for a single writer, and remove it afterwards."""
+def stage_capture(folder: Path, frames: int, *, overwrite: bool = False) -> Iterator[Path]:
+    """Create a hidden folder inside `folder` for a single writer, and remove it afterwards.
+
+    Raises InputError for a user's files that have the names of the capture; with `overwrite`, they will be replaced.
+    """
     with sole_writer(folder):
+        present = [path.name for path in folder.iterdir() if is_frame_name(path.name)]
+        new = [frame_path(folder, number).name for number in range(frames)]
+        claim(folder, dict.fromkeys([*new, *present, "truth.npy", "sim.json", MOVING]), overwrite=overwrite)
         staging = folder / f"{PARTIAL}{os.getpid()}"
+        record_temporary(staging)
         staging.mkdir()
         try:
             yield staging
@@ -44,17 +62,14 @@ def stage_capture(folder: Path) -> Iterator[Path]:
 
 
 def replace_capture(staging: Path, folder: Path) -> None:
-    """Move a finished capture into its folder, in place of the one that sim.json describes."""
+    """Move a finished capture into its folder, in place of the earlier one."""
+    record(folder, {MOVING: EMPTY_DIGEST, **recorded(staging)})
     (folder / MOVING).touch()
-    summary = folder / "sim.json"
-    if summary.is_file():
-        try:
-            older = int(json.loads(summary.read_text())["frames"])
-        except (ValueError, KeyError, TypeError):
-            older = 0
-        summary.unlink()
-        for number in range(older):
-            frame_path(folder, number).unlink(missing_ok=True)
+    (folder / "sim.json").unlink(missing_ok=True)
+    for path in own_files(folder):
+        if is_frame_name(path.name):
+            path.unlink()
     for path in sorted(staging.iterdir(), key=lambda p: p.name == "sim.json"):
-        os.replace(path, folder / path.name)
+        if path.name != MANIFEST:
+            os.replace(path, folder / path.name)
     (folder / MOVING).unlink()

@@ -13,8 +13,8 @@ from correlograph.lags import LAG_SIDE
 MAX_PIXEL = 1e9
 """Beyond any camera's numbers, and safe to square and sum in single precision."""
 
-FRAME_KINDS = (".exr", ".tif", ".tiff", ".png", ".npy")
-"""File types of frames; the first type in a folder is its capture."""
+FRAME_KINDS = {".exr": "EXR", ".tif": "TIFF", ".tiff": "TIFF", ".png": "PNG", ".npy": "NPY"}
+"""File type of a frame by the ending of its name."""
 
 
 def read_image(file: Path) -> tuple[np.ndarray, FrameHeader | None]:

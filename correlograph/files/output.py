@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import os
-import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -17,9 +15,13 @@ from typing import Any
 import numpy as np
 
 from correlograph.errors import InputError
+from correlograph.files.ownership import claim, digest_of, record, record_temporary, remove_temporary
 
 PARTIAL = ".correlograph-partial-"
 """Prefix of the names of incomplete files."""
+
+LOCK = ".correlograph-lock"
+"""Name of the lock in an output folder; prefix of the name of a lock next to a file."""
 
 
 def output_folder(path: str | Path) -> Path:
@@ -29,9 +31,7 @@ def output_folder(path: str | Path) -> Path:
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / f"{PARTIAL}{os.getpid()}-probe"
-        probe.touch()
-        probe.unlink(missing_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
         raise InputError(
             "output folder", "a folder that can be written to", f"{folder} ({error.strerror})", "choose another with -o"
@@ -41,50 +41,54 @@ def output_folder(path: str | Path) -> Path:
 
 @contextmanager
 def sole_writer(output: str | Path, name: str = "output folder") -> Iterator[None]:
-    """Exclude other processes of this machine from writing the same folder or file, and remove partial files of killed ones.
+    """Exclude other processes from writing the same folder or file, and remove what killed runs left there.
 
-    Raises InputError if another process is writing. Addresses of other machines are not protected.
+    The lock lies in the folder, or next to the file or store, so it holds for other users, temporary folders and machines that
+    share the file system. A lock of a dead process of this machine is broken. Remote addresses have no lock.
+
+    Raises InputError if another process is writing.
     """
-    from filelock import FileLock, Timeout
+    from filelock import SoftFileLock, Timeout
 
     if "://" in str(output):
         yield
         return
     path = Path(output).resolve()
-    key = hashlib.sha256(f"{getattr(os, 'getuid', int)()} {path}".encode("utf-8", "surrogateescape")).hexdigest()[:32]
-    lock = FileLock(Path(tempfile.gettempdir()) / f"correlograph-{key}.lock", timeout=0)
+    is_folder = name == "output folder"
+    lock_path = path / LOCK if is_folder else path.with_name(f"{LOCK}-{path.name}")
+    lock = SoftFileLock(lock_path, timeout=0)
     try:
+        lock_path.parent.mkdir(parents=True, exist_ok=True)
         lock.acquire()
     except Timeout:
-        raise InputError(
-            name,
-            "one that no other process is writing",
-            f"{output}, which one is",
-            "wait until it has ended, or choose another name",
-        ) from None
+        found = f"{output}, which one is"
+        remedy = f"wait until it has ended, or remove {lock_path} if it ended on another machine"
+        raise InputError(name, "one that no other process is writing", found, remedy) from None
+    except OSError as error:
+        found = f"{output} ({error.strerror})"
+        raise InputError(name, "one that can be written to", found, "choose another name") from None
     try:
-        _remove_leftovers(path)
+        if is_folder:
+            remove_temporary(path)
+        else:
+            remove_temporary(path.parent, f"-{path.stem}.")
         yield
     finally:
         lock.release()
 
 
-def _remove_leftovers(path: Path) -> None:
-    """Remove partial files of killed runs in a folder, or next to a file."""
-    of = "" if path.is_dir() else f"{path.stem}."
-    for left in (path if path.is_dir() else path.parent).glob(f"{PARTIAL}*"):
-        if left.is_dir() and not of:
-            shutil.rmtree(left)
-        elif left.is_file() and left.name.removeprefix(PARTIAL).partition("-")[2].startswith(of):
-            left.unlink()
-
-
 @contextmanager
 def atomic(path: Path) -> Iterator[Path]:
-    """Yield a temporary name in the folder of `path`; rename it to `path` only if the block succeeds."""
+    """Yield a temporary name in the folder of `path`; rename it to `path` only if the block succeeds.
+
+    Raises InputError if the name belongs to a user's file.
+    """
     partial = path.with_name(f"{PARTIAL}{os.getpid()}-{path.name}")
     try:
+        claim(path.parent, [path.name])
+        record_temporary(partial)
         yield partial
+        record(path.parent, {path.name: digest_of(partial)})
         os.replace(partial, path)
     except OSError as error:
         raise InputError(

@@ -6,6 +6,7 @@ is 1 for each complete part, and `crc32` holds the checksums. The program delete
 
 from __future__ import annotations
 
+import re
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -81,9 +82,16 @@ def begin(address: str, schema: Schema, arguments: dict[str, Any], count: int) -
             )
     _check_arrays(group, address, schema)
     if "://" not in address:
-        for left in Path(address).rglob("*.partial"):  # zarr's name for a file that a killed run was writing
-            left.unlink()
+        _remove_partial_files(Path(address), schema)
     return group
+
+
+def _remove_partial_files(store: Path, schema: Schema) -> None:
+    """Remove files that a killed run was writing. Zarr gives them a name of 32 hexadecimal digits that ends in .partial."""
+    for folder in (store, *(store / name for name in (*schema.arrays, "complete", "crc32"))):
+        for left in folder.rglob("*.partial") if folder != store else folder.glob("*.partial"):
+            if re.fullmatch(r".*\.[0-9a-f]{32}\.partial", left.name):
+                left.unlink()
 
 
 def arguments_of(address: str, kind: str) -> dict[str, Any]:

@@ -12,19 +12,23 @@ from correlograph.files.capture import CameraMetadata
 from correlograph.files.capture_folder import check_complete
 from correlograph.files.corrections import Corrections
 from correlograph.files.output import output_folder, sole_writer
+from correlograph.files.ownership import claim, remove_if_unused
 from correlograph.version import version
 from invert.choices import BALANCED, UNET, Method, Quality
-from invert.measure.capture import find_frames, frames_inside, printable
+from invert.measure.capture import CONTACT_SHEET, find_frames, frames_inside, printable
 from invert.measure.estimate import Patch
 from invert.network.checkpoints import DEFAULT_WEIGHTS, load_network
 from invert.output.result import Result
-from invert.output.result_files import check_truth_pitch, read_truth
+from invert.output.result_files import RESULT_FILES, check_truth_pitch, read_truth
 from invert.pipeline import Blur, reconstruct
 from invert.solvers.base import Progress, no_progress
 from radiometry.estimation.background import MeanModel
 
 REVISION = 8
 """Number to raise whenever the same request gives another result."""
+
+RESERVED_NAMES = {"table.md", "captures.json"}
+"""Names of output files next to the folders of results."""
 
 Captures = dict[str, tuple[Path, ...]]
 """Files of each capture by the name of its folder of results; the name is empty for a single capture."""
@@ -99,7 +103,7 @@ def find_captures(inputs: Sequence[str], autocorrelation: bool) -> Captures:
     if inside == [[]]:
         return {"": (folders[0],)}
     return _check_names(
-        (one.resolve().name, (one.resolve(),))
+        (one.name if one.name.strip(".") else one.resolve().name, (one.resolve(),))
         for folder, found in zip(folders, inside, strict=True)
         for one in found or [folder]
     )
@@ -119,9 +123,19 @@ def _captures_inside(folder: Path) -> list[Path]:
     return found
 
 
+def skipped_folders(inputs: Sequence[str]) -> list[Path]:
+    """Return the folders among the inputs, and directly inside them, that hold files but no frames."""
+    folders = [Path(item) for item in inputs if Path(item).is_dir()]
+    inside = [one for folder in folders for one in sorted(folder.iterdir()) if one.is_dir() and not one.name.startswith(".")]
+    return [one for one in inside if not frames_inside(one) and any(path.is_file() for path in one.iterdir())]
+
+
 def _check_names(found: Iterable[tuple[str, tuple[Path, ...]]]) -> Captures:
     captures: Captures = {}
     for name, files in found:
+        if name.startswith(".") or name in RESERVED_NAMES or name.startswith(CONTACT_SHEET):
+            expected = "captures whose names can be those of folders of results"
+            raise InputError("inputs", expected, printable(name), "rename this capture")
         if printable(name) in captures:
             raise InputError(
                 "inputs",
@@ -145,19 +159,29 @@ def check_request(request: Request) -> None:
 
 
 def invert_capture(
-    request: Request, files: Sequence[Path], folder: Path, progress: Progress = no_progress
+    request: Request,
+    files: Sequence[Path],
+    folder: Path,
+    progress: Progress = no_progress,
+    *,
+    overwrite: bool = False,
 ) -> tuple[Result, dict[str, object]]:
-    """Reconstruct one capture into a folder; return the result and the content of result.json."""
+    """Reconstruct one capture into a folder; return the result and the content of result.json.
+
+    Args:
+        overwrite: whether to replace files of the result's names that others wrote.
+    """
     check_request(request)
     truth = read_truth(request.truth) if request.truth else None
     digest = request.sha256(find_frames(files))
     is_new = not folder.exists()
     try:
         with sole_writer(output_folder(folder)):
+            claim(folder, RESULT_FILES, overwrite=overwrite)
             result = request.reconstruct(files, progress)
             if request.truth and not request.autocorrelation:
                 check_truth_pitch(request.truth, result.estimate.pitches_m)
             return result, result.save(folder, truth, digest)
     finally:
-        if is_new and folder.is_dir() and not any(folder.iterdir()):
-            folder.rmdir()  # nothing was reconstructed
+        if is_new and folder.is_dir():
+            remove_if_unused(folder)  # nothing was reconstructed

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -14,23 +15,27 @@ from tqdm import tqdm
 
 from correlograph.errors import InputError
 from correlograph.files.output import atomic, save_json
+from correlograph.files.ownership import are_intact, claim, own_files
 from correlograph.workers import WorkerDeath, run_tasks
 from invert.albedo.metrics import aligned_pearson
 from invert.batch.captures import Captures, Request, check_request, invert_capture
 from invert.measure.capture import CONTACT_SHEET, find_frames
 from invert.output.report import save_contact_sheet
-from invert.output.result_files import read_truth
+from invert.output.result_files import RESULT_FILES, read_truth
 
 SHEET_CAPACITY = 60
 """Maximum number of reconstructions on one contact sheet."""
 
 
-def invert_captures(request: Request, captures: Captures, output: Path, workers: int, scheduler: str | None) -> None:
+def invert_captures(
+    request: Request, captures: Captures, output: Path, workers: int, scheduler: str | None, *, overwrite: bool = False
+) -> None:
     """Reconstruct each capture into a folder of its name; then write table.md, captures.json and the contact sheets.
 
     Results do not depend on the number of workers. Raises InputError at the end if captures failed.
     """
     check_request(request)
+    _claim(captures, output, overwrite=overwrite)
     truth = read_truth(request.truth) if request.truth else None
     known = {name: _known(request, files, output / name) for name, files in captures.items()}
     rows = {name: {"name": name, **row} for name, row in known.items() if row is not None}
@@ -51,12 +56,28 @@ def invert_captures(request: Request, captures: Captures, output: Path, workers:
         )
 
 
+def _claim(captures: Captures, output: Path, *, overwrite: bool) -> None:
+    """Refuse files of others under the names of all outputs, before any capture is reconstructed."""
+    sheets = [_sheet_name(number) for number in range(-(-len(captures) // SHEET_CAPACITY))]
+    claim(output, ["table.md", "captures.json", *sheets], overwrite=overwrite)
+    for name in captures:
+        folder = output / name
+        if folder.is_dir():
+            claim(folder, RESULT_FILES, overwrite=overwrite)
+        elif os.path.lexists(folder):
+            raise InputError("output", f"a folder, or nothing, called {name}", f"a file {folder}", "rename the capture")
+
+
+def _sheet_name(number: int) -> str:
+    return f"{CONTACT_SHEET}{f'_{number + 1}' if number else ''}.png"
+
+
 def _known(request: Request, files: Sequence[Path], folder: Path) -> dict[str, Any] | None:
     """Return the row of an earlier result of the same request and files; None without one."""
     try:
-        np.load(folder / "albedo.npy", allow_pickle=False)
         summary = json.loads((folder / "result.json").read_text())
-        if summary["request_sha256"] == request.sha256(find_frames(files)):
+        expected = [name for name in RESULT_FILES if name != "samples.npy" or summary["posterior"] is not None]
+        if are_intact(folder, expected) and summary["request_sha256"] == request.sha256(find_frames(files)):
             return _row(summary)
     except (OSError, ValueError, KeyError, TypeError, EOFError):
         pass
@@ -122,8 +143,9 @@ def _write_table(path: Path, rows: list[dict[str, Any]]) -> None:
 
 def _save_contact_sheets(output: Path, rows: list[dict[str, Any]], truth: np.ndarray | None) -> None:
     """Plot contact sheets of all reconstructions, registered to the truth if there is one; remove those of an earlier run."""
-    for old in output.glob(f"{CONTACT_SHEET}*.png"):
-        old.unlink()
+    for old in own_files(output):
+        if old.name.startswith(CONTACT_SHEET):
+            old.unlink()
     for number, begin in enumerate(range(0, len(rows), SHEET_CAPACITY)):
         part = rows[begin : begin + SHEET_CAPACITY]
         albedos = [np.load(output / row["name"] / "albedo.npy", allow_pickle=False) for row in part]
@@ -132,4 +154,4 @@ def _save_contact_sheets(output: Path, rows: list[dict[str, Any]], truth: np.nda
         titles = [
             f"{row['name'][:24]}\n{format(row['confidence'], '.2f') if row['object_found'] else 'no object'}" for row in part
         ]
-        save_contact_sheet(output / f"{CONTACT_SHEET}{f'_{number + 1}' if number else ''}.png", albedos, titles)
+        save_contact_sheet(output / _sheet_name(number), albedos, titles)

@@ -51,6 +51,7 @@ def parser() -> ArgumentParser:
     )
     p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
+    p.add_overwrite()
     return p
 
 
@@ -61,6 +62,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     from tqdm import tqdm
 
     from correlograph.files.output import output_folder, sole_writer
+    from correlograph.files.ownership import claim, recorded
     from invert.evaluation.report import write_report
 
     levels = _levels(options)
@@ -68,6 +70,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     output = output_folder(options.output)
     cells = output_folder(output / "cells")
     with sole_writer(output), sole_writer(cells):
+        claim(output, ["table.md", "results.json", "pareto.png", *_figure_names(options)], overwrite=options.overwrite)
+        claim(cells, recorded(cells), overwrite=options.overwrite)
         results = [
             _cell(cells, level, name, settings, options)
             for level in tqdm(levels, unit="level", disable=None)
@@ -75,6 +79,13 @@ def main(argv: Sequence[str] | None = None) -> None:
         ]
         write_report(output, results)
     print(output / "table.md")
+
+
+def _figure_names(options: Any) -> list[str]:
+    from invert.evaluation.report import figure_name
+    from invert.evaluation.sets import set_names
+
+    return [figure_name(one) for name in options.sets for one in set_names(name, options.frames, options.mean_models)]
 
 
 def _levels(options: Any) -> Iterator:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from correlograph.files.figures import save_figure
 from correlograph.files.output import atomic, save_json
 from invert.albedo.metrics import bootstrap_error
 from invert.evaluation.cells import Cell
@@ -18,6 +19,11 @@ LEAD_SCORES = ("pearson", "ssim", "iou")
 """Scores for which the lead of the first method is reported."""
 
 
+def figure_name(test_set: str) -> str:
+    """Return the name of the figure of a test set."""
+    return f"{test_set.replace(',', '').replace(' ', '_')}.png"
+
+
 def write_report(output: Path, results: list[Cell]) -> None:
     """Write table.md, results.json, one figure per test set and pareto.png."""
     summary, leads = [_summary(result) for result in results], _leads(results)
@@ -25,7 +31,7 @@ def write_report(output: Path, results: list[Cell]) -> None:
         partial.write_text(_tables(summary, leads))
     for test_set in dict.fromkeys(entry["set"] for entry in summary):
         chosen = [result for result in results if result.asked["set"] == test_set]
-        _save_panels(output / f"{test_set.replace(',', '').replace(' ', '_')}.png", chosen)
+        _save_panels(output / figure_name(test_set), chosen)
     _save_pareto(output / "pareto.png", summary)
     save_json(output / "results.json", {"summary": summary, "leads": leads})
 
@@ -132,8 +138,7 @@ def _save_panels(path: Path, results: list[Cell]) -> None:
         grid[row, column].set_xlabel(f"{pearson:.2f}", fontsize=8)
         grid[row, 0].set_ylabel(result.asked["method"], fontsize=8)
     grid[0, 0].set_ylabel("reference" if results[0].asked["set"].startswith("measured") else "truth", fontsize=8)
-    with atomic(path) as partial:
-        figure.savefig(partial, format="png", dpi=100)
+    save_figure(path, figure, 100)
 
 
 def _save_pareto(path: Path, summary: list[dict[str, Any]]) -> None:
@@ -154,5 +159,4 @@ def _save_pareto(path: Path, summary: list[dict[str, Any]]) -> None:
         axes.set_xlabel("seconds per image")
         axes.set_ylabel("registered correlation, mean over levels")
         axes.set_title(test_set, fontsize=9)
-    with atomic(path) as partial:
-        figure.savefig(partial, format="png", dpi=100)
+    save_figure(path, figure, 100)

@@ -152,6 +152,20 @@ def rendered_edges(images: Path, count: int, seed: int, frames: int, mean_models
         yield from _rendered_levels("rendered edges", exposure_s, frames, mean_models, objects)
 
 
+def set_names(name: str, frames: int, mean_models: Sequence[MeanModel]) -> list[str]:
+    """Return the names of the test sets that `--sets NAME` evaluates."""
+    if name == "measured":
+        return ["measured 7", "measured letters"]
+    if not name.startswith("rendered"):
+        return [name]
+    return [_rendered_name(name.replace("-", " "), frames, mean_model) for mean_model in mean_models]
+
+
+def _rendered_name(name: str, frames: int, mean_model: MeanModel) -> str:
+    label = name if mean_model == "auto" else f"{name}, mean {mean_model}"
+    return label if frames == 2 else f"{label}, frames {frames}"
+
+
 def _rendered_levels(
     name: str,
     exposure_s: float,
@@ -170,8 +184,7 @@ def _rendered_levels(
                 estimate = estimate_from_frames(capture, None, "cpu", mean_model)
                 cases[mean_model].append(Case(case, replace(estimate, frame=None), truth))
     for mean_model in mean_models:
-        label = name if mean_model == "auto" else f"{name}, mean {mean_model}"
-        yield Level(label if frames == 2 else f"{label}, frames {frames}", f"1/{1.0 / exposure_s:.0f} s", cases[mean_model])
+        yield Level(_rendered_name(name, frames, mean_model), f"1/{1.0 / exposure_s:.0f} s", cases[mean_model])
 
 
 def load_measured_set(folder: Path) -> Iterator[Level]:

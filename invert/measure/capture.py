@@ -14,13 +14,14 @@ from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.capture_folder import check_complete
 from correlograph.files.frames import FrameHeader
 from correlograph.files.images import FRAME_KINDS, MAX_PIXEL, read_image
+from correlograph.files.ownership import is_own
 from correlograph.lags import LAG_SIDE
 
 MIN_PIXEL = 1e-9
 """Minimum of the brightest pixel; squares and sums keep their digits in single precision above it."""
 
-OWN_RESULTS = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "samples.npy", "truth.npy"}
-"""Output files of this program, which are never frames."""
+RESULT_NAMES = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "plan.png", "samples.npy", "truth.npy"}
+"""Names of output files of this program, which are no frames."""
 
 CONTACT_SHEET = "contact_sheet"
 """Prefix of the names of contact sheets."""
@@ -47,17 +48,29 @@ def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
 
 
 def frames_inside(folder: Path) -> list[Path]:
-    """Return the frame files of a folder in order, all of one kind."""
+    """Return the frame files of a folder in order. Raises InputError for frames of several types, such as TIFF and PNG."""
     inside = sorted(
         path
         for path in folder.iterdir()
-        if path.is_file()
-        and not path.name.startswith(".")
-        and path.name not in OWN_RESULTS
-        and not path.name.startswith(CONTACT_SHEET)
+        if path.is_file() and not path.name.startswith(".") and path.suffix.lower() in FRAME_KINDS and not _is_result(path)
     )
-    kinds = ([path for path in inside if path.suffix.lower() == kind] for kind in FRAME_KINDS)
-    return next((paths for paths in kinds if paths), [])
+    types = {FRAME_KINDS[path.suffix.lower()]: path for path in inside}
+    if len(types) > 1:
+        found = f"{' and '.join(path.name for path in types.values())} in {folder}"
+        raise InputError("frames", "files of one type", found, "name the frames one by one, or move the others")
+    return inside
+
+
+def _is_result(path: Path) -> bool:
+    """Return whether a file is an output of this program: it has the name of one, and the manifest lists it or it is no frame."""
+    if path.name not in RESULT_NAMES and not path.name.startswith(CONTACT_SHEET):
+        return False
+    if is_own(path):
+        return True
+    try:
+        return min(read_image(path)[0].shape) <= LAG_SIDE
+    except InputError:
+        return True
 
 
 def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture:

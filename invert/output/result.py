@@ -100,17 +100,30 @@ class Result:
 
         show_figure(self.plot(truth))
 
-    def save(self, folder: str | Path, truth: np.ndarray | None = None, request_sha256: str | None = None) -> dict[str, Any]:
+    def save(
+        self,
+        folder: str | Path,
+        truth: np.ndarray | None = None,
+        request_sha256: str | None = None,
+        *,
+        overwrite: bool = False,
+    ) -> dict[str, Any]:
         """Write the files that `python -m invert` writes; return the content of result.json.
 
         Args:
             truth: known albedo (64, 64) to compare with.
             request_sha256: digest of everything that the result depends on; a later run recognises the result by it.
+            overwrite: whether to replace files of these names that others wrote.
+
+        Raises InputError for files of others without `overwrite`.
         """
         from correlograph.files.output import output_folder
-        from invert.output.result_files import write_result
+        from correlograph.files.ownership import claim
+        from invert.output.result_files import RESULT_FILES, write_result
 
-        return write_result(output_folder(folder), self, truth, request_sha256)
+        target = output_folder(folder)
+        claim(target, RESULT_FILES, overwrite=overwrite)
+        return write_result(target, self, truth, request_sha256)
 
     @classmethod
     def load(cls, folder: str | Path) -> Result:

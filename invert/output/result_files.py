@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from invert.output.result import Result
 
 
+RESULT_FILES = ("albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "result.json", "samples.npy")
+"""Names of the files of a result; a result without a posterior has no samples.npy."""
+
+
 def read_truth(path: Path) -> np.ndarray:
     """Read a known albedo, float32 (64, 64), one pixel per lag (cell means). Raises InputError for anything else."""
     if not path.is_file():

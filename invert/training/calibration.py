@@ -19,7 +19,7 @@ from scipy.special import expit
 from correlograph.command import ArgumentParser
 from correlograph.ranges import SEED, Range
 from invert.albedo.posterior import SIZES, SizeStatistics, measure_size
-from invert.choices import BALANCED, FAST, Quality
+from invert.choices import BALANCED, BEST, FAST, Quality
 from invert.network.confidence import confidence
 from invert.training.data import Batch, make_varied_batch
 
@@ -50,6 +50,7 @@ def parser() -> ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> None:
     options = parser().parse_args(argv)
+    from correlograph.files.ownership import claim
     from data_gen.dataset import load_targets
     from invert.network.checkpoints import read_weights, save_weights
 
@@ -70,9 +71,9 @@ def main(argv: Sequence[str] | None = None) -> None:
             card["calibration"]["sizes"] = {
                 size: np.quantile(errors, np.linspace(0.0, 1.0, QUANTILES)).tolist() for size, errors in observed.errors.items()
             }
-    card["calibration"]["best"] = card["calibration"][
-        "balanced"
-    ]  # the calibration of `balanced` serves `best`: more starts, samples and rounds change little
+    # The calibration of `balanced` serves `best`: more starts, samples and rounds change little.
+    card["calibration"][BEST.name] = card["calibration"][BALANCED.name]
+    claim(options.weights.parent, [options.weights.name], overwrite=True)  # this command changes the file that it reads
     save_weights(options.weights, tensors, card)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from correlograph.files.output import atomic
+from correlograph.files.figures import save_figure
 
 
 def save_curve(path: Path, curve: list[dict[str, Any]], measure: str, labels: list[str]) -> None:
@@ -19,5 +19,4 @@ def save_curve(path: Path, curve: list[dict[str, Any]], measure: str, labels: li
     axes.set_xlabel("minutes")
     axes.set_ylabel(f"{measure}, validation")
     axes.legend(fontsize=8)
-    with atomic(path) as partial:
-        figure.savefig(partial, format="png", dpi=110)
+    save_figure(path, figure)

@@ -18,6 +18,7 @@ import torch
 from correlograph.command import ArgumentParser
 from correlograph.errors import InputError, check_device, memory_bytes
 from correlograph.files.output import sole_writer
+from correlograph.files.ownership import claim
 from correlograph.ranges import SEED, Range
 from invert.network.checkpoints import NETWORKS
 from invert.training.losses import LOSSES
@@ -46,7 +47,12 @@ def parser() -> ArgumentParser:
     p.add_argument("--learning-rate", type=Range(1e-12, 1.0), default=1e-3)
     p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
+    p.add_overwrite()
     return p
+
+
+OUTPUT_SUFFIXES = (".safetensors", ".checkpoint.safetensors", ".png", ".json")
+"""Endings of the files that a training run writes."""
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -118,3 +124,5 @@ def _check(options: Any) -> None:
         raise InputError("-o", "a name that ends in .safetensors", options.output, "use another name")
     if not options.output.parent.is_dir():
         raise InputError("-o", "an existing folder", options.output.parent, "create it")
+    names = [options.output.with_suffix(suffix).name for suffix in OUTPUT_SUFFIXES]
+    claim(options.output.parent, names, overwrite=options.overwrite)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from pathlib import Path
@@ -13,6 +12,7 @@ from torch import nn
 from torch.optim.swa_utils import AveragedModel
 
 from correlograph.errors import InputError
+from correlograph.files.output import save_json
 from invert.network.checkpoints import NETWORKS, load_network, read_weights, save_weights
 from invert.network.model import CorrelographyNet, Fusion
 from invert.network.sampler import Sampler
@@ -213,7 +213,7 @@ class Training:
             self.objective.measure,
             ["warm starts, every level"] if self.options.warm else labels,
         )
-        self.options.output.with_suffix(".json").write_text(json.dumps({**card, "curve": self.curve}, indent=2) + "\n")
+        save_json(self.options.output.with_suffix(".json"), {**card, "curve": self.curve})
 
 
 def _moving_average(average: torch.Tensor, current: torch.Tensor, updates: torch.Tensor | int) -> torch.Tensor:

@@ -7,14 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from correlograph.files.output import atomic
+from correlograph.files.figures import save_figure
 
 _MARKERS = {"rendered": "o", "measured": "x"}
 
 
 def _save(figure: Any, path: Path) -> None:
-    with atomic(path) as partial:
-        figure.savefig(partial, format="png", dpi=110)
+    save_figure(path, figure)
 
 
 def draw_statistics(path: Path, result: dict[str, Any]) -> None:

@@ -41,8 +41,11 @@ def test_tables_pictures_and_json(tmp_path, command, small):
     changed = np.load(albedos)
     changed[0, 20, 30] += 0.5
     np.save(albedos, changed)
-    assert command(main, *small)[0] == 0
-    redone = [file for file in cell.iterdir() if stored.get(file) != file.stat().st_mtime_ns]
+    code, _, error = command(main, *small)
+    assert code == 2
+    assert "--overwrite" in error
+    assert command(main, *small, "--overwrite")[0] == 0
+    redone = [file for file in cell.glob("[!.]*") if stored.get(file) != file.stat().st_mtime_ns]
     assert {"er-fast" in file.name for file in redone} == {True}
     assert json.loads((tmp_path / "out" / "results.json").read_text())["summary"][1]["pearson"] == summary[1]["pearson"]
 

@@ -1,0 +1,138 @@
+"""Ownership of output files: a program replaces and deletes only files that it wrote itself.
+
+The manifest of a folder lists the SHA-256 digest and the name of every file that this program wrote there, one line each, in
+the format of `sha256sum`. A file belongs to the program if a line of the manifest has its name and its present digest, so a
+file that a user edited belongs to the user. Lines are only appended, and before the file changes, so that a killed run leaves
+a manifest that is right.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from correlograph.errors import InputError
+
+MANIFEST = ".correlograph-manifest"
+_HEADER = b"# files that correlograph wrote here\n"
+_TEMPORARY = "temporary"
+"""Takes the place of a digest for files and folders that exist only during a run."""
+
+
+def claim(folder: Path, names: Iterable[str], *, overwrite: bool = False) -> None:
+    """Refuse names in a folder that a user's files have, before work begins; with `overwrite`, take these files over.
+
+    Raises InputError for names of a user's files, and for names of folders.
+    """
+    taken = [folder / name for name in names if not may_write(folder / name)]
+    irregular = [path for path in taken if path.is_symlink() or not path.is_file()]
+    listed = ", ".join(path.name for path in taken[:3]) + (f" and {len(taken) - 3} more" if len(taken) > 3 else "")
+    if irregular:
+        found = f"{irregular[0].name} in {folder}, which is a folder, a link or a device"
+        raise InputError("output", "names that are free", found, "move it, or choose another folder")
+    if taken and not overwrite:
+        found = f"{listed} in {folder}, not written by correlograph or changed since"
+        raise InputError(
+            "output", "names that are free", found, "choose another folder, or add --overwrite to replace these files"
+        )
+    if taken:
+        print(f"replacing {', '.join(path.name for path in taken)} in {folder}", file=sys.stderr)
+        record(folder, {path.name: digest_of(path) for path in taken})
+
+
+def may_write(path: Path) -> bool:
+    """Return whether a name is free or belongs to a file of this program."""
+    return not os.path.lexists(path) or is_own(path)
+
+
+def is_own(path: Path) -> bool:
+    """Return whether this program wrote a file, and nobody changed it since."""
+    known = _read(path.parent).get(path.name, ())
+    return bool(known) and not path.is_symlink() and path.is_file() and digest_of(path) in known
+
+
+def are_intact(folder: Path, names: Iterable[str]) -> bool:
+    """Return whether all files of these names exist as this program last wrote them."""
+    known = _read(folder)
+    return all(name in known and (folder / name).is_file() and digest_of(folder / name) == known[name][-1] for name in names)
+
+
+def recorded(folder: Path) -> dict[str, str]:
+    """Return the names in the manifest of a folder with their latest digests, without temporary ones."""
+    return {name: known[-1] for name, known in _read(folder).items() if _TEMPORARY not in known}
+
+
+def own_files(folder: Path) -> list[Path]:
+    """Return the files in a folder that this program wrote, in order of their names."""
+    return [folder / name for name in sorted(_read(folder)) if is_own(folder / name)]
+
+
+def record(folder: Path, digests: Mapping[str, str]) -> None:
+    """Add files to the manifest of a folder, by name, with their digests. Raises InputError for a foreign manifest."""
+    manifest = folder / MANIFEST
+    _read(folder)
+    lines = b"".join(f"{digest}  ".encode() + _encode(name) + b"\n" for name, digest in digests.items())
+    with open(manifest, "ab") as stream:
+        stream.write(lines if stream.tell() else _HEADER + lines)
+
+
+def record_temporary(path: Path) -> None:
+    """Add a file or folder to the manifest that exists only during this run."""
+    record(path.parent, {path.name: _TEMPORARY})
+
+
+def remove_temporary(folder: Path, part_of_name: str = "") -> None:
+    """Remove what killed runs left in a folder; `part_of_name` limits this to names that contain it."""
+    for name, known in _read(folder).items():
+        path = folder / name
+        if _TEMPORARY not in known or part_of_name not in name:
+            continue
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def remove_if_unused(folder: Path) -> None:
+    """Remove a folder that holds nothing but a manifest."""
+    if [path.name for path in folder.iterdir()] == [MANIFEST]:
+        (folder / MANIFEST).unlink()
+    if not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def digest_of(path: Path) -> str:
+    """Return the SHA-256 digest of a file as hexadecimal text."""
+    with open(path, "rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _read(folder: Path) -> dict[str, tuple[str, ...]]:
+    """Return the digests of each name in the manifest, the latest last. Raises InputError for a foreign manifest."""
+    try:
+        content = (folder / MANIFEST).read_bytes()
+    except FileNotFoundError:
+        return {}
+    except OSError as error:
+        raise InputError("manifest", "a file that can be read", f"{folder / MANIFEST} ({error.strerror})", "move it") from None
+    if content and not content.startswith(_HEADER):
+        raise InputError("manifest", "a file that correlograph wrote", f"another file {folder / MANIFEST}", "move it")
+    known: dict[str, tuple[str, ...]] = {}
+    for line in content[len(_HEADER) :].splitlines():
+        digest, _, name = line.partition(b"  ")
+        text = _decode(name)
+        known[text] = (*known.get(text, ()), digest.decode("ascii", "replace"))
+    return known
+
+
+def _encode(name: str) -> bytes:
+    return os.fsencode(name).replace(b"\\", b"\\\\").replace(b"\n", b"\\n").replace(b"\r", b"\\r")
+
+
+def _decode(name: bytes) -> str:
+    parts = [part.replace(b"\\n", b"\n").replace(b"\\r", b"\r") for part in name.split(b"\\\\")]
+    return os.fsdecode(b"\\".join(parts))
