@@ -42,7 +42,9 @@ def check_positive(name: str, value: float, *, zero_allowed: bool = False) -> fl
 
 
 def memory_bytes() -> float:
-    """Return the memory of this machine."""
+    """Return the memory of this machine; infinity where the system does not tell."""
+    if not hasattr(os, "sysconf"):
+        return float("inf")
     return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
 
 

@@ -8,6 +8,7 @@ from numbers import Integral, Real
 from typing import Any
 
 from correlograph.errors import SI_MAX, SI_MIN, InputError
+from correlograph.lags import LAG_SIDE
 
 
 @dataclass(frozen=True)
@@ -57,5 +58,8 @@ SI = Range(SI_MIN, SI_MAX)
 """Bounds of any physical quantity in SI units."""
 WAVELENGTH = Range(1e-11, 1e-2)
 """Wavelengths in metres, from X-rays to microwaves; a value in nanometres lies outside."""
+PATCH = Range(LAG_SIDE, 2**31 - 1)
+"""Patch sizes in pixels; a patch has at least as many pixels as lags."""
+
 BLUR = Range(0.0, 1e4)
 """Standard deviation of a blur in pixels."""

@@ -49,13 +49,17 @@ def _on_square(ink: np.ndarray) -> np.ndarray:
     return np.where(np.asarray(square) >= 128, 255, 0).astype(np.uint8)
 
 
+MAX_LAYERS = 256
+"""Maximum number of layers of triangles along the depth of a solid letter."""
+
+
 def save_mesh(path: Path, bitmap: np.ndarray, depth_m: float, cells: int = 64) -> None:
     """Write a bitmap as a solid, 1 cm high, columns along x and rows along y, its front at z = 0 facing +z (binary PLY)."""
     import trimesh
     from skimage.measure import marching_cubes
 
     coarse = bitmap.reshape(cells, BITMAP_SIDE // cells, cells, BITMAP_SIDE // cells).mean((1, 3)) / 255.0
-    layers = max(2, round(depth_m * cells / 0.01))
+    layers = min(max(2, round(depth_m * cells / 0.01)), MAX_LAYERS)
     solid = np.pad(np.repeat(coarse[..., None], layers, axis=2), 1)
     corner, face, _, _ = marching_cubes(solid, 0.5)
     row, column, layer = corner.T - 0.5

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError, check_device
-from correlograph.ranges import BLUR, SEED, SI, WAVELENGTH, WORKERS
+from correlograph.ranges import BLUR, PATCH, SEED, SI, WAVELENGTH, WORKERS
 from correlograph.workers import check_scheduler, check_workers
 from invert.choices import METHODS, QUALITIES, UNET
 from radiometry.estimation.background import MEAN_MODELS
@@ -143,7 +143,7 @@ def _check(options: Any) -> int:
         found = f"--method {options.method}"
         raise InputError("--weights", f"--method {UNET}", found, f"select --method {UNET} or remove --weights")
     given = [name for name in ("dark", "flat", "mask", "blur_pixels") if getattr(options, name) is not None]
-    given += ["patch"] if options.patch != "auto" else []
+    given += [name for name in ("patch", "mean_model") if getattr(options, name) != "auto"]
     if options.autocorrelation and given:
         found = ", ".join("--" + name.replace("_", "-") for name in given)
         raise InputError("--autocorrelation", "no option that applies to frames", found, "remove these options")
@@ -154,8 +154,6 @@ def _patch(text: str) -> Any:
     """Return the patch size in pixels, None for auto, or fit."""
     if text in ("auto", "fit"):
         return None if text == "auto" else text
-    from invert.measure.estimate import PATCH
-
     try:
         size = int(text)
     except ValueError:

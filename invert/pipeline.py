@@ -72,6 +72,7 @@ def reconstruct(
     """
     method, quality, mean_model = method_named(method), quality_named(quality), check_mean_model(mean_model)
     check_device(device)
+    _check_types(camera, corrections)
     seed = SEED.check("seed", seed)
     file = _check_weights(weights, method)
     begin = time.perf_counter()
@@ -79,7 +80,7 @@ def reconstruct(
     if isinstance(capture, Capture):
         capture = (corrections or Corrections()).apply(capture)
     else:
-        _refuse_frame_options(patch, corrections, blur_pixels)
+        _refuse_frame_options(patch, corrections, blur_pixels, mean_model)
     read_s = time.perf_counter() - begin
     known_blur = None if blur_pixels == "auto" else blur_pixels
     estimate = estimate_from_frames(capture, patch, device, mean_model, known_blur) if isinstance(capture, Capture) else capture
@@ -106,7 +107,11 @@ def reconstruct(
 
 def read_source(source: Source, camera: CameraMetadata, autocorrelation: bool | None = None) -> Capture | Estimate:
     """Read a source as a capture, or as an estimate if it is an autocorrelation. Arguments as of `reconstruct`."""
-    if isinstance(source, (Capture, Estimate)):
+    if isinstance(source, Capture):
+        for number, frame in enumerate(source.frames):
+            check_frame(np.asarray(frame), Path(f"frame {number}"))
+        return source
+    if isinstance(source, Estimate):
         return source
     if isinstance(source, (str, Path)):
         source = [source]
@@ -143,13 +148,19 @@ def _has_published_shape(path: Path) -> bool:
     return path.is_file() and read_image(path)[0].shape in ((LAG_SIDE, LAG_SIDE), (LAG_SIDE, 2 * LAG_SIDE))
 
 
+def _check_types(camera: object, corrections: object) -> None:
+    for name, value, kind in (("camera", camera, CameraMetadata), ("corrections", corrections, Corrections)):
+        if value is not None and not isinstance(value, kind):
+            raise InputError(name, f"a {kind.__name__}", f"{value!r:.60}", f"create one with correlograph.{kind.__name__}")
+
+
 def _check_weights(weights: str | Path | None, method: Method) -> Path | None:
     if weights is not None and not method.is_network:
         raise InputError("weights", f"method {UNET}", f"method {method}", f"select method {UNET} or remove weights")
     return None if weights is None else Path(weights)
 
 
-def _refuse_frame_options(patch: Patch, corrections: Corrections | None, blur_pixels: Blur) -> None:
+def _refuse_frame_options(patch: Patch, corrections: Corrections | None, blur_pixels: Blur, mean_model: str) -> None:
     """Refuse options that change the estimate of frames, because an autocorrelation is already an estimate."""
     given = [
         name
@@ -157,6 +168,7 @@ def _refuse_frame_options(patch: Patch, corrections: Corrections | None, blur_pi
             ("patch", patch, None),
             ("corrections", corrections or Corrections(), Corrections()),
             ("blur_pixels", blur_pixels, None),
+            ("mean_model", mean_model, "auto"),
         )
         if value != default
     ]

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from correlograph.errors import InputError
+from correlograph.ranges import FRAMES, PATCH
 from radiometry.prediction import predict as predict_geometry
 from radiometry.throughput import Budget
 from radiometry.throughput import light_budget as budget_of_path
@@ -36,12 +38,26 @@ def light_budget(scene: Any) -> Budget:
 
     Args:
         scene: from `correlograph.load`, or its geometry.
+
+    Raises InputError for something that is no scene.
     """
-    return budget_of_path(getattr(scene, "geometry", scene).light_path)
+    return budget_of_path(_geometry_of(scene).light_path)
 
 
 def predict(scene: Any, frames: int = 2, patch: int | None = None) -> Forecast:
-    """Predict the estimate of a capture with a number of frames and patches of `patch` pixels (None: as in `invert`)."""
-    known = predict_geometry(getattr(scene, "geometry", scene), patch)
+    """Predict the estimate of a capture with a number of frames and patches of `patch` pixels (None: as in `invert`).
+
+    Raises InputError for numbers out of range, and for something that is no scene.
+    """
+    frames = FRAMES.check("frames", frames)
+    patch = None if patch is None else PATCH.check("patch", patch)
+    known = predict_geometry(_geometry_of(scene), patch)
     terms = known.terms
     return Forecast(known.signal, terms.floor_over_peak(), known.dof(frames), known.signal_to_noise(frames), known.pitches_m)
+
+
+def _geometry_of(scene: Any) -> Any:
+    geometry = getattr(scene, "geometry", scene)
+    if not hasattr(geometry, "light_path"):
+        raise InputError("scene", "a loaded scene", f"{scene!r:.60}", "load it with correlograph.load")
+    return geometry

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from correlograph.command import ArgumentParser, exit_at_once, run_command
 from correlograph.errors import InputError, check_device
-from correlograph.ranges import FRAMES, SEED, SI
+from correlograph.ranges import FRAMES, PATCH, SEED, SI
 
 KERNELS = ("fraunhofer", "fresnel", "nufft", "direct")
 SATURATION_WORTH_A_WARNING = 1e-3
@@ -31,7 +31,7 @@ def parser() -> ArgumentParser:
     p.add_argument("--json", action="store_true", help="print the plan as JSON, also on a terminal")
     p.add_argument(
         "--truth-patch",
-        type=int,
+        type=PATCH,
         metavar="PIXELS",
         help="patch size whose lags truth.npy is sampled at, for 'invert --patch' (default: as invert chooses)",
     )
@@ -72,12 +72,14 @@ def main(argv: Sequence[str] | None = None) -> None:
 
     with exit_at_once():
         activate()
+    from sim.backend.variant import log_to_standard_error
     from sim.effects import parse_effects
     from sim.plan import Settings
     from sim.plan_report import as_json, summary
     from sim.scene import load
     from sim.scene_file import parse_definitions
 
+    log_to_standard_error()
     scene = load(options.scene, **parse_definitions(options.definitions))
     plan = scene.plan(
         Settings(options.accuracy, options.tolerance, options.propagator, options.precision, parse_effects(options.effects))

@@ -9,15 +9,17 @@ from functools import cached_property
 import numpy as np
 
 from correlograph.errors import InputError
+from correlograph.ranges import SI
 from radiometry.prediction import Prediction, patches_of, predict
 from radiometry.throughput import light_budget
-from sim.effects import Effect, decide
+from sim.effects import FORCEABLE, Effect, decide
 from sim.geometry import Geometry
 from sim.optics.coherence import spectral_lines
 from sim.optics.detector_roughness import oversampling
 from sim.optics.motion import sub_exposures
 from sim.optics.object_samples import ObjectSamples, sample_object
 from sim.propagation.choose import choose, options
+from sim.propagation.kernels import KERNELS
 from sim.propagation.option import PRECISIONS, Option, Precision, Task
 from sim.propagation.sampling import Scatterers
 
@@ -39,6 +41,23 @@ class Settings:
     propagator: str = "auto"
     precision: Precision | None = None
     effects: tuple[tuple[str, bool], ...] = ()
+
+    def __post_init__(self) -> None:
+        """Raise InputError for a value that `python -m sim` refuses, too."""
+        for name, value, names in (
+            ("accuracy", self.accuracy, ("statistical", "field")),
+            ("propagator", self.propagator, ("auto", *KERNELS)),
+            ("precision", self.precision, (None, *PRECISIONS)),
+        ):
+            if value not in names:
+                raise InputError(
+                    name, f"one of {', '.join(map(str, names))}", f"{value!r:.40}", f"select a {name} from this list"
+                )
+        SI.check("tolerance", self.tolerance)
+        is_pairs = isinstance(self.effects, tuple) and all(isinstance(pair, tuple) and len(pair) == 2 for pair in self.effects)
+        if not is_pairs or any(name not in FORCEABLE or not isinstance(on, bool) for name, on in self.effects):
+            expected = f"pairs (name, True or False), names of {', '.join(FORCEABLE)}"
+            raise InputError("effects", expected, f"{self.effects!r:.60}", "correct the pairs")
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from correlograph.errors import InputError
 from correlograph.files.figures import figure_as_html, show_figure
-from correlograph.ranges import SI
+from correlograph.ranges import SI, Range
 from sim.geometry import Geometry
 from sim.plan import Plan, Settings
 from sim.plugins import refusals
@@ -104,7 +104,8 @@ class Scene:
         return estimate_throughput(self.mitsuba, samples, camera=self.sensor)
 
     def through(self, sensor: int) -> Scene:
-        """Return the same scene seen by another of its sensors."""
+        """Return the same scene seen by another of its sensors. Raises InputError for a sensor that it does not have."""
+        sensor = Range(0, len(self.mitsuba.sensors()) - 1).check("sensor", sensor)
         seen = Scene(self.mitsuba, self.name, self.digest, self.parameters, sensor)
         seen._template, seen._changes = self._template and self._template.through(sensor), dict(self._changes)
         return seen
@@ -167,12 +168,26 @@ def load(scene: str | Path | dict[str, Any] | mi.Scene, /, **parameters: Any) ->
         if isinstance(scene, mi.Scene):
             return Scene(scene)
         return _load_dictionary(scene)
+    if not isinstance(scene, (str, Path)):
+        raise InputError("scene", "a name, a file, a dictionary or a mi.Scene", f"{scene!r:.60}", "load another scene")
     given = {name: _definition(name, value) for name, value in parameters.items()}
     loaded, digest = load_scene(scene, given)
     return Scene(loaded, str(scene), digest, given)
 
 
+def _check_bitmaps(content: Mapping[str, Any]) -> None:
+    """Refuse a bitmap texture without an image, which would end the process."""
+    if content.get("type") == "bitmap" and not {"filename", "data", "bitmap"} & set(content):
+        raise InputError("bitmap", "a texture with filename, data or bitmap", "none of them", "add one")
+    for value in content.values():
+        if isinstance(value, Mapping):
+            _check_bitmaps(value)
+
+
 def _load_dictionary(content: dict[str, Any]) -> Scene:
+    if "type" not in content:
+        raise InputError("scene", "a dictionary with a type, as for mi.load_dict", f"{content!r:.60}", "add 'type': 'scene'")
+    _check_bitmaps(content)
     refusals.clear()
     try:
         return Scene(mi.load_dict(content, optimize=False))

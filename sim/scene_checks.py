@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
 
@@ -14,6 +15,23 @@ from sim.transport.surfaces import check_energy
 
 BYTES_PER_PIXEL = 64
 """Measured memory of a simulation per pixel of the film."""
+
+
+def check_numbers(scene: mi.Scene) -> None:
+    """Raise InputError for a shape or a parameter that is not finite, and for a negative reflectance."""
+    for shape in scene.shapes():
+        if not np.isfinite(np.array([shape.bbox().min, shape.bbox().max], np.float64)).all():
+            raise InputError(shape.id() or "shape", "finite sizes", "NaN or infinity", "correct the shape")
+    for name, value in mi.traverse(scene).items():
+        if not (dr.is_array_v(value) or isinstance(value, float)):
+            continue
+        numbers = np.asarray(value)
+        if numbers.dtype.kind != "f" or numbers.size == 0:
+            continue
+        if not np.isfinite(numbers).all():
+            raise InputError(name, "finite numbers", "NaN or infinity", "correct the scene or the file that it reads")
+        if "reflectance" in name and numbers.min() < 0.0:
+            raise InputError(name, "a reflectance of zero or more", f"{numbers.min():g}", "correct the scene or its texture")
 
 
 def shape_named(shapes: dict[str, mi.Shape], name: str) -> mi.Shape:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -14,6 +14,9 @@ from correlograph.errors import InputError
 from scenes import scene_names, scene_path
 from sim.backend.variant import check_loadable
 from sim.plugins import refusals
+
+MAX_ASSETS = 1000
+"""Maximum number of files that a scene names or includes."""
 
 
 def parse_definitions(pairs: list[str]) -> dict[str, str]:
@@ -99,9 +102,10 @@ def _file_parameters(root: ElementTree.Element, parameters: Mapping[str, str]) -
 
 def _assets(root: ElementTree.Element, folder: Path, parameters: Mapping[str, str], parents: tuple[Path, ...]) -> list[Path]:
     """Return the files that the scene names or includes, and recursively those of its includes, with parameters substituted."""
-    files = []
+    files: list[Path] = []
+    folders = [folder, *(folder / node.get("value", "") for node in root.iter("path"))]
     for node in root.iter("include"):
-        file = _named_file(node.get("filename", ""), folder, parameters)
+        file = _named_files(node.get("filename", ""), folders, parameters)[0]
         if file.resolve() in parents:
             raise InputError("scene", "files that do not include one another in a circle", file, "remove an <include>")
         try:
@@ -112,20 +116,24 @@ def _assets(root: ElementTree.Element, folder: Path, parameters: Mapping[str, st
         own = {node.get("name", ""): node.get("value", "") for node in included.iter("default")}
         # Mitsuba resolves files relative to the outermost scene.
         files += [file, *_assets(included, folder, {**own, **parameters}, (*parents, file.resolve()))]
-    for node in root.iter("string"):
-        if node.get("name") == "filename":
-            files.append(_named_file(node.get("value", ""), folder, parameters))
+        if len(files) > MAX_ASSETS:
+            raise InputError("scene", f"at most {MAX_ASSETS} files", "more by nested includes", "include fewer files")
+    for node in root.iter():
+        name = node.get("value", "") if node.tag == "string" and node.get("name") == "filename" else node.get("filename")
+        if name is not None and node.tag != "include":
+            files += _named_files(name, folders, parameters)
     return files
 
 
-def _named_file(name: str, folder: Path, parameters: Mapping[str, str]) -> Path:
+def _named_files(name: str, folders: Sequence[Path], parameters: Mapping[str, str]) -> list[Path]:
+    """Return the files of a name in all folders that Mitsuba searches. Raises InputError if there is none."""
     filled = name
     for key in sorted(parameters, key=len, reverse=True):
         filled = filled.replace(f"${key}", parameters[key])
-    file = folder / filled
-    if not file.is_file():
-        raise InputError("scene", f"the file that {name} stands for", f"no {file}", "check the path")
-    return file
+    files = [folder / filled for folder in folders if (folder / filled).is_file()]
+    if not files:
+        raise InputError("scene", f"the file that {name} stands for", f"no {folders[0] / filled}", "check the path")
+    return files
 
 
 def _digest(content: bytes, assets: list[Path], definitions: Mapping[str, str]) -> str:

@@ -17,6 +17,7 @@ from sim.plugins.phase_screen import PhaseScreen
 from sim.plugins.speckle_camera import SpeckleCamera
 from sim.scene_checks import (
     check_facing,
+    check_numbers,
     check_spot_fits,
     cosine_between,
     direct_light,
@@ -130,6 +131,7 @@ def _find_parts(
     """Return virtual source, virtual detector, shapes of the hidden object, laser and camera. Raises InputError for a
     missing one."""
     check_compilable(scene)
+    check_numbers(scene)
     check_surfaces(scene)
     shapes = {shape.id(): shape for shape in scene.shapes()}
     # Shapes of a scene file always have names; shapes merged by Mitsuba have none.

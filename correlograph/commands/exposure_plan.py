@@ -39,6 +39,7 @@ def main(argv: Sequence[str] | None = None) -> None:
 
     with exit_at_once():
         import sim  # noqa: F401 - loads Mitsuba
+    from sim.backend.variant import log_to_standard_error
     from sim.plan import check
     from sim.scene_file import load_scene, parse_definitions
     from sim.scene_reader import read_geometry
@@ -46,6 +47,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     folder = None if options.output is None else output_folder(options.output)
     if folder is not None:
         claim(folder, ["plan.json", "plan.png"], overwrite=options.overwrite)
+    log_to_standard_error()
     scene, _ = load_scene(options.scene, parse_definitions(options.definitions))
     geometry = read_geometry(scene)
     check(geometry)

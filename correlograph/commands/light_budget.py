@@ -28,10 +28,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     options = parser().parse_args(argv)
     with exit_at_once():
         import sim  # noqa: F401 - loads Mitsuba
+    from sim.backend.variant import log_to_standard_error
     from sim.plan import check
     from sim.scene_file import load_scene, parse_definitions
     from sim.scene_reader import read_geometry
 
+    log_to_standard_error()
     scene, _ = load_scene(options.scene, parse_definitions(options.definitions))
     geometry = read_geometry(scene)
     check(geometry)

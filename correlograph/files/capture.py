@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from correlograph.errors import InputError
+from correlograph.errors import InputError, check_positive
 from correlograph.files.capture_folder import check_complete, frame_path, replace_capture, stage_capture
 from correlograph.files.figures import add_scale_bar, figure_as_html, show_figure
 from correlograph.files.frames import FrameHeader, read_frame, write_frame
@@ -36,6 +36,22 @@ class CameraMetadata:
     pupil_distance_m: float | None = None
     row_pitch_m: float | None = None
     column_pitch_m: float | None = None
+
+    def __post_init__(self) -> None:
+        """Raise InputError for a value that is not a positive number."""
+        for name, value in vars(self).items():
+            if value is not None:
+                object.__setattr__(self, name, check_positive(name, value))
+
+    def check_complete(self) -> None:
+        """Raise InputError if only some of wavelength, pixel pitch and distance are known, or one length of the pupil."""
+        for names in (("wavelength_m", "pixel_pitch_m", "distance_m"), ("pupil_diameter_m", "pupil_distance_m")):
+            lacking = [name for name in names if getattr(self, name) is None]
+            if 0 < len(lacking) < len(names):
+                options = ", ".join("--" + name.replace("_", "-") for name in lacking)
+                raise InputError(
+                    "camera metadata", f"{', '.join(names)} together", f"no {', '.join(lacking)}", f"add {options}"
+                )
 
     @property
     def lag_geometry(self) -> tuple[float, float, tuple[float, float]] | None:
@@ -87,10 +103,19 @@ class Capture:
     record: dict[str, Any] = field(default_factory=dict)
     headers: tuple[FrameHeader, ...] = ()
 
+    def __post_init__(self) -> None:
+        """Raise InputError for no frames, for frames of several sizes or with channels, and for incomplete metadata."""
+        if len(self.frames) == 0:
+            raise InputError("frames", "one or more", "none", "provide frames of shape (height, width)")
+        shapes = list(dict.fromkeys(np.shape(frame) for frame in self.frames))
+        if len(shapes) > 1 or len(shapes[0]) != 2:
+            raise InputError("frames", "frames (height, width) of one size", f"shapes {shapes}", "provide one camera setting")
+        self.camera.check_complete()
+
     def __repr__(self) -> str:
-        size = "no frames" if len(self.frames) == 0 else "{} x {} pixels".format(*np.shape(self.frames[0]))
+        height, width = np.shape(self.frames[0])
         exposure = f", {self.headers[0].exposure_s:g} s" if self.headers else ""
-        return f"Capture({len(self.frames)} frames of {size}{exposure})"
+        return f"Capture({len(self.frames)} frames of {height} x {width} pixels{exposure})"
 
     def _repr_html_(self) -> str:
         return figure_as_html(self.plot(), repr(self))

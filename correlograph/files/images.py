@@ -13,6 +13,9 @@ from correlograph.lags import LAG_SIDE
 MAX_PIXEL = 1e9
 """Beyond any camera's numbers, and safe to square and sum in single precision."""
 
+MAX_PIXELS = 2**29
+"""Maximum number of pixels of a frame, 2 GB in single precision; no camera has more."""
+
 FRAME_KINDS = {".exr": "EXR", ".tif": "TIFF", ".tiff": "TIFF", ".png": "PNG", ".npy": "NPY"}
 """File type of a frame by the ending of its name."""
 
@@ -31,16 +34,16 @@ def _read_pixels(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
         return read_frame(file)
     try:
         if kind == ".npy":
-            pixels = np.load(file, allow_pickle=False)
+            pixels = np.load(file, allow_pickle=False, mmap_mode="r")
             if not isinstance(pixels, np.ndarray):
                 raise InputError("frame", "one array", f"an archive of several in {file.name}", "save it as .npy")
+            if pixels.size > MAX_PIXELS:
+                raise InputError("frame", f"at most {MAX_PIXELS:.3g} pixels", f"{pixels.shape} in {file.name}", "crop it")
+            pixels = np.array(pixels)
+        elif kind == ".png":
+            pixels = _read_png(file)
         elif kind in FRAME_KINDS:
-            from PIL import Image
-            from skimage import io
-
-            with Image.open(file) as picture:
-                picture.verify()  # checks all checksums of a PNG file and its end; reading alone accepts truncated files
-            pixels = io.imread(file)
+            pixels = _read_tiff(file)
         else:
             raise InputError("frame", f"one of {', '.join(FRAME_KINDS)}", file.name, "convert it")
     except InputError:
@@ -56,9 +59,43 @@ def _read_pixels(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
             f"{file.name} of shape {pixels.shape}",
             "give one channel of intensity, one frame a file",
         )
+    if pixels.dtype.kind == "b":
+        pixels = pixels.astype(np.uint8)
+    if pixels.dtype == np.float16:
+        pixels = pixels.astype(np.float32)
     if pixels.dtype.kind not in "uif":
         raise InputError("frame", "numbers", f"{file.name} of type {pixels.dtype}", "convert it to 16-bit integers or floats")
     return pixels, None
+
+
+def _read_png(file: Path) -> np.ndarray:
+    from PIL import Image
+    from skimage import io
+
+    with Image.open(file) as picture:
+        picture.verify()  # checks all checksums and the end of the file; reading alone accepts truncated files
+    return io.imread(file)
+
+
+def _read_tiff(file: Path) -> np.ndarray:
+    """Read a TIFF file by tifffile, or by Pillow for compressions that tifffile does not decode itself."""
+    import tifffile
+    from PIL import Image
+
+    try:
+        return tifffile.imread(file)
+    except Exception as undecoded:  # every codec raises its own exceptions
+        try:
+            with Image.open(file) as picture:
+                if getattr(picture, "n_frames", 1) > 1:
+                    raise InputError(
+                        "frame", "one frame a file", f"{picture.n_frames} in {file.name}", "divide the file"
+                    ) from None
+                return np.asarray(picture)
+        except OSError:
+            found = f"{file} ({type(undecoded).__name__}: {undecoded!s:.80})"
+            remedy = "write it again uncompressed, or install imagecodecs"
+            raise InputError("frame", "a TIFF file that tifffile or Pillow can decode", found, remedy) from None
 
 
 def read_autocorrelation(file: Path) -> tuple[np.ndarray, float]:

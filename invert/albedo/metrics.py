@@ -10,6 +10,7 @@ from scipy.stats import bootstrap
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from skimage.registration import phase_cross_correlation
 
+from correlograph.errors import InputError
 from correlograph.lags import LAGS
 from invert.albedo.registration import on_grid, register_images
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
@@ -56,8 +57,9 @@ def aligned_pearson(image: np.ndarray, truth: np.ndarray) -> tuple[float, np.nda
     Returns:
         the correlation over the window of the truth, and the registered image.
 
-    Raises InputError for images that are not finite numbers of shape (height, width).
+    Raises InputError for images that are not finite numbers of one shape (height, width).
     """
+    _check_pair(image, truth)
     moved = register_images(on_grid(image)[None], on_grid(truth))[0][0, : truth.shape[0], : truth.shape[1]].numpy()
     return _pearson(moved, truth), moved
 
@@ -74,9 +76,13 @@ def register_subpixel(image: np.ndarray, truth: np.ndarray) -> tuple[float, np.n
 
 
 def score(image: np.ndarray, truth: np.ndarray) -> Scores:
-    """Score a reconstruction (64, 64) against the truth (64, 64); an empty image scores zero."""
+    """Score a reconstruction (64, 64) against the truth (64, 64); an empty image scores zero.
+
+    Raises InputError for images that are not finite numbers of one shape, and for a truth without contrast.
+    """
+    _check_pair(image, truth)
     if np.ptp(truth) == 0.0:
-        raise ValueError("a truth without contrast cannot be compared with")
+        raise InputError("truth", "an image with contrast", "the same value everywhere", "use another truth")
     pearson, moved = register_subpixel(image.astype(np.float64), truth.astype(np.float64))
     peak = float(truth.max())
     fitted = moved * float((moved * truth).sum() / max((moved * moved).sum(), 1e-30))
@@ -90,6 +96,14 @@ def score(image: np.ndarray, truth: np.ndarray) -> Scores:
     return Scores(
         pearson, float(ssim), min(psnr_db, PERFECT_DB), _iou(drawn, shown), _edge_f1(drawn, shown), pearson >= SUCCESS
     )
+
+
+def _check_pair(image: np.ndarray, truth: np.ndarray) -> None:
+    shapes = np.shape(image), np.shape(truth)
+    if shapes[0] != shapes[1] or len(shapes[0]) != 2:
+        raise InputError("image and truth", "two images of one shape", f"{shapes[0]} and {shapes[1]}", "resample one of them")
+    if not (np.isfinite(image).all() and np.isfinite(truth).all()):
+        raise InputError("image and truth", "finite numbers", "NaN or infinity", "correct the images")
 
 
 def _pearson(image: np.ndarray, truth: np.ndarray) -> float:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from correlograph.errors import InputError, check_positive
+from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.capture_folder import check_complete
 from correlograph.files.frames import FrameHeader
@@ -108,14 +108,10 @@ def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture
             )
         first = header if not frames else first
         frames.append(pixels)
-    given = {name: check_positive(name, value) for name, value in vars(known).items() if value is not None}
+    given = {name: value for name, value in vars(known).items() if value is not None}
     if "pixel_pitch_m" in given:  # the angles of the header belong to its own pitch
         given = {"row_pitch_m": None, "column_pitch_m": None, **given}
     metadata = replace(CameraMetadata.of(first), **given)
-    lacking = [name for name in ("wavelength_m", "pixel_pitch_m", "distance_m") if getattr(metadata, name) is None]
-    if given and lacking:
-        options = ", ".join("--" + name.replace("_", "-") for name in lacking)
-        raise InputError("camera metadata", "wavelength, pixel pitch and distance together", f"no {options}", f"add {options}")
     return Capture(frames, metadata, tuple(printable(file.name) for file in files))
 
 

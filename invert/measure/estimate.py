@@ -13,8 +13,8 @@ import numpy as np
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.images import read_autocorrelation
-from correlograph.lags import LAG_SIDE, LAGS
-from correlograph.ranges import BLUR, Range
+from correlograph.lags import LAGS
+from correlograph.ranges import BLUR, PATCH
 from invert.measure.capture import printable
 from invert.measure.patch_fit import choose_patch_grid
 from invert.measure.spectrum import read_measurement
@@ -28,7 +28,8 @@ from radiometry.transfer import gaussian_transfer, lag_transfer
 Patch = int | Literal["fit"] | None
 """Patch size in pixels, or the rule that chooses it; see `estimate_from_frames`."""
 
-PATCH = Range(LAG_SIDE, 2**31 - 1)
+MIN_BLUR_TRANSFER = 0.05
+"""Minimum transfer of a known blur, two lags from zero."""
 
 MAX_NEGATIVE_POWER_FRACTION = 0.2
 """Maximum fraction of an estimate's power in negative lags. Noise around a subtracted floor stays below it."""
@@ -164,7 +165,13 @@ def apply_blur_transfer(estimate: Estimate, blur_pixels: tuple[float, float]) ->
     """Include a Gaussian blur (rows, columns) in the transfer of an estimate from frames."""
     if estimate.record is None:
         raise ValueError("an estimate without frames has no patches")
+    # The lags around zero keep nearly all of an object's light, so a blur that removes these leaves nothing to reconstruct.
     blur = gaussian_transfer(np.arange(-LAGS, LAGS + 1), estimate.record.grid.patch_shape, blur_pixels)
+    if blur[LAGS, LAGS + 2] < MIN_BLUR_TRANSFER or blur[LAGS + 2, LAGS] < MIN_BLUR_TRANSFER:
+        found = f"{max(blur_pixels):g} pixels, which leaves {min(blur[LAGS, LAGS + 2], blur[LAGS + 2, LAGS]):.2g} at two lags"
+        raise InputError(
+            "blur_pixels", "a blur that leaves light at lags next to zero", found, "correct the blur or focus the camera"
+        )
     return replace(estimate, transfer=blur if estimate.transfer is None else estimate.transfer * blur, blur_pixels=blur_pixels)
 
 

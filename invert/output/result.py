@@ -91,8 +91,9 @@ class Result:
             truth: known albedo (64, 64) to plot next to the registered reconstruction.
         """
         from invert.output.report import draw_report
+        from invert.output.result_files import check_truth
 
-        return draw_report(self, truth)
+        return draw_report(self, None if truth is None else check_truth(truth))
 
     def show(self, truth: np.ndarray | None = None) -> None:
         """Open the report in a window, or below a notebook cell."""

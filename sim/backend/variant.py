@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -41,6 +42,23 @@ def activate_variant() -> str:
             "Mitsuba variant", "an llvm_* or cuda_* variant", current, "call mi.set_variant('llvm_ad_mono') before 'import sim'"
         )
     return mi.variant()
+
+
+class _StandardError(mi.Appender):
+    """Print Mitsuba's messages on standard error."""
+
+    def append(self, level: mi.LogLevel, text: str) -> None:
+        print(text, file=sys.stderr)
+
+    def log_progress(self, *_: object) -> None:
+        """Print nothing."""
+
+
+def log_to_standard_error() -> None:
+    """Print Mitsuba's messages on standard error, because commands print results on standard output."""
+    logger = mi.logger()
+    logger.clear_appenders()
+    logger.add_appender(_StandardError())
 
 
 _PLAIN_EMITTERS = ("Emitter", "AreaLight", "PointLight", "SpotLight")
@@ -94,6 +112,9 @@ def check_loadable(root: ElementTree.Element) -> None:
             f"the colour {colour.get('value')}",
             f'write <spectrum name="{colour.get("name")}" value="..."/>',
         )
+    for node in root.iter():
+        if node.get("type") == "bitmap" and not any(child.get("name") in ("filename", "data", "bitmap") for child in node):
+            raise InputError(node.get("name") or "bitmap", "a texture with a file name", "none", "add its filename")
     if (depth := _depth(root)) > MAX_NESTING_DEPTH:
         raise InputError(
             "scene", f"elements nested up to {MAX_NESTING_DEPTH} deep", f"{depth}", "take some plugins out of one another"

@@ -19,7 +19,8 @@ def record_refusals(plugin: Callable[[mi.Properties], Any]) -> Callable[[mi.Prop
             return plugin(props)
         except InputError as error:
             refusals.append(error)
-            raise
+            # The traceback keeps the refused plugin alive, and Dr.Jit would call it in every later scene.
+            raise error.with_traceback(None) from None
 
     return make
 

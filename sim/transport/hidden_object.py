@@ -262,7 +262,13 @@ class HiddenObject:
         throughput += sum(float(light.sum()) for light, _, _ in self._beyond(rays))
         if area == 0.0:
             return ObjectTotals(throughput, 0.0, 1.0, 1.0, 0.0)
-        return ObjectTotals(throughput, area, min(cosine_in / area, 1.0), min(cosine_out / area, 1.0), albedo / radiance)
+        return ObjectTotals(
+            throughput,
+            area,
+            min(cosine_in / area, 1.0),
+            min(cosine_out / area, 1.0),
+            albedo / radiance if radiance > 0.0 else 0.0,
+        )
 
 
 def bounds(shapes: list[mi.Shape]) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,113 @@
+"""Scene files that would mislead or crash Mitsuba: each is refused in one line, and each asset changes the digest."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+
+import correlograph as cg
+import sim
+from scenes import scene_path
+
+TEXTURE = '<texture type="bitmap" name="reflectance">'
+
+
+@pytest.fixture
+def scene(tmp_path) -> Path:
+    """A copy of the reference scene that a test may edit."""
+    shutil.copytree(scene_path("corner_letter").parent, tmp_path / "scene")
+    return tmp_path / "scene" / "scene.xml"
+
+
+def edit(scene: Path, old: str, new: str) -> Path:
+    content = scene.read_text()
+    assert old in content
+    scene.write_text(content.replace(old, new, 1))
+    return scene
+
+
+def refusal(scene: Path) -> str:
+    with pytest.raises(cg.InputError) as error:
+        _ = sim.load(scene).geometry
+    return str(error.value)
+
+
+def write_exr(path: Path, pixels: np.ndarray) -> None:
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, {"Y": pixels.astype(np.float32)}).write(str(path))
+
+
+@pytest.mark.parametrize(("value", "expected"), [(np.nan, "finite"), (np.inf, "finite"), (-0.5, "zero or more")])
+def test_a_texture_of_impossible_numbers_is_refused(scene, value, expected):
+    pixels = np.full((16, 16), 0.5)
+    pixels[3, 4] = value
+    write_exr(scene.parent / "odd.exr", pixels)
+    with pytest.raises(cg.InputError, match=expected):
+        _ = sim.load(scene, albedo="odd.exr").geometry
+
+
+@pytest.mark.parametrize("value", ["nan", "-0.2"])
+def test_a_wall_of_impossible_albedo_is_refused(scene, value):
+    element = re.search(r'<spectrum name="reflectance"[^>]*>', scene.read_text())
+    edit(scene, element.group(), f'<spectrum name="reflectance" value="{value}"/>')
+    assert "reflectance" in refusal(scene)
+
+
+def test_a_shape_of_impossible_size_is_refused(scene):
+    edit(scene, "</scene>", '<shape type="sphere"><float name="radius" value="nan"/><bsdf type="diffuse"/></shape></scene>')
+    assert "expected" in refusal(scene)
+
+
+def test_a_texture_without_a_file_is_refused(scene):
+    edit(scene, "</scene>", f'<shape type="sphere"><bsdf type="diffuse">{TEXTURE}</texture></bsdf></shape></scene>')
+    assert "filename" in refusal(scene)
+    with pytest.raises(cg.InputError, match="bitmap"):
+        cg.load({"type": "scene", "ball": {"type": "sphere", "bsdf": {"type": "diffuse", "reflectance": {"type": "bitmap"}}}})
+
+
+def test_includes_that_multiply_are_refused(tmp_path):
+    for depth in range(8):
+        includes = f'<include filename="level{depth + 1}.xml"/>' * 10 if depth < 7 else ""
+        (tmp_path / f"level{depth}.xml").write_text(f'<scene version="3.0.0">{includes}</scene>')
+    assert "1000 files" in refusal(tmp_path / "level0.xml")
+
+
+def test_every_file_that_a_scene_reads_changes_its_digest(scene):
+    spectrum = scene.parent / "wall.spd"
+    spectrum.write_text("400 0.5\n700 0.5\n")
+    (scene.parent / "textures").mkdir()
+    write_exr(scene.parent / "textures" / "clutter.exr", np.full((8, 8), 0.3))
+    edit(
+        scene,
+        "</scene>",
+        '<shape type="sphere"><transform name="to_world"><translate x="50"/></transform>'
+        '<bsdf type="diffuse"><spectrum name="reflectance" filename="wall.spd"/></bsdf></shape>'
+        '<shape type="sphere"><transform name="to_world"><translate x="60"/></transform>'
+        f'<bsdf type="diffuse">{TEXTURE}<string name="filename" value="clutter.exr"/></texture></bsdf></shape></scene>',
+    )
+    content = scene.read_text()
+    start = content.index(">", content.index("<scene")) + 1
+    scene.write_text(content[:start] + '<path value="textures"/>' + content[start:])
+    digests = [sim.load(scene).digest]
+    spectrum.write_text("400 0.6\n700 0.6\n")
+    digests.append(sim.load(scene).digest)
+    write_exr(scene.parent / "textures" / "clutter.exr", np.full((8, 8), 0.4))
+    digests.append(sim.load(scene).digest)
+    assert len(set(digests)) == 3
+
+
+@pytest.mark.parametrize("name", ["transmission", "quantum_efficiency"])
+def test_a_camera_that_collects_nothing_is_dark(scene, name):
+    content = scene.read_text()
+    if f'name="{name}"' in content:
+        line = next(one for one in content.splitlines() if f'name="{name}"' in one)
+        edit(scene, line, f'<float name="{name}" value="0"/>')
+    else:
+        edit(scene, '<float name="magnification"', f'<float name="{name}" value="0"/><float name="magnification"')
+    capture = cg.render(sim.load(scene), frames=1)
+    assert not capture.frames[0].any()
+    assert cg.predict(sim.load(scene)).floor_over_peak is None
