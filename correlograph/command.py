@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import signal
 import sys
@@ -12,7 +13,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from typing import Any, NoReturn
 
-from correlograph.errors import InputError
+from correlograph.errors import MAX_FOUND_CHARS, InputError
 
 
 class ArgumentParser(argparse.ArgumentParser):
@@ -60,6 +61,8 @@ class Interrupted(KeyboardInterrupt):
 def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str] | None = None) -> NoReturn:
     """Run a command's `main` and exit: 0; 2 with one line for bad input; 130 or 143 when interrupted."""
     arrived: list[Interrupted] = []
+    _open_closed_streams()
+    os.environ["MPLBACKEND"] = "agg"  # commands open no windows
     # Torch's threads otherwise wait for one another in busy loops, which slows two jobs on shared cores tenfold.
     os.environ.setdefault("GOMP_SPINCOUNT", "1000")
     os.environ["PYTHONWARNINGS"] = ",".join(filter(None, (os.environ.get("PYTHONWARNINGS"), QUIET_TRACKER)))
@@ -75,8 +78,11 @@ def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str
         main(argv)
     except InputError as error:
         _leave(f"error: {error}", 2, arrived)
+    except BrokenPipeError:  # the reader of the output, such as `head`, has ended
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        sys.exit(128 + signal.SIGPIPE if hasattr(signal, "SIGPIPE") else 1)
     except OSError as error:
-        found = " ".join(str(error).split())
+        found = f"{' '.join(str(error).split()):.{MAX_FOUND_CHARS}}"
         line = f"error: files: expected ones that can be read and written, found {found}; check paths, rights and free space"
         _leave(line, 2, arrived)
     except MemoryError:
@@ -91,6 +97,19 @@ def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str
         for number, handler in before.items():
             signal.signal(number, handler)
     sys.exit(0)
+
+
+def _open_closed_streams() -> None:
+    """Open the null device in place of standard streams that the caller closed, so that no output file takes their number."""
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
+            setattr(sys, name, os.fdopen(number, mode, closefd=False))
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")  # for names that the terminal cannot show
 
 
 @contextmanager

@@ -26,15 +26,14 @@ def _attributes(content: bytes) -> Iterator[tuple[int, str, bytes]]:
         yield place, name, value
 
 
-def add_version(path: Path, version: str, blocks: int) -> None:
+def add_version(content: bytes, version: str, blocks: int) -> bytes:
     """Add `version` to a single-part scan-line file whose offset table has `blocks` entries."""
-    content = path.read_bytes()
     end = max(place for place, _, _ in _attributes(content))
     attribute = b"version\0string\0" + struct.pack("<i", len(version)) + version.encode()
     table = struct.Struct(f"<{blocks}Q")
     offsets = [offset + len(attribute) for offset in table.unpack_from(content, end + 1)]
     rest = content[end + 1 + table.size :]
-    path.write_bytes(content[:end] + attribute + b"\0" + table.pack(*offsets) + rest)
+    return content[:end] + attribute + b"\0" + table.pack(*offsets) + rest
 
 
 def read_version(path: Path) -> str | None:

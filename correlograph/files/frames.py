@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -46,11 +47,9 @@ def write_frame(path: Path, photoelectrons: np.ndarray, header: FrameHeader) -> 
     attributes.update({name: value for name, value in asdict(header).items() if value is not None and name != "version"})
     pixels = np.ascontiguousarray(photoelectrons, np.float32)
     with atomic(path) as partial:
-        try:
-            OpenEXR.File(attributes, {CHANNEL: pixels}).write(str(partial))
-            add_version(partial, header.version, -(-pixels.shape[0] // _LINES_PER_BLOCK))
-        except RuntimeError as error:
-            raise OSError(str(error)) from None
+        stream = io.BytesIO()  # the library refuses names that are not UTF-8
+        OpenEXR.File(attributes, {CHANNEL: pixels}).write(stream)
+        partial.write_bytes(add_version(stream.getvalue(), header.version, -(-pixels.shape[0] // _LINES_PER_BLOCK)))
 
 
 def read_frame(path: Path) -> tuple[np.ndarray, FrameHeader | None]:
@@ -59,7 +58,7 @@ def read_frame(path: Path) -> tuple[np.ndarray, FrameHeader | None]:
     Raises InputError for a damaged file or one with colour channels.
     """
     try:
-        with silence_output(), OpenEXR.File(str(path), separate_channels=True) as file:
+        with silence_output(), OpenEXR.File(io.BytesIO(path.read_bytes()), separate_channels=True) as file:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
             attributes = {**file.header(), "version": read_version(path)}
     except Exception as error:  # the library raises bare exceptions of several kinds

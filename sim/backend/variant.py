@@ -44,21 +44,19 @@ def activate_variant() -> str:
     return mi.variant()
 
 
-class _StandardError(mi.Appender):
-    """Print Mitsuba's messages on standard error."""
-
-    def append(self, level: mi.LogLevel, text: str) -> None:
-        print(text, file=sys.stderr)
-
-    def log_progress(self, *_: object) -> None:
-        """Print nothing."""
-
-
 def log_to_standard_error() -> None:
     """Print Mitsuba's messages on standard error, because commands print results on standard output."""
+
+    class StandardError(mi.Appender):  # Mitsuba has this class only after a variant is set
+        def append(self, level: mi.LogLevel, text: str) -> None:
+            print(text, file=sys.stderr)
+
+        def log_progress(self, *_: object) -> None:
+            pass
+
     logger = mi.logger()
     logger.clear_appenders()
-    logger.add_appender(_StandardError())
+    logger.add_appender(StandardError())
 
 
 _PLAIN_EMITTERS = ("Emitter", "AreaLight", "PointLight", "SpotLight")

@@ -262,3 +262,36 @@ command.run_command(main, [])
 def test_training_stores_that_are_not_there_are_one_line(tmp_path):
     with pytest.raises(InputError, match="warm starts"):
         load_warm_starts([str(tmp_path / "none.zarr")])
+
+
+@pytest.mark.parametrize(
+    ("environment", "redirection", "name"),
+    [
+        ({"MPLBACKEND": "nonsense"}, "", "out"),
+        ({"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii"}, "", "\u00f6ffnung"),
+        ({}, "", os.fsdecode(b"latin-\xe9")),
+        ({}, "2>&-", "out"),
+        ({}, "2>&- >&- <&-", "out"),
+        ({}, "2>/dev/full", "out"),
+    ],
+)
+def test_terminals_and_names_of_every_kind(tmp_path, environment, redirection, name):
+    """Results are written whatever the terminal is like, and whatever the output is called."""
+    script = f'"$0" -m correlograph sim corner_letter --frames 1 -o "$1" {redirection} && '
+    script += f'"$0" -m correlograph invert "$1" -o "$1/result" --method er --quality fast {redirection}'
+    done = subprocess.run(
+        ["bash", "-c", script, sys.executable, os.fsencode(tmp_path / name)],
+        env={**os.environ, **environment},
+        capture_output=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / name / "result" / "result.json").is_file()
+
+
+def test_a_reader_that_ends_early_is_no_error():
+    done = subprocess.run(
+        ["bash", "-c", '"$0" -m correlograph doctor | head -1', sys.executable], capture_output=True, check=False
+    )
+    assert done.stderr == b""
+    assert done.stdout.startswith(b"Python")
