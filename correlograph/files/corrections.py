@@ -67,7 +67,7 @@ def _read(option: str, name: Path | str, shape: tuple[int, ...]) -> np.ndarray:
     file = Path(name)
     if not file.is_file():
         raise InputError(option, "a picture", f"no {file}", "check the path")
-    pixels, _ = read_image(file)
+    pixels, _ = read_image(file, booleans=option == "--mask")
     if not np.isfinite(pixels).all():
         raise InputError(option, "finite pixels", f"NaN or infinity in {file.name}", "use another file")
     if pixels.shape != shape:

@@ -20,9 +20,15 @@ FRAME_KINDS = {".exr": "EXR", ".tif": "TIFF", ".tiff": "TIFF", ".png": "PNG", ".
 """File type of a frame by the ending of its name."""
 
 
-def read_image(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
-    """Read one monochrome image as float32 (H, W), with its header if it is a frame of the simulator."""
+def read_image(file: Path, *, booleans: bool = False) -> tuple[np.ndarray, FrameHeader | None]:
+    """Read one monochrome image as float32 (H, W), with its header if it is a frame of the simulator.
+
+    Args:
+        booleans: whether the image may consist of true and false, as a mask does.
+    """
     pixels, header = _read_pixels(file)
+    if not booleans and pixels.dtype.kind == "b":
+        raise InputError("frame", "numbers", f"true and false in {file.name}", "convert it to 16-bit integers or floats")
     if pixels.size and not (np.abs(np.nan_to_num(pixels, posinf=0.0, neginf=0.0)) <= MAX_PIXEL).all():
         raise InputError("frame", f"pixels up to {MAX_PIXEL:g}", f"larger ones in {file.name}", "scale the frames down")
     return pixels.astype(np.float32), header
@@ -59,11 +65,9 @@ def _read_pixels(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
             f"{file.name} of shape {pixels.shape}",
             "give one channel of intensity, one frame a file",
         )
-    if pixels.dtype.kind == "b":
-        pixels = pixels.astype(np.uint8)
     if pixels.dtype == np.float16:
         pixels = pixels.astype(np.float32)
-    if pixels.dtype.kind not in "uif":
+    if pixels.dtype.kind not in "uifb":
         raise InputError("frame", "numbers", f"{file.name} of type {pixels.dtype}", "convert it to 16-bit integers or floats")
     return pixels, None
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from sim import activate
+from sim.backend.variant import activate_variant
 
-activate()  # plugins can be imported only after a Mitsuba variant is set
+activate_variant()  # plugins can be imported only after a Mitsuba variant is set
 from sim.plugins.laser import PARAMETERS as LASER  # noqa: E402
 from sim.plugins.parameters import Parameter  # noqa: E402
 from sim.plugins.phase_screen import PARAMETERS as PHASE_SCREEN  # noqa: E402

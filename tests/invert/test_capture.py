@@ -5,13 +5,14 @@ import sys
 
 import numpy as np
 import pytest
+import tifffile
 from PIL import Image
 
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata
 from correlograph.files.corrections import Corrections
 from correlograph.files.frames import FrameHeader, write_frame
-from correlograph.files.images import read_autocorrelation
+from correlograph.files.images import read_autocorrelation, read_image
 from invert.measure.capture import find_frames, read_capture
 
 UNKNOWN = CameraMetadata()
@@ -88,6 +89,7 @@ def test_flat_field_and_mask(tmp_path, rng):
         ("--flat", np.zeros((130, 140))),
         ("--mask", np.zeros((130, 140))),
         ("--mask", np.ones((140, 130))),
+        ("--dark", np.ones((130, 140), bool)),
         ("--flat", np.full((130, 140), np.nan)),
         ("--dark", np.ones((130, 139))),
     ],
@@ -98,6 +100,37 @@ def test_corrections_that_do_not_fit_are_refused(tmp_path, rng, option, array):
     corrections = Corrections(**{option[2:]: tmp_path / "other.npy"})
     with pytest.raises(InputError, match=option):
         corrections.apply(read_capture([tmp_path / "a.npy"], UNKNOWN))
+
+
+def test_a_mask_may_be_true_and_false(tmp_path, rng):
+    np.save(tmp_path / "a.npy", rng.random((130, 140)))
+    mask = rng.random((130, 140)) > 0.3
+    np.save(tmp_path / "mask.npy", mask)
+    Image.fromarray(mask).save(tmp_path / "mask.png")
+    capture = read_capture([tmp_path / "a.npy"], UNKNOWN)
+    by_array, by_picture = (
+        Corrections(mask=str(tmp_path / f"mask.{kind}")).apply(capture).frames[0] for kind in ("npy", "png")
+    )
+    assert (by_array == by_picture).all()
+    assert (by_array[mask] == capture.frames[0][mask]).all()
+
+
+def test_files_of_several_types_are_refused(tmp_path, rng):
+    np.save(tmp_path / "a.npy", rng.random((130, 140)))
+    Image.fromarray(rng.integers(0, 255, (130, 140), np.uint8)).save(tmp_path / "b.png")
+    with pytest.raises(InputError, match="a.npy and b.png"):
+        find_frames([tmp_path])
+
+
+def test_tiff_files_of_every_writer(tmp_path, rng):
+    pixels = rng.integers(0, 2000, (130, 140)).astype(np.uint16)
+    for kind in ("float64", "float32", "float16", "int16", "uint32"):
+        tifffile.imwrite(tmp_path / f"{kind}.tif", pixels.astype(kind))
+    tifffile.imwrite(tmp_path / "big.tif", pixels, bigtiff=True)
+    for name in ("tiff_lzw", "tiff_adobe_deflate", "packbits"):
+        Image.fromarray(pixels).save(tmp_path / f"{name}.tif", compression=name)
+    for file in tmp_path.glob("*.tif"):
+        assert (read_image(file)[0] == pixels).all(), file.name
 
 
 def test_a_folder_stands_for_one_kind_of_file(tmp_path, rng):
