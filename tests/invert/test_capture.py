@@ -89,7 +89,6 @@ def test_flat_field_and_mask(tmp_path, rng):
         ("--flat", np.zeros((130, 140))),
         ("--mask", np.zeros((130, 140))),
         ("--mask", np.ones((140, 130))),
-        ("--dark", np.ones((130, 140), bool)),
         ("--flat", np.full((130, 140), np.nan)),
         ("--dark", np.ones((130, 139))),
     ],
@@ -118,7 +117,7 @@ def test_a_mask_may_be_true_and_false(tmp_path, rng):
 def test_files_of_several_types_are_refused(tmp_path, rng):
     np.save(tmp_path / "a.npy", rng.random((130, 140)))
     Image.fromarray(rng.integers(0, 255, (130, 140), np.uint8)).save(tmp_path / "b.png")
-    with pytest.raises(InputError, match="a.npy and b.png"):
+    with pytest.raises(InputError, match=r"a\.npy and b\.png"):
         find_frames([tmp_path])
 
 
