@@ -168,7 +168,7 @@ def load(scene: str | Path | dict[str, Any] | mi.Scene, /, **parameters: Any) ->
         if isinstance(scene, mi.Scene):
             return Scene(scene)
         return _load_dictionary(scene)
-    if not isinstance(scene, (str, Path)):
+    if not isinstance(scene, (str, Path)):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError("scene", "a name, a file, a dictionary or a mi.Scene", f"{scene!r:.60}", "load another scene")
     given = {name: _definition(name, value) for name, value in parameters.items()}
     loaded, digest = load_scene(scene, given)

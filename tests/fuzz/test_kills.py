@@ -19,7 +19,8 @@ import pytest
 pytest.importorskip("mitsuba")
 
 from correlograph.files.frames import read_frame
-from correlograph.files.output import PARTIAL
+from correlograph.files.output import LOCK, PARTIAL
+from correlograph.files.ownership import MANIFEST
 from invert.network.checkpoints import DEFAULT_WEIGHTS, read_weights
 
 ROOT = Path(__file__).parents[2]
@@ -86,10 +87,10 @@ def several(capture: Path) -> Path:
 
 
 def result(output: Path) -> dict[str, object]:
-    """Return the output of a finished command without timings."""
+    """Return the output of a finished command without timings and manifests."""
     found: dict[str, object] = {}
     for path in sorted(output.rglob("*")):
-        if path.is_dir() or path.suffix in (".png", ".md"):
+        if path.is_dir() or path.suffix in (".png", ".md") or path.name == MANIFEST:
             continue
         name = str(path.relative_to(output))
         if path.suffix == ".json" and path.name != "zarr.json":
@@ -113,7 +114,13 @@ def start(name: str, given: list, run: str) -> subprocess.Popen:
     """A command of its own, its whole family to be known by a variable of its environment."""
     command = [sys.executable, "-m", name.split()[0], *map(str, given)]
     return subprocess.Popen(
-        command, cwd=ROOT, text=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, env={**os.environ, "TEST_RUN": run}
+        command,
+        cwd=ROOT,
+        text=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        env={**os.environ, "TEST_RUN": run},
+        start_new_session=True,
     )
 
 
@@ -153,8 +160,11 @@ def test_stopped_at_any_moment_and_run_again(name, tmp_path, dataset, capture):
         run, left_by_kills = uuid.uuid4().hex, set(output.rglob(f"{PARTIAL}*"))
         process = start(name, arguments(name, output, dataset, capture), run)
         time.sleep(rng.uniform(0.0, lasts_s))
-        number = rng.choice((signal.SIGKILL, signal.SIGKILL, signal.SIGINT, signal.SIGTERM))
-        process.send_signal(number)
+        number = rng.choice((signal.SIGKILL, signal.SIGINT, signal.SIGINT, signal.SIGTERM))
+        if rng.random() < 0.5 and number == signal.SIGINT:
+            os.killpg(process.pid, number)  # as the keyboard does
+        else:
+            process.send_signal(number)
         err = process.communicate(timeout=60)[1]
         # -number: before the interpreter had begun with our code; 0: it had already ended.
         assert process.returncode in (0, 128 + number, -number), err
@@ -162,6 +172,7 @@ def test_stopped_at_any_moment_and_run_again(name, tmp_path, dataset, capture):
         if process.returncode == 128 + number:
             assert err.rstrip().splitlines()[-1] == "interrupted", err
             assert set(output.rglob(f"{PARTIAL}*")) <= left_by_kills
+            assert not list(tmp_path.rglob(f"{LOCK}*"))
         deadline = time.monotonic() + 30.0
         while living(run) and time.monotonic() < deadline:
             time.sleep(0.1)
