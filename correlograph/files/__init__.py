@@ -7,5 +7,6 @@ frames.py          EXR frames with their header (exr_version.py: one attribute o
 images.py          monochrome images and arrays
 figures.py         figures: saving, showing, scale bars
 store.py           Zarr stores: ownership and completeness
-output.py          folders and files, complete or absent
+output.py          folders and files, complete or absent; locks
+ownership.py       which files a command may replace
 """

@@ -22,6 +22,9 @@ MAX_UNVERIFIED_CONFIDENCE = 0.5
 MIN_MOMENT_RATIO, MAX_MOMENT_RATIO = 0.25, 1.8
 """Range of the third moment, in units of that of speckle. Texture lies below it; specular highlights lie above it."""
 
+MAX_PART_CHANCE, MAX_PART_DIFFERENCES = 1e-6, 0.25
+"""Speckle does not differ between parts of a frame. Illumination that remains uneven explains differences up to the second number."""
+
 MAX_UNEXPLAINED_FRACTION = 0.35
 """Maximum fraction of the signal that a reconstruction may leave unexplained."""
 
@@ -64,6 +67,11 @@ def _check_speckle(test: SpeckleTest, frames: int) -> list[str]:
         ]
     if moment + error < MIN_MOMENT_RATIO:
         return [f"frames are inconsistent with speckle ({found}); check for texture of the relay wall and for saturated frames"]
+    if test.part_chance < MAX_PART_CHANCE and test.part_differences > MAX_PART_DIFFERENCES:
+        return [
+            f"the signal's power differs by {100.0 * test.part_differences:.0f} % between parts of a frame, which speckle does not; check "
+            "whether these are frames of speckle"
+        ]
     if test.unexplained > MAX_UNEXPLAINED_FRACTION:
         return [f"the reconstruction leaves {100.0 * test.unexplained:.0f} % of the estimate's signal unexplained"]
     if frames == 1 and moment - error < MIN_MOMENT_RATIO:

@@ -24,22 +24,31 @@ class SpeckleTest:
             unpolarised light, 0 for texture, much more for a specular highlight.
         error: its standard error.
         unexplained: relative L2 error of the reconstruction's r*r against the estimate, in excess of noise.
+        part_differences: standard deviation of the signal's power between parts of a frame, relative to its mean and in excess of
+            chance; 0 for speckle.
+        part_chance: probability that speckle differs as much between parts.
     """
 
     third_moment_ratio: float | None
     error: float | None
     unexplained: float
+    part_differences: float = 0.0
+    part_chance: float = 1.0
 
     def as_dict(self) -> dict[str, float | None]:
         """Return the numbers for JSON, None for values that are not finite; `third_moment` is the old name of the ratio."""
         values = {"third_moment_ratio": self.third_moment_ratio, "third_moment": self.third_moment_ratio}
         values |= {"error": self.error, "unexplained": self.unexplained}
+        values |= {"part_differences": self.part_differences, "part_chance": self.part_chance}
         return {name: value if value is not None and np.isfinite(value) else None for name, value in values.items()}
 
     @classmethod
     def from_dict(cls, values: dict[str, float | None] | None) -> SpeckleTest | None:
         """Return the test that `as_dict` described."""
-        return None if values is None else cls(values["third_moment_ratio"], values["error"], values["unexplained"] or 0.0)
+        if values is None:
+            return None
+        parts = values.get("part_differences") or 0.0, values.get("part_chance", 1.0) or 0.0
+        return cls(values["third_moment_ratio"], values["error"], values["unexplained"] or 0.0, *parts)
 
 
 def speckle_test(estimate: Estimate, measurement: Measurement, albedo: np.ndarray) -> SpeckleTest:
@@ -58,7 +67,7 @@ def speckle_test(estimate: Estimate, measurement: Measurement, albedo: np.ndarra
     if estimate.filtered_frames is None or not weight.any() or power <= 0.0:
         return SpeckleTest(None, None, unexplained)
     likeness, error = estimate.filtered_frames.likeness(albedo, weight, np.sqrt(transfer), signal, floor, power)
-    return SpeckleTest(likeness, error, unexplained)
+    return SpeckleTest(likeness, error, unexplained, *estimate.filtered_frames.power_differences(weight))
 
 
 def _unexplained_fraction(signal: np.ndarray, expected: np.ndarray, measurement: Measurement, used: np.ndarray) -> float:

@@ -10,6 +10,7 @@ import math
 import numpy as np
 import torch
 from scipy.ndimage import binary_dilation, uniform_filter
+from scipy.stats import norm
 
 from correlograph.lags import LAGS
 
@@ -26,6 +27,9 @@ _SUM_DEVIATION = 1.5
 
 _RING = np.maximum(*np.abs(np.mgrid[-LAGS : LAGS + 1, -LAGS : LAGS + 1]))
 _MAX_SHIFT_PIXELS = 32
+
+SHIFT_FALSE_ALARMS = 1e-4
+"""Probability that independent frames show a shift."""
 
 
 def shared_lags(shared: np.ndarray, power: np.ndarray, dof: float) -> np.ndarray:
@@ -52,12 +56,23 @@ def shared_lags(shared: np.ndarray, power: np.ndarray, dof: float) -> np.ndarray
 def shift_between(first: torch.Tensor, other: torch.Tensor, shape: tuple[int, int]) -> tuple[float, float]:
     """Return the shift (rows, columns) of the shared pattern from one frame to another, in fractions of a pixel.
 
+    The shift is zero unless the peak of the cross-correlation exceeds what independent frames reach by chance with a
+    probability of `SHIFT_FALSE_ALARMS`. Their cross-correlation is Gaussian, with the variance found beyond the largest shift.
+
     Args:
         first, other: spectra of the frames (rows, columns // 2 + 1) on a grid of `shape`.
     """
     cross = torch.fft.irfft2(first.conj() * other, s=shape)
-    reach = min(_MAX_SHIFT_PIXELS, min(shape) // 4)
-    near = torch.roll(cross, (reach, reach), (0, 1))[: 2 * reach + 1, : 2 * reach + 1].cpu().numpy()
+    reach = min(_MAX_SHIFT_PIXELS, min(shape) // 8)
+    around = (
+        torch.roll(cross, (2 * reach, 2 * reach), (0, 1))[: 4 * reach + 1, : 4 * reach + 1].cpu().numpy().astype(np.float64)
+    )
+    near = around[reach : 3 * reach + 1, reach : 3 * reach + 1]
+    beyond = np.ones(around.shape, bool)
+    beyond[reach : 3 * reach + 1, reach : 3 * reach + 1] = False
+    level = float(around[beyond].mean())
+    if near.max() - level < norm.isf(SHIFT_FALSE_ALARMS / near.size) * float(around[beyond].std()):
+        return 0.0, 0.0
     peak = np.array(np.unravel_index(near.argmax(), near.shape))
     finer = []
     for axis, middle in enumerate(peak):

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import torch
 from scipy.fft import next_fast_len
+from scipy.stats import f as f_distribution
 
 from correlograph.lags import LAGS
 from radiometry.autocorrelation import autocorrelate
@@ -74,10 +75,37 @@ class FilteredFrames:
     def third_moment(self, weight: np.ndarray) -> tuple[float, float]:
         """Return the mean of J^3 over frames, in frame units cubed, and its standard error.
 
-        J is sampled at three times its highest frequency, so that its cube has no alias at zero frequency.
-
         Args:
             weight: w (127, 127), even, zero lag at [63, 63].
+        """
+        every = self._block_means(weight, 3).flatten()
+        return float(every.mean()), float(every.std() / len(every) ** 0.5)
+
+    def power_differences(self, weight: np.ndarray) -> tuple[float, float]:
+        """Return how much the mean of J^2 differs between parts of a frame, relative to its mean, and the probability of this.
+
+        Speckle has the same statistics everywhere, so parts of 2 x 2 blocks differ no more than the blocks within them let
+        expect (analysis of variance).
+
+        Returns:
+            the standard deviation between parts in excess of chance, and the probability of one at least as large.
+        """
+        power = self._block_means(weight, 2)
+        power = power / power.mean((1, 2), keepdim=True).clamp_min(1e-300)
+        parts = power.reshape(len(power), _BLOCKS // 2, 2, _BLOCKS // 2, 2).transpose(2, 3).flatten(3)
+        means = parts.mean(3)
+        count = math.prod(means.shape[1:])
+        between = 4.0 * float(((means - 1.0) ** 2).sum()) / (len(power) * (count - 1))
+        within = float(((parts - means[..., None]) ** 2).sum()) / (len(power) * count * 3)
+        if within <= 0.0:
+            return 0.0, 1.0
+        chance = float(f_distribution.sf(between / within, len(power) * (count - 1), len(power) * count * 3))
+        return math.sqrt(max(between - within, 0.0) / 4.0), chance
+
+    def _block_means(self, weight: np.ndarray, exponent: int) -> torch.Tensor:
+        """Return the mean of a power of J in each block of each frame, (frames, 8, 8).
+
+        J is sampled at three times its highest frequency, so that its cube has no alias at zero frequency.
         """
         steps = [size / side for size, side in zip(self.patch, self.padded, strict=True)]
         reach = [int(np.abs(np.argwhere(weight)[:, axis] - LAGS).max()) + 1 for axis in (0, 1)]
@@ -100,10 +128,9 @@ class FilteredFrames:
             spectrum = torch.zeros((sides[0], sides[1] // 2 + 1), dtype=torch.complex64, device=device)
             spectrum[:ahead, : len(columns)] = seen[:ahead]
             spectrum[sides[0] - len(seen) + ahead :, : len(columns)] = seen[ahead:]
-            cube = torch.fft.irfft2(spectrum, s=sides)[: blocks[0] * _BLOCKS, : blocks[1] * _BLOCKS] ** 3
-            means.append(cube.reshape(_BLOCKS, blocks[0], _BLOCKS, blocks[1]).double().mean((1, 3)).flatten())
-        every = torch.cat(means)
-        return float(every.mean()), float(every.std() / len(every) ** 0.5)
+            filtered = torch.fft.irfft2(spectrum, s=sides)[: blocks[0] * _BLOCKS, : blocks[1] * _BLOCKS] ** exponent
+            means.append(filtered.reshape(_BLOCKS, blocks[0], _BLOCKS, blocks[1]).double().mean((1, 3)))
+        return torch.stack(means)
 
 
 def shot_noise_part(weight: np.ndarray, signal: np.ndarray, floor: float, level: float, patch_pixels: int) -> Any:

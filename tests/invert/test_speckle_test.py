@@ -63,3 +63,14 @@ def test_the_same_speckle_twice_is_named(rng):
     light = letter_light(rng)
     result = invert.reconstruct(np.stack([rng.poisson(2.0 * light) for _ in range(2)]), quality="fast", patch=PATCH)
     assert any("move the laser spot" in warning for warning in result.warnings)
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_power_that_differs_between_parts_of_a_frame_is_no_speckle(rng, uneven):
+    """Texture whose contrast rises from one side to the other, as in a photograph, against the same of equal contrast."""
+    fields = [gaussian_filter(rng.standard_normal(SHAPE), 6.0) for _ in range(2)]
+    contrast = np.linspace(0.0, 0.5, SHAPE[1]) if uneven else np.full(SHAPE[1], 0.3)
+    frames = np.stack([100.0 * (1.0 + contrast * field / field.std()).clip(0.0) for field in fields])
+    test = invert.reconstruct(frames, quality="fast", patch=PATCH).speckle_test
+    assert test is not None
+    assert (test.part_chance < 1e-6 and test.part_differences > 0.25) == uneven

@@ -219,3 +219,15 @@ def test_third_moment_tells_speckle_from_texture(rng, photons):
     assert abs(ratio - 1.0) < 4.0 * error + 0.05
     ratio, error = found["texture"]
     assert abs(ratio) < 4.0 * error + 0.05
+
+
+def test_independent_frames_show_no_shift(rng):
+    """Of 40 pairs, of sizes and brightness at random; a false alarm in 1e4 is allowed for each."""
+    for _ in range(40):
+        shape = (int(rng.integers(200, 520)), int(rng.integers(200, 520)))
+        estimator = AutocorrelationEstimator(patch_grid(shape, PATCH))
+        photons = float(10.0 ** rng.uniform(-1.0, 2.0))
+        for _ in range(2):
+            estimator.add(torch.from_numpy(speckle(rng, shape, photons)))
+        shift = estimator.background.shift_pixels or (0.0, 0.0)
+        assert shift == (0.0, 0.0)
