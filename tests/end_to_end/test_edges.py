@@ -295,3 +295,31 @@ def test_a_reader_that_ends_early_is_no_error():
     )
     assert done.stderr == b""
     assert done.stdout.startswith(b"Python")
+
+
+def listening_sockets(session: int) -> set[str]:
+    """Return the local addresses on which processes of a session listen."""
+    inodes = set()
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            if os.getsid(int(folder.name)) == session:
+                inodes |= {os.readlink(link) for link in (folder / "fd").iterdir()}
+        except OSError:
+            continue
+    lines = [line.split() for kind in ("tcp", "tcp6") for line in Path(f"/proc/net/{kind}").read_text().splitlines()[1:]]
+    return {line[1] for line in lines if line[3] == "0A" and f"socket:[{line[9]}]" in inodes}
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").is_file(), reason="no /proc/net/tcp on this system")
+def test_local_workers_listen_on_no_port(tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "data_gen", tmp_path / "set.zarr", "--source", "glyphs", "--count", "4000", "--workers", "2"],
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+    )
+    seen = set()
+    while process.poll() is None:
+        seen |= listening_sockets(process.pid)
+        time.sleep(0.05)
+    assert process.returncode == 0
+    assert seen == set()
