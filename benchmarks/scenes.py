@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from correlograph.files.frames import read_frame
+from correlograph.files.exr_frames import read_frame
 from invert.__main__ import main as invert
 from invert.albedo.metrics import aligned_pearson
 from radiometry.noise.level import dim_zero_lag

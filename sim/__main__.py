@@ -123,7 +123,7 @@ def _render(scene, plan, content, options) -> None:
     from tqdm import tqdm
 
     from correlograph.files.capture_folder import frame_path, replace_capture, stage_capture
-    from correlograph.files.frames import write_frame
+    from correlograph.files.exr_frames import write_frame
     from correlograph.files.output import output_folder, save_array, save_json
     from sim.rendering import draw_frames, header, lag_grid_albedo, record, saturation
 

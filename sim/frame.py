@@ -13,7 +13,7 @@ from correlograph.errors import InputError
 from radiometry.throughput import light_budget
 from sim.effects import remaining_electronics
 from sim.geometry import Geometry
-from sim.optics.camera import expose, mean_image, transfer_function
+from sim.optics.detection import expose, mean_image, transfer_function
 from sim.optics.detector_roughness import exact_image, gamma_image
 from sim.optics.illumination import illuminate
 from sim.optics.motion import Pose, poses, travel_phase

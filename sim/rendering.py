@@ -13,7 +13,7 @@ import torch
 
 from correlograph.errors import check_device
 from correlograph.files.capture import CameraMetadata, Capture
-from correlograph.files.frames import FrameHeader
+from correlograph.files.exr_frames import FrameHeader
 from correlograph.lags import OBJECT_SIDE
 from correlograph.ranges import FRAMES, SEED
 from correlograph.version import version

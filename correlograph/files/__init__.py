@@ -3,7 +3,7 @@
 capture.py         frames with the metadata of their camera, in memory
 capture_folder.py  folder of a capture, replaced as a whole
 corrections.py     dark frame, flat-field frame, mask
-frames.py          EXR frames with their header (exr_version.py: one attribute of it)
+exr_frames.py      EXR frames with their header (exr_version.py: one attribute of it)
 images.py          monochrome images and arrays
 figures.py         figures: saving, showing, scale bars
 store.py           Zarr stores: ownership and completeness

@@ -12,8 +12,8 @@ import numpy as np
 
 from correlograph.errors import InputError, check_positive
 from correlograph.files.capture_folder import check_complete, frame_path, replace_capture, stage_capture
+from correlograph.files.exr_frames import FrameHeader, read_frame, write_frame
 from correlograph.files.figures import add_scale_bar, figure_as_html, show_figure
-from correlograph.files.frames import FrameHeader, read_frame, write_frame
 from correlograph.files.output import output_folder, save_array, save_json
 
 if TYPE_CHECKING:

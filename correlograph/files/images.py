@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from correlograph.errors import InputError
-from correlograph.files.frames import FrameHeader, read_frame
+from correlograph.files.exr_frames import FrameHeader, read_frame
 from correlograph.lags import LAG_SIDE
 
 MAX_PIXEL = 1e9

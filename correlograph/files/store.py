@@ -95,7 +95,7 @@ def _remove_partial_files(store: Path, schema: Schema) -> None:
 
 
 def arguments_of(address: str, kind: str) -> dict[str, Any]:
-    """Return the arguments of a store without checks; empty without a store."""
+    """Return the arguments that a store was created with, without a check that it is complete; empty if there is no store."""
     group = _open(address, "r", kind)
     return {} if group is None else group.attrs.asdict()
 

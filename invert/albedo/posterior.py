@@ -30,7 +30,7 @@ SizeErrors = Mapping[str, Sequence[float]]
 
 @dataclass(frozen=True)
 class SampleCluster:
-    """Samples that show one object: their probability, their numbers, and their mean albedo (64, 64)."""
+    """Samples that show one object: their probability, their indices among all samples, and their mean albedo (64, 64)."""
 
     probability: float
     members: tuple[int, ...]

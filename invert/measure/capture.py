@@ -12,7 +12,7 @@ import numpy as np
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.capture_folder import check_complete
-from correlograph.files.frames import FrameHeader
+from correlograph.files.exr_frames import FrameHeader
 from correlograph.files.images import FRAME_KINDS, MAX_PIXEL, read_image
 from correlograph.files.ownership import is_own
 from correlograph.lags import LAG_SIDE

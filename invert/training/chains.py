@@ -85,7 +85,7 @@ class Chains:
         return which
 
     def task(self, which: torch.Tensor, device: torch.device) -> Task:
-        """Return the next annealing step of chains."""
+        """Return the input and the target of the next annealing step of some chains, which are partly denoised samples."""
         one = {name: value[which].to(device) for name, value in self.state.items()}
         seen = Observation.from_estimate(one["estimate"], one["floor"], one["dof"])
         return Task(seen, one["truth"], one["noisy"], _level(one, one["done"]), one["albedo"])

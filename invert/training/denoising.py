@@ -110,12 +110,12 @@ class Task:
 
 
 def make_denoising_task(sampler: Sampler, seen: Observation, truth: torch.Tensor, draws: Draws) -> Task:
-    """Return the denoising task of noised truths."""
+    """Add noise to true albedos; return the noisy albedos as input of the sampler, and the true ones as its target."""
     noisy = truth + draws.sigma[:, None, None] * draws.noise[0]
     return Task(seen, truth, noisy, draws.sigma, run_self_conditioning(sampler, seen, truth, draws))
 
 
 def denoising_loss(answer: torch.Tensor, truth: torch.Tensor, sigma: torch.Tensor) -> torch.Tensor:
-    """Return the squared error in units of the learnable variance at a noise level, (n,): 1 for a sampler that predicts
-    the mean only."""
+    """Return the squared error of each image, (n,), divided by that of a sampler that always answers the mean target of its
+    noise level: 1 if nothing was learned, 0 for a perfect answer."""
     return (answer - truth).square().mean((-2, -1)) * (sigma.square() + ALBEDO_STD**2) / (sigma * ALBEDO_STD).square()

@@ -165,7 +165,7 @@ class AutocorrelationEstimator:
         return total.sub_(self._power).div_(self.frames * (self.frames - 1))
 
     def _chosen(self, shared: np.ndarray, estimate: np.ndarray) -> np.ndarray:
-        """Return the lags at which the shared power is subtracted, bool (127, 127)."""
+        """Return a mask (127, 127) of the lags at which the power that all frames share is subtracted."""
         if self.mean != "auto":
             return np.full(shared.shape, self.mean == "fixed")
         pairs = self.frames * (self.frames - 1)

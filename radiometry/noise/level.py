@@ -160,7 +160,8 @@ def fit_known_signal(
 ) -> tuple[float, float]:
     """Fit estimate = gain x signal + floor over all lags except zero; return (gain, floor).
 
-    Iteratively reweighted least squares with weights 1/S^2 is the maximum-likelihood fit of Gamma noise with constant K.
+    Iteratively reweighted least squares with weights 1/S^2, where S is the fitted value, is the
+    maximum-likelihood fit of Gamma noise with constant K.
 
     Args:
         estimate: (127, 127).

@@ -47,7 +47,7 @@ class Task:
 class Option:
     """One propagator in one precision, with its predicted error, seconds and bytes per frame; `why` states why it is unavailable.
 
-    `patches` are those of nufft.
+    `patches` is the number of parts of the object that `nufft` propagates one by one; other propagators do not use it.
     """
 
     propagator: str

@@ -55,8 +55,11 @@ class LagAxes:
 
 
 def lag_axes(right: np.ndarray, down: np.ndarray, line: np.ndarray) -> LagAxes:
-    """Return the axes of the lags on an object seen along `line` (unit vector) from a wall with pixel steps `right` and
-    `down`."""
+    """Return the directions on the object, perpendicular to `line`, in which the lags of rows and of columns are measured.
+
+    Args:
+        right, down: pixel steps on the wall. line: unit vector from the wall to the object.
+    """
     steps = [step - line * (step @ line) for step in (down, right)]
     gram = np.array([[a @ b for b in steps] for a in steps])
     dual = np.linalg.inv(gram) @ np.array(steps)

@@ -97,8 +97,8 @@ class PathEnds:
         return hit, 1.0 - through
 
     def lit_by_spot(self, vertex: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Float64:
-        """Return the radiance that leaves a vertex along its `wi` for light directly from a point of the spot, per laser
-        photon."""
+        """Return the radiance that leaves a surface point towards the camera (its `wi`), lit by a random point of the laser
+        spot, per laser photon."""
         way = self.spot.p - vertex.p
         distance = dr.norm(way)
         direction = way / distance

@@ -107,7 +107,7 @@ def test_a_stopped_run_leaves_the_older_capture_whole(capture, tmp_path, monkeyp
 
 
 def test_mean_frames_are_expectations(tmp_path, letter_simulation):
-    from correlograph.files.frames import read_frame
+    from correlograph.files.exr_frames import read_frame
 
     sim_main([str(SCENE), "-o", str(tmp_path), "--mean", "--frames", "1", "-D", "exposure=1"])
     pixels, _ = read_frame(tmp_path / "frame_0000.exr")

@@ -112,7 +112,7 @@ def _save_calibration_frames(folder: Path) -> None:
 
 
 def _as_camera_files(capture: Path, shots: Path) -> None:
-    from correlograph.files.frames import read_frame
+    from correlograph.files.exr_frames import read_frame
 
     shots.mkdir(parents=True, exist_ok=True)
     for number, file in enumerate(sorted(capture.glob("*.exr"))):

@@ -44,7 +44,7 @@ def test_nufft(scattered):
 
 @pytest.mark.parametrize("propagator", ["fraunhofer", "fresnel"])
 def test_frames(tmp_path, command, propagator):
-    from correlograph.files.frames import read_frame
+    from correlograph.files.exr_frames import read_frame
     from scenes import scene_path
     from sim.__main__ import main as sim
 

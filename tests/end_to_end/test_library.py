@@ -12,7 +12,7 @@ import invert
 import radiometry
 import sim
 from correlograph.errors import InputError
-from correlograph.files.frames import read_frame
+from correlograph.files.exr_frames import read_frame
 from scenes import scene_path
 
 

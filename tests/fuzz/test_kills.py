@@ -18,7 +18,7 @@ import pytest
 
 pytest.importorskip("mitsuba")
 
-from correlograph.files.frames import read_frame
+from correlograph.files.exr_frames import read_frame
 from correlograph.files.output import LOCK, PARTIAL
 from correlograph.files.ownership import MANIFEST
 from invert.network.checkpoints import DEFAULT_WEIGHTS, read_weights

@@ -11,7 +11,7 @@ from PIL import Image
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata
 from correlograph.files.corrections import Corrections
-from correlograph.files.frames import FrameHeader, write_frame
+from correlograph.files.exr_frames import FrameHeader, write_frame
 from correlograph.files.images import read_autocorrelation, read_image
 from invert.measure.capture import find_frames, read_capture
 

@@ -5,7 +5,7 @@ import OpenEXR
 import pytest
 
 from correlograph.errors import InputError
-from correlograph.files.frames import FrameHeader, read_frame, write_frame
+from correlograph.files.exr_frames import FrameHeader, read_frame, write_frame
 
 HEADER = FrameHeader(532e-9, 6.9e-6, 1.0, 0.125, 3, 1, "ab" * 32, "1.2.3", 0.0514, 0.54)
 
