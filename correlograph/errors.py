@@ -33,7 +33,7 @@ def check_positive(name: str, value: float, *, zero_allowed: bool = False) -> fl
     """
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = float("nan")
     if SI_MIN <= number <= SI_MAX or (zero_allowed and number == 0.0):
         return number

@@ -135,6 +135,8 @@ def _check(options: Any) -> int:
     """Check options that argparse cannot check; return the number of workers."""
     _patch(options.patch)
     _blur(options.blur_pixels)
+    if not options.output.strip():
+        raise InputError("-o", "the name of a folder", "an empty one", "choose another folder")
     check_device(options.device)
     workers = check_workers(options.workers, options.scheduler)
     if options.scheduler is not None:

@@ -25,6 +25,10 @@ DISAGREEMENT = 0.02
 """Maximum relative difference between light budget and Monte Carlo without a warning, in addition to four standard errors."""
 
 
+MAX_STRAY_SHARE = 0.3
+"""Stray light over the light of the object that is worth a warning: its r*r is then a tenth of the object's."""
+
+
 def make_plan(geometry: Geometry, frames: int, settings: Settings | None = None) -> dict[str, Any]:
     """Return the plan of a scene as JSON. Raises InputError if the scene cannot be modelled."""
     return as_json(Plan.of(geometry, settings), frames)
@@ -188,7 +192,12 @@ def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[s
             )
     if budget.per_pixel == 0.0:
         warnings.append("hidden_object: none of its light reaches the camera; check its albedo, its facing, and occluders")
-    if not geometry.is_direct_path_blocked:
+    if geometry.other_light_share > MAX_STRAY_SHARE:
+        warnings.append(
+            f"other_light: stray light is {geometry.other_light_share:.3g} times the light of the object, and a reconstruction shows "
+            "its sources as well; darken or cover the surfaces that the spot lights"
+        )
+    if geometry.direct_light > 0.0:
         per_frame = (
             geometry.direct_light
             * math.prod(geometry.frame_shape)
@@ -198,7 +207,7 @@ def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[s
         )
         warnings.append(
             "direct_light: no shape blocks the path from virtual source to virtual detector; "
-            f"{per_frame:.3g} photoelectrons/s per frame arrive directly from the source (0 if it faces away) "
+            f"{per_frame:.3g} photoelectrons/s per frame arrive directly from the source "
             "and are not modelled; add a baffle"
         )
     mean = budget.photoelectrons_per_pixel_s * electronics.exposure_s

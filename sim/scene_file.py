@@ -142,7 +142,7 @@ def _digest(content: bytes, assets: list[Path], definitions: Mapping[str, str]) 
     for file in assets:
         digest.update(file.read_bytes())
     for key, value in sorted(definitions.items()):
-        digest.update(f"\0{key}={value}".encode())
+        digest.update(f"\0{key}={value}".encode("utf-8", "surrogateescape"))
     return digest.hexdigest()
 
 

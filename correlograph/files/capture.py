@@ -14,7 +14,8 @@ from correlograph.errors import InputError, check_positive
 from correlograph.files.capture_folder import check_complete, frame_path, replace_capture, stage_capture
 from correlograph.files.exr_frames import FrameHeader, read_frame, write_frame
 from correlograph.files.figures import add_scale_bar, figure_as_html, show_figure
-from correlograph.files.output import output_folder, save_array, save_json
+from correlograph.files.output import output_folder, path_of, save_array, save_json
+from correlograph.ranges import FRAMES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -105,8 +106,17 @@ class Capture:
 
     def __post_init__(self) -> None:
         """Raise InputError for no frames, for frames of several sizes or with channels, and for incomplete metadata."""
+        if not isinstance(self.camera, CameraMetadata):
+            raise InputError(
+                "camera", "a CameraMetadata", f"{self.camera!r:.60}", "create one with correlograph.CameraMetadata"
+            )
+        if not isinstance(self.frames, (Sequence, np.ndarray)) or isinstance(self.frames, str):
+            raise InputError("frames", "a list or an array of frames", f"{self.frames!r:.60}", "provide frames")
         if len(self.frames) == 0:
             raise InputError("frames", "one or more", "none", "provide frames of shape (height, width)")
+        if not all(isinstance(frame, np.ndarray) and frame.dtype.kind in "uif" for frame in self.frames):
+            found = ", ".join(dict.fromkeys(str(getattr(frame, "dtype", type(frame).__name__)) for frame in self.frames))
+            raise InputError("frames", "arrays of real numbers", found, "convert them to float32")
         shapes = list(dict.fromkeys(np.shape(frame) for frame in self.frames))
         if len(shapes) > 1 or len(shapes[0]) != 2:
             raise InputError("frames", "frames (height, width) of one size", f"shapes {shapes}", "provide one camera setting")
@@ -143,16 +153,25 @@ class Capture:
     @classmethod
     def load(cls, folder: str | Path) -> Capture:
         """Load a rendered capture with its truth and its record. Raises InputError for a folder that holds none."""
-        path = Path(folder)
+        path = path_of("capture", folder)
         check_complete(path)
         try:
             record = json.loads((path / "sim.json").read_text())
             truth = np.load(path / "truth.npy", allow_pickle=False)
-            files = [frame_path(path, number) for number in range(int(record["frames"]))]
+            files = [frame_path(path, number) for number in range(FRAMES.check("frames of sim.json", record["frames"]))]
+            missing = next((file for file in files if not file.is_file()), None)
+            if missing is not None:
+                raise InputError("capture", "every frame that sim.json lists", f"no {missing}", "render the capture again")
             read = [read_frame(file) for file in files if file.is_file()]
-        except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+        except (OSError, ValueError, KeyError, TypeError, EOFError, RecursionError) as error:
+            if isinstance(error, InputError):
+                raise
             found = f"{type(error).__name__} in {path}"
             raise InputError("capture", "a folder that python -m sim wrote", found, "check the path") from None
+        if truth.ndim != 2 or truth.dtype.kind != "f" or not np.isfinite(truth).all():
+            raise InputError(
+                "capture", "a truth of finite numbers", f"{truth.dtype} {truth.shape} in {path}", "render it again"
+            )
         headers = tuple(header for _, header in read if header is not None)
         if len(read) < len(files) or len(headers) < len(read):
             found = f"{len(headers)} frames of {len(files)} in {path}"

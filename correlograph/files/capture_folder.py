@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from correlograph.errors import InputError
-from correlograph.files.output import PARTIAL, sole_writer
-from correlograph.files.ownership import MANIFEST, claim, own_files, record, record_temporary, recorded
+from correlograph.files.output import sole_writer
+from correlograph.files.ownership import MANIFEST, PARTIAL, claim, record, record_temporary, recorded
 
 MOVING = ".capture-is-being-moved"
 """Marker file, present while a finished capture moves into its folder; if it remains, the folder holds parts of two captures."""
@@ -63,12 +63,14 @@ def stage_capture(folder: Path, frames: int, *, overwrite: bool = False) -> Iter
 
 def replace_capture(staging: Path, folder: Path) -> None:
     """Move a finished capture into its folder, in place of the earlier one."""
+    older = [path for path in folder.iterdir() if is_frame_name(path.name)]
+    new = [path.name for path in staging.iterdir() if path.name != MANIFEST]
+    claim(folder, [*new, *(path.name for path in older)])  # files may have appeared during the rendering
     record(folder, {MOVING: EMPTY_DIGEST, **recorded(staging)})
     (folder / MOVING).touch()
     (folder / "sim.json").unlink(missing_ok=True)
-    for path in own_files(folder):
-        if is_frame_name(path.name):
-            path.unlink()
+    for path in older:
+        path.unlink()
     for path in sorted(staging.iterdir(), key=lambda p: p.name == "sim.json"):
         if path.name != MANIFEST:
             os.replace(path, folder / path.name)

@@ -12,6 +12,9 @@ from correlograph.errors import InputError
 from correlograph.files.capture import Capture
 from correlograph.files.images import read_image
 
+MAX_UNLIT_FRACTION = 0.01
+"""Maximum fraction of pixels without light in the flat-field frame; they take the mean of the others."""
+
 MIN_USED_FRACTION = 0.25
 """Minimum fraction of a frame that a mask must keep."""
 
@@ -42,14 +45,16 @@ class Corrections:
         corrected = [frame - dark for frame in frames]
         if self.flat:
             flat = _read("--flat", self.flat, shape) - dark
-            if flat.min() <= 0.0:
+            lit = flat > 0.0  # a pixel that is saturated in the dark frame is not
+            if lit.mean() < 1.0 - MAX_UNLIT_FRACTION:
                 raise InputError(
                     "--flat",
-                    "more light in every pixel than the dark frame holds",
-                    f"{flat.min():g} in {Path(self.flat).name}",
-                    "give such pixels a value, and mask them",
+                    f"more light than the dark frame holds in all but {MAX_UNLIT_FRACTION:.0%} of the pixels",
+                    f"{1.0 - lit.mean():.1%} without in {Path(self.flat).name}",
+                    "use flat and dark frames of one exposure",
                 )
-            corrected = [frame / (flat / flat.mean()) for frame in corrected]
+            gain = np.where(lit, flat, flat[lit].mean()) / flat[lit].mean()
+            corrected = [np.where(lit, frame, frame[lit].mean()) / gain for frame in corrected]
         if self.mask:
             used = _read("--mask", self.mask, shape) != 0.0
             if used.mean() < MIN_USED_FRACTION:

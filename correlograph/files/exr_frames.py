@@ -59,6 +59,8 @@ def read_frame(path: Path) -> tuple[np.ndarray, FrameHeader | None]:
     """
     try:
         with silence_output(), OpenEXR.File(io.BytesIO(path.read_bytes()), separate_channels=True) as file:
+            if len(file.parts) != 1:
+                raise ValueError(f"{len(file.parts)} parts instead of one")
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
             attributes = {**file.header(), "version": read_version(path)}
     except Exception as error:  # the library raises bare exceptions of several kinds

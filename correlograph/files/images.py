@@ -43,8 +43,7 @@ def _read_pixels(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
             pixels = np.load(file, allow_pickle=False, mmap_mode="r")
             if not isinstance(pixels, np.ndarray):
                 raise InputError("frame", "one array", f"an archive of several in {file.name}", "save it as .npy")
-            if pixels.size > MAX_PIXELS:
-                raise InputError("frame", f"at most {MAX_PIXELS:.3g} pixels", f"{pixels.shape} in {file.name}", "crop it")
+            _check_pixels(pixels.size, file)
             pixels = np.array(pixels)
         elif kind == ".png":
             pixels = _read_png(file)
@@ -77,6 +76,8 @@ def _read_png(file: Path) -> np.ndarray:
     from skimage import io
 
     with Image.open(file) as picture:
+        if picture.format != "PNG":
+            raise InputError("frame", "a PNG file", f"{picture.format} in {file.name}", "correct the ending of its name")
         picture.verify()  # checks all checksums and the end of the file; reading alone accepts truncated files
     return io.imread(file)
 
@@ -86,20 +87,31 @@ def _read_tiff(file: Path) -> np.ndarray:
     import tifffile
     from PIL import Image
 
-    try:
-        return tifffile.imread(file)
-    except Exception as undecoded:  # every codec raises its own exceptions
+    with tifffile.TiffFile(file) as tiff:
+        page = tiff.pages.first
+        if len(tiff.pages) > 1:
+            raise InputError("frame", "one frame a file", f"{len(tiff.pages)} in {file.name}", "divide the file")
+        if page.photometric not in (None, tifffile.PHOTOMETRIC.MINISBLACK) and page.samplesperpixel == 1:
+            found = f"{page.photometric.name} in {file.name}"
+            raise InputError("frame", "a TIFF file in which larger numbers are brighter (MINISBLACK)", found, "convert it")
+        if page.tags.valueof("Orientation", 1) != 1:
+            raise InputError("frame", "an upright TIFF file (orientation 1)", f"a turned one {file.name}", "convert it")
+        _check_pixels(page.imagelength * page.imagewidth, file)
         try:
-            with Image.open(file) as picture:
-                if getattr(picture, "n_frames", 1) > 1:
-                    raise InputError(
-                        "frame", "one frame a file", f"{picture.n_frames} in {file.name}", "divide the file"
-                    ) from None
-                return np.asarray(picture)
-        except OSError:
-            found = f"{file} ({type(undecoded).__name__}: {undecoded!s:.80})"
-            remedy = "write it again uncompressed, or install imagecodecs"
-            raise InputError("frame", "a TIFF file that tifffile or Pillow can decode", found, remedy) from None
+            return page.asarray()
+        except Exception as undecoded:  # every codec raises its own exceptions
+            try:
+                with Image.open(file) as picture:
+                    return np.asarray(picture)
+            except OSError:
+                found = f"{file} ({type(undecoded).__name__}: {undecoded!s:.80})"
+                remedy = "write it again uncompressed, or install imagecodecs"
+                raise InputError("frame", "a TIFF file that tifffile or Pillow can decode", found, remedy) from None
+
+
+def _check_pixels(count: int, file: Path) -> None:
+    if count > MAX_PIXELS:
+        raise InputError("frame", f"at most {MAX_PIXELS:.3g} pixels", f"{count:.3g} in {file.name}", "crop it")
 
 
 def read_autocorrelation(file: Path) -> tuple[np.ndarray, float]:

@@ -15,17 +15,22 @@ from typing import Any
 import numpy as np
 
 from correlograph.errors import InputError
-from correlograph.files.ownership import claim, digest_of, record, record_temporary, remove_temporary
-
-PARTIAL = ".correlograph-partial-"
-"""Prefix of the names of incomplete files."""
+from correlograph.files.ownership import PARTIAL, claim, digest_of, record, record_temporary, remove_temporary
 
 LOCK = ".correlograph-lock"
 """Name of the lock in an output folder; prefix of the name of a lock next to a file."""
 
 
+def path_of(name: str, value: object) -> Path:
+    """Return a path. Raises InputError for anything else than text and paths."""
+    if not isinstance(value, (str, Path)) or "\0" in str(value):
+        raise InputError(name, "a path", f"{value!r:.60}", "provide the name of a file or folder")
+    return Path(value)
+
+
 def output_folder(path: str | Path) -> Path:
     """Create or accept a writable folder. Raises InputError otherwise."""
+    path_of("output folder", path)
     if not str(path).strip():
         raise InputError("output folder", "a name", "an empty one", "choose another with -o")
     folder = Path(path)
@@ -55,6 +60,8 @@ def sole_writer(output: str | Path, name: str = "output folder") -> Iterator[Non
         return
     path = Path(output).resolve()
     is_folder = name == "output folder"
+    if not path.name:
+        raise InputError(name, "a name", f"the root {path}", "choose another one")
     lock_path = path / LOCK if is_folder else path.with_name(f"{LOCK}-{path.name}")
     lock = SoftFileLock(lock_path, timeout=0)
     try:

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
+import stat
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -19,12 +21,21 @@ from correlograph.errors import InputError
 
 MANIFEST = ".correlograph-manifest"
 _HEADER = b"# files that correlograph wrote here\n"
+PARTIAL = ".correlograph-partial-"
+"""Prefix of the names of incomplete files and folders."""
+
+MAX_MANIFEST_BYTES = 2**26
+_DIGEST = re.compile("[0-9a-f]{64}")
 _TEMPORARY = "temporary"
 """Takes the place of a digest for files and folders that exist only during a run."""
 
+_permitted: set[tuple[Path, str]] = set()
+"""Files of a user, with their digests, that `--overwrite` permits this process to replace."""
+
 
 def claim(folder: Path, names: Iterable[str], *, overwrite: bool = False) -> None:
-    """Refuse names in a folder that a user's files have, before work begins; with `overwrite`, take these files over.
+    """Refuse names in a folder that a user's files have, before work begins; with `overwrite`, permit this process to
+    replace them.
 
     Raises InputError for names of a user's files, and for names of folders.
     """
@@ -41,12 +52,14 @@ def claim(folder: Path, names: Iterable[str], *, overwrite: bool = False) -> Non
         )
     if taken:
         print(f"replacing {', '.join(path.name for path in taken)} in {folder}", file=sys.stderr)
-        record(folder, {path.name: digest_of(path) for path in taken})
+        _permitted.update((path.resolve(), digest_of(path)) for path in taken)
 
 
 def may_write(path: Path) -> bool:
-    """Return whether a name is free or belongs to a file of this program."""
-    return not os.path.lexists(path) or is_own(path)
+    """Return whether a name is free, belongs to a file of this program, or to one that it may replace."""
+    if not os.path.lexists(path) or is_own(path):
+        return True
+    return path.is_file() and not path.is_symlink() and (path.resolve(), digest_of(path)) in _permitted
 
 
 def is_own(path: Path) -> bool:
@@ -77,7 +90,7 @@ def record(folder: Path, digests: Mapping[str, str]) -> None:
     _read(folder)
     lines = b"".join(f"{digest}  ".encode() + _encode(name) + b"\n" for name, digest in digests.items())
     with open(manifest, "ab") as stream:
-        stream.write(lines if stream.tell() else _HEADER + lines)
+        stream.write(b"\n" + lines if stream.tell() else _HEADER + lines)  # the line before may be cut off
 
 
 def record_temporary(path: Path) -> None:
@@ -89,7 +102,7 @@ def remove_temporary(folder: Path, part_of_name: str = "") -> None:
     """Remove what killed runs left in a folder; `part_of_name` limits this to names that contain it."""
     for name, known in _read(folder).items():
         path = folder / name
-        if _TEMPORARY not in known or part_of_name not in name:
+        if _TEMPORARY not in known or part_of_name not in name or not name.startswith(PARTIAL):
             continue
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
@@ -114,6 +127,10 @@ def digest_of(path: Path) -> str:
 def _read(folder: Path) -> dict[str, tuple[str, ...]]:
     """Return the digests of each name in the manifest, the latest last. Raises InputError for a foreign manifest."""
     try:
+        state = os.lstat(folder / MANIFEST)
+        if not stat.S_ISREG(state.st_mode) or state.st_size > MAX_MANIFEST_BYTES:
+            found = f"a link, a device or a large file {folder / MANIFEST}"
+            raise InputError("manifest", "a file that correlograph wrote", found, "move it")
         content = (folder / MANIFEST).read_bytes()
     except FileNotFoundError:
         return {}
@@ -124,8 +141,11 @@ def _read(folder: Path) -> dict[str, tuple[str, ...]]:
     known: dict[str, tuple[str, ...]] = {}
     for line in content[len(_HEADER) :].splitlines():
         digest, _, name = line.partition(b"  ")
-        text = _decode(name)
-        known[text] = (*known.get(text, ()), digest.decode("ascii", "replace"))
+        text, kind = _decode(name), digest.decode("ascii", "replace")
+        # A damaged or forged line must not lead to a file elsewhere.
+        is_name = text not in ("", ".", "..") and "/" not in text and "\0" not in text and text == Path(text).name
+        if is_name and (kind == _TEMPORARY or _DIGEST.fullmatch(kind)):
+            known[text] = (*known.get(text, ()), kind)
     return known
 
 

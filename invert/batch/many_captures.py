@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,8 @@ def invert_captures(
     rows = {name: {"name": name, **row} for name, row in known.items() if row is not None}
     missing = [name for name in captures if name not in rows]
     if missing:
-        rows |= _invert_missing(request, captures, missing, output, min(workers, len(missing)), scheduler)
+        task = partial(_in_worker, request, output.resolve(), overwrite)
+        rows |= _invert_missing(task, captures, missing, min(workers, len(missing)), scheduler)
     ordered = [rows[name] for name in captures]
     _write_table(output / "table.md", ordered)
     _save_contact_sheets(output, [row for row in ordered if "error" not in row], truth)
@@ -62,10 +63,12 @@ def _claim(captures: Captures, output: Path, *, overwrite: bool) -> None:
     claim(output, ["table.md", "captures.json", *sheets], overwrite=overwrite)
     for name in captures:
         folder = output / name
-        if folder.is_dir():
+        if folder.is_dir() and not folder.is_symlink():
             claim(folder, RESULT_FILES, overwrite=overwrite)
         elif os.path.lexists(folder):
-            raise InputError("output", f"a folder, or nothing, called {name}", f"a file {folder}", "rename the capture")
+            raise InputError(
+                "output", f"a folder, or nothing, called {name}", f"a file or a link {folder}", "rename the capture"
+            )
 
 
 def _sheet_name(number: int) -> str:
@@ -85,13 +88,12 @@ def _known(request: Request, files: Sequence[Path], folder: Path) -> dict[str, A
 
 
 def _invert_missing(
-    request: Request, captures: Captures, names: Sequence[str], output: Path, workers: int, scheduler: str | None
+    task: Callable[[Any], dict[str, Any]], captures: Captures, names: Sequence[str], workers: int, scheduler: str | None
 ) -> dict[str, dict[str, Any]]:
     rows = {}
-    work = partial(_in_worker, request, output.resolve())
     items = [(name, captures[name]) for name in names]
     with tqdm(total=len(names), unit="capture", disable=None) as bar:
-        for (name, _), row in run_tasks(work, items, workers, scheduler):
+        for (name, _), row in run_tasks(task, items, workers, scheduler):
             if isinstance(row, WorkerDeath):
                 row = {"error": "its workers died; give them more memory, then run the same command again"}
             rows[name] = {"name": name, **row}
@@ -99,11 +101,11 @@ def _invert_missing(
     return rows
 
 
-def _in_worker(request: Request, output: Path, item: tuple[str, Sequence[Path]]) -> dict[str, Any]:
+def _in_worker(request: Request, output: Path, overwrite: bool, item: tuple[str, Sequence[Path]]) -> dict[str, Any]:
     name, files = item
     torch.set_num_threads(1)  # captures run in parallel processes, and sums depend on the number of threads
     try:
-        return _row(invert_capture(request, files, output / name)[1])
+        return _row(invert_capture(request, files, output / name, overwrite=overwrite)[1])
     except (InputError, OSError, MemoryError, RuntimeError) as error:  # a failed capture must not stop the others
         return {"error": " ".join(str(error).split())[:300] or type(error).__name__}
 

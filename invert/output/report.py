@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from correlograph.files.figures import add_scale_bar, figure_as_html, save_figure
+from correlograph.files.figures import add_scale_bar, save_figure
 from correlograph.files.output import atomic
 from correlograph.lags import LAGS
 from invert.albedo.metrics import aligned_pearson
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from invert.output.result import Result
 
-__all__ = ["draw_report", "figure_as_html", "report_lines", "save_contact_sheet", "save_image"]
 
 CLUSTERS_SHOWN = 2
 FRAME_CORNER = 257

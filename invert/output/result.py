@@ -80,7 +80,7 @@ class Result:
         return f"Result({found}, confidence {self.confidence:.2f}, {method}, {self.seconds_total:.1f} s{warned})"
 
     def _repr_html_(self) -> str:
-        from invert.output.report import figure_as_html
+        from correlograph.files.figures import figure_as_html
 
         return figure_as_html(self.plot(), repr(self))
 

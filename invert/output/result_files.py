@@ -55,10 +55,13 @@ def check_truth_pitch(path: Path, pitches_m: tuple[float, float] | None) -> None
         return
     try:
         content = json.loads(record.read_text())
-        truth_pitches_m = [float(pitch) for pitch in content.get("lag_pitches_m", [content["lag_pitch_m"]] * 2)]
-    except (ValueError, KeyError, TypeError):
-        return
-    for own, pitch_m in zip(truth_pitches_m, pitches_m, strict=True):
+        if not isinstance(content, dict) or "lag_pitch_m" not in content:
+            return  # the file of another program
+        down, right = map(float, content.get("lag_pitches_m", [content["lag_pitch_m"]] * 2))
+    except (OSError, ValueError, TypeError, RecursionError) as error:
+        found = f"{type(error).__name__} in {record}"
+        raise InputError("--truth", "a capture's record beside it that can be read", found, "remove or repair it") from None
+    for own, pitch_m in zip((down, right), pitches_m, strict=True):
         if abs(own - pitch_m) > 0.01 * pitch_m:
             raise InputError(
                 "--truth",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from scipy.ndimage import find_objects, label, median_filter
+from scipy.stats import norm
 
 TAIL_DECADES = 5.0
 """Decades beyond one pixel per frame to which the exponential tail is extrapolated; brighter pixels are hot."""
@@ -19,6 +20,9 @@ grains, and is at least a twelfth of the median deviation of the means of all li
 
 GLINT_PIXELS = 9
 """Minimum number of adjacent hot pixels that form a specular highlight, whose light fades into the speckle around it."""
+
+SATURATION_FALSE_ALARMS = 1e-4
+"""Probability that a frame that is not saturated is reported as saturated."""
 
 MAX_SAMPLED_PIXELS = 200_000
 """Number of pixels from which the tail and the saturation are read."""
@@ -37,10 +41,20 @@ def repair(image: torch.Tensor) -> tuple[torch.Tensor, PixelFaults]:
     """Replace hot pixels of a frame (H, W) by the median around them, and defective lines by their neighbours."""
     image, hot = _replace_hot_pixels(image)
     image, lines = _replace_lines(image)
-    sampled = _subsample(image)
-    largest = sampled.max()
-    at_largest = float((sampled == largest).mean()) if largest > sampled.min() else 0.0
-    return image, PixelFaults(hot, lines, at_largest)
+    return image, PixelFaults(hot, lines, _saturated_fraction(_subsample(image)))
+
+
+def _saturated_fraction(sampled: np.ndarray) -> float:
+    """Return the fraction of pixels with the maximum value, zero unless these are more than those with the value below.
+
+    Counts of light decrease with their value. A saturated camera adds all larger counts to the pixels of its maximum.
+    """
+    _, counts = np.unique(sampled, return_counts=True)
+    if len(counts) < 2:
+        return 0.0
+    below, largest = map(float, counts[-2:])
+    is_excess = largest - below > norm.isf(SATURATION_FALSE_ALARMS) * math.sqrt(largest + below)
+    return largest / len(sampled) if is_excess else 0.0
 
 
 def _subsample(image: torch.Tensor) -> np.ndarray:

@@ -101,6 +101,20 @@ def test_corrections_that_do_not_fit_are_refused(tmp_path, rng, option, array):
         corrections.apply(read_capture([tmp_path / "a.npy"], UNKNOWN))
 
 
+def test_a_pixel_that_saturates_in_the_dark_takes_the_mean(tmp_path, rng):
+    frame, dark, flat = rng.random((130, 140)) + 1.0, np.full((130, 140), 0.1), rng.random((130, 140)) + 1.0
+    dark[7, 9] = flat[7, 9] = 65535.0
+    for name, array in (("a", frame), ("dark", dark), ("flat", flat)):
+        np.save(tmp_path / f"{name}.npy", array.astype(np.float32))
+    corrections = Corrections(tmp_path / "dark.npy", tmp_path / "flat.npy")
+    corrected = corrections.apply(read_capture([tmp_path / "a.npy"], UNKNOWN)).frames[0]
+    lit = np.ones(frame.shape, bool)
+    lit[7, 9] = False
+    expected = (frame - dark) / ((flat - dark) / (flat - dark)[lit].mean())
+    np.testing.assert_allclose(corrected[lit], expected[lit], rtol=1e-5)
+    np.testing.assert_allclose(corrected[7, 9], (frame - dark)[lit].mean(), rtol=1e-5)
+
+
 def test_a_mask_may_be_true_and_false(tmp_path, rng):
     np.save(tmp_path / "a.npy", rng.random((130, 140)))
     mask = rng.random((130, 140)) > 0.3

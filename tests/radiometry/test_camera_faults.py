@@ -231,3 +231,12 @@ def test_independent_frames_show_no_shift(rng):
             estimator.add(torch.from_numpy(speckle(rng, shape, photons)))
         shift = estimator.background.shift_pixels or (0.0, 0.0)
         assert shift == (0.0, 0.0)
+
+
+def test_dim_frames_are_not_saturated(rng):
+    """Counts of few photoelectrons, of brightness at random. Clipped bright frames are saturated."""
+    for photons in 10.0 ** rng.uniform(-2.0, 1.0, 30):
+        frame = speckle(rng, photons=float(photons))
+        assert repair(torch.from_numpy(frame))[1].saturated == 0.0
+    frame = np.minimum(speckle(rng, photons=8.0), 20.0)
+    assert repair(torch.from_numpy(frame))[1].saturated > 0.05
