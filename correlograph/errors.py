@@ -50,7 +50,7 @@ def memory_bytes() -> float:
 
 def check_device(device: str) -> None:
     """Refuse another device than `cpu` and `cuda`, and `cuda` if torch finds no GPU."""
-    if device not in ("cpu", "cuda"):
+    if not isinstance(device, str) or device not in ("cpu", "cuda"):
         raise InputError("--device", "cpu or cuda", repr(device), "use one of these")
     if device == "cuda":
         import torch  # a slow import

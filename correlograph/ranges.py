@@ -52,7 +52,13 @@ class Range:
 SEED = Range(0, 2**31 - 1)
 """Seeds fit the frame header's 32-bit integer."""
 
+CONFIDENCE = Range(0.0, 1.0)
+"""Confidences and probabilities."""
+
 FRAMES = Range(1, 10**6)
+SAMPLES = Range(1, 2**28)
+"""Paths of a Monte Carlo light budget; more take hours."""
+
 WORKERS = Range(1, 256)
 SI = Range(SI_MIN, SI_MAX)
 """Bounds of any physical quantity in SI units."""

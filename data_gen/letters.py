@@ -17,7 +17,7 @@ from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError
 from correlograph.files.output import atomic, output_folder
 from correlograph.files.ownership import claim
-from correlograph.ranges import SI
+from correlograph.ranges import Range
 from data_gen.fonts import dejavu_sans
 
 BITMAP_SIDE = 256
@@ -76,7 +76,7 @@ def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m data_gen.letters", description="Draw characters as albedo bitmaps.")
     p.add_argument("folder")
     p.add_argument("characters", nargs="+", help="one character each")
-    p.add_argument("--mesh-depth-m", type=SI, help="write solid letters of this depth, G.ply, instead of bitmaps")
+    p.add_argument("--mesh-depth-m", type=Range(1e-6, 1e3), help="write solid letters of this depth, G.ply, instead of bitmaps")
     p.add_overwrite()
     return p
 

@@ -13,7 +13,7 @@ import numpy as np
 from correlograph.errors import InputError, check_device
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.corrections import Corrections
-from correlograph.files.images import read_image
+from correlograph.files.images import check_symmetry, read_image
 from correlograph.lags import LAG_SIDE
 from correlograph.ranges import SEED
 from invert.assess.reliability import assess_reliability
@@ -76,6 +76,10 @@ def reconstruct(
     seed = SEED.check("seed", seed)
     file = _check_weights(weights, method)
     begin = time.perf_counter()
+    if isinstance(source, Capture) and camera is not None:
+        raise InputError("camera", "no camera together with a capture, which has its own", "both", "create another Capture")
+    if not callable(progress):
+        raise InputError("progress", "a function of a number of steps", f"{progress!r:.60}", "provide a function or omit it")
     capture = read_source(source, camera or CameraMetadata(), autocorrelation)
     if isinstance(capture, Capture):
         capture = (corrections or Corrections()).apply(capture)
@@ -122,17 +126,25 @@ def read_source(source: Source, camera: CameraMetadata, autocorrelation: bool | 
         if autocorrelation or (autocorrelation is None and len(paths) == 1 and _has_published_shape(paths[0])):
             return published_estimate(paths[0])
         return read_capture(paths, camera)
-    return _read_array(source, camera)
+    return _read_array(source, camera, autocorrelation)
 
 
-def _read_array(source: object, camera: CameraMetadata) -> Capture | Estimate:
+def _read_array(source: object, camera: CameraMetadata, autocorrelation: bool | None) -> Capture | Estimate:
+    if isinstance(source, np.ma.MaskedArray) and np.ma.is_masked(source):
+        raise InputError("frames", "arrays without a mask", "masked pixels", "provide the mask as corrections")
     try:
         array = np.asarray(source)
     except ValueError:
         raise InputError("frames", "frames of one size", "arrays of several shapes", "provide one array (n, H, W)") from None
-    if array.shape == (LAG_SIDE, LAG_SIDE) and array.dtype.kind in "uif":
+    if autocorrelation is not False and array.shape == (LAG_SIDE, LAG_SIDE) and array.dtype.kind in "uif":
         check_power(array, "the array")
+        check_symmetry(array, "the array")
         return Estimate("autocorrelation", np.array(array, np.float32))
+    if autocorrelation:
+        found = f"shape {array.shape}"
+        raise InputError(
+            "autocorrelation", f"{LAG_SIDE} x {LAG_SIDE} lags", found, "provide an estimate, or omit autocorrelation"
+        )
     if array.ndim == 2:
         array = array[None]
     if array.ndim != 3 or array.dtype.kind not in "uif" or len(array) == 0:

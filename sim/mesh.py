@@ -42,6 +42,9 @@ def main(argv: Sequence[str] | None = None) -> None:
         raise InputError(
             "input", "a mesh that can be read", f"{options.input} ({type(error).__name__})", "export it again"
         ) from None
+    far = float(np.abs(mesh.vertices).max(initial=0.0))
+    if len(mesh.faces) and not 1e-9 < far < 1e9:
+        raise InputError("input", "a mesh between 1 nm and 1e9 m", f"{far:.3g} m", "correct --unit-m")
     if len(mesh.faces) == 0 or not np.isfinite(mesh.vertices).all():
         raise InputError(
             "input",

@@ -49,7 +49,7 @@ class Settings:
             ("propagator", self.propagator, ("auto", *KERNELS)),
             ("precision", self.precision, (None, *PRECISIONS)),
         ):
-            if value not in names:
+            if not (value is None or isinstance(value, str)) or value not in names:
                 raise InputError(
                     name, f"one of {', '.join(map(str, names))}", f"{value!r:.40}", f"select a {name} from this list"
                 )

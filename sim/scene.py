@@ -12,7 +12,7 @@ import numpy as np
 
 from correlograph.errors import InputError
 from correlograph.files.figures import figure_as_html, show_figure
-from correlograph.ranges import SI, Range
+from correlograph.ranges import SAMPLES, SI, Range
 from sim.geometry import Geometry
 from sim.plan import Plan, Settings
 from sim.plugins import refusals
@@ -93,14 +93,17 @@ class Scene:
     def plan(self, settings: Settings | None = None) -> Plan:
         """Return the plan; it is computed once for an unchanged scene. Raises InputError if the scene cannot be modelled."""
         _, geometry, plans = self._prepare()
-        settings = settings or Settings()
+        settings = Settings() if settings is None else settings
+        if not isinstance(settings, Settings):
+            raise InputError("settings", "a Settings", f"{settings!r:.60}", "create one with correlograph.Settings")
         if settings not in plans:
             template = self._template and self._template.plan(settings)
             plans[settings] = template.with_geometry(geometry) if template else Plan.of(geometry, settings)
         return plans[settings]
 
     def monte_carlo(self, samples: int = 2**16) -> MonteCarlo:
-        """Return the light budget by path tracing."""
+        """Return the light budget by path tracing. Raises InputError for too few or too many samples."""
+        samples = SAMPLES.check("samples", samples)
         return estimate_throughput(self.mitsuba, samples, camera=self.sensor)
 
     def through(self, sensor: int) -> Scene:
@@ -118,12 +121,14 @@ class Scene:
 
         Raises InputError for another parameter, and for values out of range.
         """
-        if parameter not in _SWEPT:
+        if not isinstance(parameter, str) or parameter not in _SWEPT:
             expected = f"{' or '.join(_SWEPT)}, which leave the geometry unchanged"
             raise InputError("parameter", expected, repr(parameter), "load the scene with each value instead")
         return [self._with_value(parameter, value) for value in values]
 
     def _with_value(self, parameter: str, value: float) -> Scene:
+        if not isinstance(value, Real):
+            raise InputError(parameter, "numbers", f"{value!r:.60}", "convert them")
         is_dark = parameter == "power" and value == 0.0
         number = 0.0 if is_dark else SI.check(parameter, value)
         given = {**self.parameters, parameter: _definition(parameter, value)}

@@ -9,7 +9,7 @@ from typing import Any
 
 from correlograph.command import ArgumentParser, exit_at_once, run_command
 from correlograph.errors import InputError
-from correlograph.ranges import FRAMES, SEED
+from correlograph.ranges import FRAMES, SAMPLES, SEED
 
 
 def parser() -> ArgumentParser:
@@ -17,7 +17,7 @@ def parser() -> ArgumentParser:
     p.add_argument("scene", help="Mitsuba scene file (XML), or the name of a shipped scene")
     p.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="scene parameter")
     p.add_argument("--frames", type=FRAMES, default=2, help="frames of the capture, for the degrees of freedom")
-    p.add_argument("--samples", type=int, default=2**20, help="light paths of the Monte Carlo estimate")
+    p.add_argument("--samples", type=SAMPLES, default=2**20, help="light paths of the Monte Carlo estimate")
     p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("--json", action="store_true", help="print JSON")
     return p

@@ -11,6 +11,7 @@ import numpy as np
 from correlograph.errors import InputError
 from correlograph.files.capture import Capture
 from correlograph.files.images import read_image
+from correlograph.files.output import path_of
 
 MAX_UNLIT_FRACTION = 0.01
 """Maximum fraction of pixels without light in the flat-field frame; they take the mean of the others."""
@@ -32,6 +33,12 @@ class Corrections:
     dark: Path | str | None = None
     flat: Path | str | None = None
     mask: Path | str | None = None
+
+    def __post_init__(self) -> None:
+        """Raise InputError for names that are not paths."""
+        for name, value in vars(self).items():
+            if value is not None:
+                path_of(name, value)
 
     def apply(self, capture: Capture) -> Capture:
         """Return the capture with corrected frames. Raises InputError for unsuitable files."""

@@ -135,12 +135,17 @@ def read_autocorrelation(file: Path) -> tuple[np.ndarray, float]:
     if not np.isfinite(pixels).all() or (pixels < 0.0).any():
         raise InputError("autocorrelation", "finite lags, zero or more", f"others in {file.name}", "edit the file")
     step = 0.0 if file.suffix.lower() in (".npy", ".exr") else 1.0
-    asymmetry = np.abs(pixels - pixels[::-1, ::-1]).max()
-    if asymmetry > step + 1e-3 * pixels.max():
+    check_symmetry(pixels, file.name, step)
+    return pixels, step
+
+
+def check_symmetry(lags: np.ndarray, name: str, step: float = 0.0) -> None:
+    """Refuse lags whose opposite values differ by more than a quantisation step and 0.1 % of the maximum."""
+    asymmetry = np.abs(lags - lags[::-1, ::-1]).max()
+    if asymmetry > step + 1e-3 * lags.max():
         raise InputError(
             "autocorrelation",
             "a centro-symmetric picture, zero lag in the middle",
-            f"a difference of {asymmetry:g} between opposite lags in {file.name}",
+            f"a difference of {asymmetry:g} between opposite lags in {name}",
             "check what the file holds",
         )
-    return pixels, step

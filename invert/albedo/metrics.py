@@ -60,6 +60,7 @@ def aligned_pearson(image: np.ndarray, truth: np.ndarray) -> tuple[float, np.nda
     Raises InputError for images that are not finite numbers of one shape (height, width).
     """
     _check_pair(image, truth)
+    image, truth = np.asarray(image), np.asarray(truth)
     moved = register_images(on_grid(image)[None], on_grid(truth))[0][0, : truth.shape[0], : truth.shape[1]].numpy()
     return _pearson(moved, truth), moved
 
@@ -81,6 +82,7 @@ def score(image: np.ndarray, truth: np.ndarray) -> Scores:
     Raises InputError for images that are not finite numbers of one shape, and for a truth without contrast.
     """
     _check_pair(image, truth)
+    image, truth = np.asarray(image), np.asarray(truth)
     if np.ptp(truth) == 0.0:
         raise InputError("truth", "an image with contrast", "the same value everywhere", "use another truth")
     pearson, moved = register_subpixel(image.astype(np.float64), truth.astype(np.float64))
@@ -99,6 +101,8 @@ def score(image: np.ndarray, truth: np.ndarray) -> Scores:
 
 
 def _check_pair(image: np.ndarray, truth: np.ndarray) -> None:
+    if any(np.asarray(one).dtype.kind not in "fiub" for one in (image, truth)):
+        raise InputError("image and truth", "arrays of real numbers", f"{type(image).__name__}", "convert them")
     shapes = np.shape(image), np.shape(truth)
     if shapes[0] != shapes[1] or len(shapes[0]) != 2:
         raise InputError("image and truth", "two images of one shape", f"{shapes[0]} and {shapes[1]}", "resample one of them")

@@ -66,6 +66,14 @@ class Samples:
     samples: np.ndarray
     errors: SizeErrors | None = None
 
+    def __post_init__(self) -> None:
+        """Raise InputError for anything else than finite images of one shape."""
+        samples = np.asarray(self.samples)
+        if samples.dtype.kind not in "fiu" or samples.ndim != 3 or samples.size == 0 or not np.isfinite(samples).all():
+            found = f"{samples.dtype} of shape {samples.shape}"
+            raise InputError("samples", "finite images (n, height, width)", found, "check the array")
+        object.__setattr__(self, "samples", samples)
+
     def __repr__(self) -> str:
         probabilities = ", ".join(f"{cluster.probability:.2f}" for cluster in self.clusters)
         return f"Samples({len(self.samples)} samples, probabilities of clusters {probabilities})"

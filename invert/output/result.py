@@ -9,12 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from correlograph.errors import InputError
+from correlograph.errors import InputError, check_positive
+from correlograph.files.output import path_of
+from correlograph.lags import LAG_SIDE
+from correlograph.ranges import CONFIDENCE
 from invert.albedo.posterior import Samples
 from invert.assess.speckle_test import SpeckleTest
 from invert.measure.estimate import Estimate
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction
+from invert.output.result_files import check_truth
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -91,7 +95,6 @@ class Result:
             truth: known albedo (64, 64) to plot next to the registered reconstruction.
         """
         from invert.output.report import draw_report
-        from invert.output.result_files import check_truth
 
         return draw_report(self, None if truth is None else check_truth(truth))
 
@@ -132,29 +135,32 @@ class Result:
 
         Raises InputError for a folder without a complete result.
         """
-        path = Path(folder)
+        path = path_of("result", folder)
         try:
             summary = json.loads((path / "result.json").read_text())
             albedo, lags = (np.load(path / name, allow_pickle=False) for name in ("albedo.npy", "autocorrelation.npy"))
-            file = path / "samples.npy"
             posterior = summary["posterior"]
-            samples = Samples(np.load(file, allow_pickle=False), posterior.get("size_errors")) if posterior else None
-            pitches = summary["pitches_m"]
-            estimate = Estimate(summary["input"], lags, pitches_m=None if pitches is None else (pitches[0], pitches[1]))
+            samples = posterior and Samples(np.load(path / "samples.npy", allow_pickle=False), posterior.get("size_errors"))
+            if lags.shape != (LAG_SIDE, LAG_SIDE) or not np.isfinite(lags).all():
+                raise ValueError("autocorrelation.npy")
+            pitches = summary["pitches_m"] and tuple(check_positive("pitch", pitch) for pitch in summary["pitches_m"])
+            if pitches is not None and len(pitches) != 2:
+                raise ValueError("pitches_m")
+            estimate = Estimate(summary["input"], lags, pitches_m=pitches)
             reconstruction = Reconstruction(
-                albedo,
-                summary["object_found"],
-                summary["confidence"],
-                summary["residual"],
-                tuple(summary["phase_retrieval_transfer"]),
+                check_truth(albedo),
+                summary["object_found"] is True,
+                CONFIDENCE.check("confidence", summary["confidence"]),
+                summary["residual"] and float(summary["residual"]),
+                tuple(map(float, summary["phase_retrieval_transfer"])),
                 samples,
             )
             test = SpeckleTest.from_dict(summary["speckle_test"])
             settings = Settings(*(summary[name] for name in ("method", "quality", "seed")))
-            warnings = tuple(summary["warnings"])
-            seconds = dict(summary["seconds"])
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError) as error:
-            found = f"{type(error).__name__} in {path}"
+            warnings = tuple(map(str, list(summary["warnings"])))
+            seconds = {str(name): float(value) for name, value in summary["seconds"].items()}
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, RecursionError) as error:
+            found = f"{type(error).__name__} in {path} ({error!s:.80})"
             raise InputError("result", "a folder that python -m invert wrote", found, "check the path") from None
         return cls(estimate, read_measurement(lags), reconstruction, settings, seconds, test, warnings)
 

@@ -27,7 +27,11 @@ class PhaseScreen(mi.BSDF):
         if not np.isfinite(self.velocity_m_s).all():
             raise InputError("phase_screen.velocity", "three finite numbers in m/s", self.velocity_m_s, "correct the value")
         self.depolarising = bool(props.get("depolarising", False))
-        nested = [props[name] for name in props.unqueried() if isinstance(props[name], mi.BSDF)]
+        others = {name: props[name] for name in props.unqueried()}
+        nested = [value for value in others.values() if isinstance(value, mi.BSDF)]
+        if unknown := [name for name, value in others.items() if not isinstance(value, mi.BSDF)]:
+            known = ", ".join((*(one.name for one in PARAMETERS), "depolarising", "velocity"))
+            raise InputError("phase_screen", f"the parameters {known}", unknown[0], "correct its name or remove it")
         if len(nested) != 1:
             raise InputError("phase_screen", "exactly one nested BSDF", len(nested), 'nest one, such as <bsdf type="diffuse">')
         self.nested = nested[0]

@@ -186,3 +186,59 @@ def test_a_capture_cannot_lead_out_of_the_output_folder(tmp_path, command):
     assert code == 2
     assert "rename" in error
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "temporary",
+        "temporary  ",
+        "temporary  notes.txt",
+        "temporary  ../victim",
+        "temporary  /tmp/victim",
+        "temporary  .",
+        "temporary  a\0b",
+        f"{64 * '0'}  ../victim/notes.txt",
+        "nonsense",
+        "\xff\xfe",
+    ],
+)
+def test_no_line_of_a_manifest_leads_to_a_users_file(tmp_path, line):
+    """A manifest may be cut off, damaged or forged."""
+    for folder in (tmp_path / "out", tmp_path / "victim"):
+        folder.mkdir()
+        (folder / "notes.txt").write_text("mine")
+    header = "# files that correlograph wrote here\n"
+    (tmp_path / "out" / MANIFEST).write_text(header + line, encoding="latin-1")
+    with sole_writer(tmp_path / "out"):
+        save_json(tmp_path / "out" / "a.json", {})
+    assert is_own(tmp_path / "out" / "a.json")
+    assert [path.name for path in own_files(tmp_path / "out")] == ["a.json"]
+    assert all((tmp_path / name / "notes.txt").read_text() == "mine" for name in ("out", "victim"))
+
+
+def test_manifests_that_are_no_files_are_refused(tmp_path):
+    (tmp_path / "mine").touch()
+    for number, make in enumerate((os.mkfifo, lambda path: path.symlink_to(tmp_path / "mine"), Path.mkdir)):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        make(folder / MANIFEST)
+        with pytest.raises(cg.InputError, match="manifest"):
+            save_json(folder / "a.json", {})
+    assert (tmp_path / "mine").read_bytes() == b""
+
+
+def test_a_permission_ends_with_the_run_that_failed(tmp_path, command):
+    np.save(tmp_path / "constant.npy", np.full((200, 200), 7.0))
+    np.save(tmp_path / "lags.npy", np.ones((127, 127)))
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "report.png").write_text("mine")
+    output = ["-o", tmp_path / "out", "--method", "er", "--quality", "fast"]
+    code, _, _ = command(dispatch, "invert", tmp_path / "constant.npy", *output, "--overwrite")
+    assert code == 2
+    script = "import sys; from correlograph.__main__ import main; main()"
+    arguments = ["invert", tmp_path / "lags.npy", "--autocorrelation", *output]
+    done = subprocess.run([sys.executable, "-c", script, *map(str, arguments)], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "--overwrite" in done.stderr
+    assert (tmp_path / "out" / "report.png").read_text() == "mine"

@@ -4,6 +4,7 @@ import subprocess
 import sys
 
 import numpy as np
+import OpenEXR
 import pytest
 import tifffile
 from PIL import Image
@@ -110,7 +111,8 @@ def test_a_pixel_that_saturates_in_the_dark_takes_the_mean(tmp_path, rng):
     corrected = corrections.apply(read_capture([tmp_path / "a.npy"], UNKNOWN)).frames[0]
     lit = np.ones(frame.shape, bool)
     lit[7, 9] = False
-    expected = (frame - dark) / ((flat - dark) / (flat - dark)[lit].mean())
+    gain = np.where(lit, flat - dark, 1.0)
+    expected = (frame - dark) / (gain / gain[lit].mean())
     np.testing.assert_allclose(corrected[lit], expected[lit], rtol=1e-5)
     np.testing.assert_allclose(corrected[7, 9], (frame - dark)[lit].mean(), rtol=1e-5)
 
@@ -207,3 +209,20 @@ def test_inverting_never_imports_mitsuba():
         "sys.exit(int('mitsuba' in sys.modules or 'drjit' in sys.modules))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_files_of_several_frames_and_inverted_files_are_refused(tmp_path, rng):
+    pixels = rng.integers(0, 2000, (130, 140)).astype(np.uint16)
+    tifffile.imwrite(tmp_path / "stack.tif", np.stack([pixels, pixels]))
+    with tifffile.TiffWriter(tmp_path / "pages.tif") as writer:
+        writer.write(pixels)
+        writer.write(pixels[:129])
+    tifffile.imwrite(tmp_path / "inverted.tif", pixels, photometric="miniswhite")
+    (tmp_path / "turned.tif").write_bytes(b"")
+    tifffile.imwrite(tmp_path / "turned.tif", pixels, extratags=[(274, 3, 1, 6, True)])
+    (tmp_path / "named.png").write_bytes((tmp_path / "stack.tif").read_bytes())
+    parts = [OpenEXR.Part({"type": OpenEXR.scanlineimage}, {"Y": pixels.astype(np.float32)}, name=name) for name in "ab"]
+    OpenEXR.File(parts).write(str(tmp_path / "parts.exr"))
+    for name in ("stack.tif", "pages.tif", "inverted.tif", "turned.tif", "named.png", "parts.exr"):
+        with pytest.raises(InputError):
+            read_image(tmp_path / name)
