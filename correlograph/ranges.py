@@ -40,7 +40,10 @@ class Range:
             return False
         if isinstance(self.least, int):
             return isinstance(value, Integral) and self.least <= int(value) <= self.most and int(value) % self.step == 0
-        return isinstance(value, Real) and self.least <= value <= self.most
+        try:
+            return isinstance(value, Real) and self.least <= float(value) <= self.most
+        except OverflowError:
+            return False
 
     def __str__(self) -> str:
         if isinstance(self.least, float):

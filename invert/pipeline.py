@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from functools import partial
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Literal
 
@@ -14,6 +15,7 @@ from correlograph.errors import InputError, check_device
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.corrections import Corrections
 from correlograph.files.images import check_symmetry, read_image
+from correlograph.files.output import path_of
 from correlograph.lags import LAG_SIDE
 from correlograph.ranges import SEED
 from invert.assess.reliability import assess_reliability
@@ -73,6 +75,7 @@ def reconstruct(
     method, quality, mean_model = method_named(method), quality_named(quality), check_mean_model(mean_model)
     check_device(device)
     _check_types(camera, corrections)
+    _check_numbers(patch, blur_pixels)
     seed = SEED.check("seed", seed)
     file = _check_weights(weights, method)
     begin = time.perf_counter()
@@ -166,10 +169,17 @@ def _check_types(camera: object, corrections: object) -> None:
             raise InputError(name, f"a {kind.__name__}", f"{value!r:.60}", f"create one with correlograph.{kind.__name__}")
 
 
+def _check_numbers(patch: object, blur_pixels: object) -> None:
+    if not (patch is None or isinstance(patch, Integral) or (isinstance(patch, str) and patch == "fit")):
+        raise InputError("patch", 'a number of pixels, None or "fit"', f"{patch!r:.60}", "correct it")
+    if not (blur_pixels is None or isinstance(blur_pixels, Real) or (isinstance(blur_pixels, str) and blur_pixels == "auto")):
+        raise InputError("blur_pixels", 'a number of pixels, None or "auto"', f"{blur_pixels!r:.60}", "correct it")
+
+
 def _check_weights(weights: str | Path | None, method: Method) -> Path | None:
     if weights is not None and not method.is_network:
         raise InputError("weights", f"method {UNET}", f"method {method}", f"select method {UNET} or remove weights")
-    return None if weights is None else Path(weights)
+    return None if weights is None else path_of("weights", weights)
 
 
 def _refuse_frame_options(patch: Patch, corrections: Corrections | None, blur_pixels: Blur, mean_model: str) -> None:

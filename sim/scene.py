@@ -45,6 +45,8 @@ class Scene:
         parameters: Mapping[str, Any] | None = None,
         sensor: int | None = None,
     ) -> None:
+        if not isinstance(scene, mi.Scene):
+            raise InputError("scene", "a mi.Scene", f"{scene!r:.60}", "load it with correlograph.load")
         self.mitsuba, self.name, self.digest, self.parameters = scene, name, digest, dict(parameters or {})
         self._sensor_number = sensor
         self.sensor = None if sensor is None else scene.sensors()[sensor]
@@ -124,6 +126,8 @@ class Scene:
         if not isinstance(parameter, str) or parameter not in _SWEPT:
             expected = f"{' or '.join(_SWEPT)}, which leave the geometry unchanged"
             raise InputError("parameter", expected, repr(parameter), "load the scene with each value instead")
+        if not isinstance(values, Iterable):
+            raise InputError("values", "a list of numbers", f"{values!r:.60}", "put the value into a list")
         return [self._with_value(parameter, value) for value in values]
 
     def _with_value(self, parameter: str, value: float) -> Scene:
@@ -173,7 +177,7 @@ def load(scene: str | Path | dict[str, Any] | mi.Scene, /, **parameters: Any) ->
         if isinstance(scene, mi.Scene):
             return Scene(scene)
         return _load_dictionary(scene)
-    if not isinstance(scene, (str, Path)):  # pyright: ignore[reportUnnecessaryIsInstance]
+    if not isinstance(scene, (str, Path)):
         raise InputError("scene", "a name, a file, a dictionary or a mi.Scene", f"{scene!r:.60}", "load another scene")
     given = {name: _definition(name, value) for name, value in parameters.items()}
     loaded, digest = load_scene(scene, given)

@@ -14,6 +14,7 @@ from scipy.spatial.distance import squareform
 
 from correlograph.errors import InputError
 from correlograph.lags import OBJECT_SIDE
+from correlograph.ranges import CONFIDENCE
 from invert.albedo.registration import normalise_peak, on_grid, pairwise_correlation, register_images, zero_pad
 
 MIN_CLUSTER_DISTANCE = 0.2
@@ -106,8 +107,9 @@ class Samples:
         Raises:
             InputError: another size or probability.
         """
-        if not 0.0 <= probability <= 1.0:
-            raise InputError("probability", "0 to 1", probability, "use a fraction such as 0.8")
+        probability = CONFIDENCE.check("probability", probability)
+        if not isinstance(size, str) or size not in SIZES:
+            raise InputError("size", f"one of {', '.join(SIZES)}", f"{size!r:.40}", "select a size from this list")
         tails = 0.5 * (1.0 - probability), 0.5 * (1.0 + probability)
         quantiles = (self.errors or {}).get(size)
         if quantiles is None:

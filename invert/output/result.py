@@ -125,6 +125,8 @@ class Result:
         from correlograph.files.ownership import claim
         from invert.output.result_files import RESULT_FILES, write_result
 
+        if not isinstance(request_sha256, (str, type(None))):
+            raise InputError("request_sha256", "a text or None", f"{request_sha256!r:.60}", "omit it")
         target = output_folder(folder)
         claim(target, RESULT_FILES, overwrite=overwrite)
         return write_result(target, self, truth, request_sha256)
