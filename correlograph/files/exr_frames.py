@@ -83,6 +83,10 @@ def read_frame(path: Path) -> tuple[np.ndarray, FrameHeader | None]:
     if not required <= set(known):
         return pixels, None
     for name, value in known.items():
+        is_text = name in ("scene_sha256", "version")
+        if isinstance(value, str) != is_text or (name in ("seed", "frame") and not isinstance(value, int)):
+            expected = "text" if is_text else "a number"
+            raise InputError("frame", f"{expected} as {name}", f"{value!r:.40} in {path.name}", "render the frame again")
         if name.endswith(("_m", "_s")):
             known[name] = check_positive(f"{name} of {path.name}", value)
     return pixels, FrameHeader(**known)

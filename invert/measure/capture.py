@@ -49,11 +49,10 @@ def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
 
 def frames_inside(folder: Path) -> list[Path]:
     """Return the frame files of a folder in order. Raises InputError for frames of several types, such as TIFF and PNG."""
-    inside = sorted(
-        path
-        for path in folder.iterdir()
-        if path.is_file() and not path.name.startswith(".") and path.suffix.lower() in FRAME_KINDS and not _is_result(path)
-    )
+    named = sorted(path for path in folder.iterdir() if not path.name.startswith(".") and path.suffix.lower() in FRAME_KINDS)
+    if odd := [path for path in named if not path.is_file()]:
+        raise InputError("frames", "files", f"a folder, a pipe or a link that leads nowhere: {odd[0]}", "move it elsewhere")
+    inside = [path for path in named if not _is_result(path)]
     types = {FRAME_KINDS[path.suffix.lower()]: path for path in inside}
     if len(types) > 1:
         found = f"{' and '.join(path.name for path in types.values())} in {folder}"

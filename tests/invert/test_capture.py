@@ -1,7 +1,9 @@
 """Frames from files of several kinds, and refusals of what cannot be speckle."""
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import OpenEXR
@@ -226,3 +228,11 @@ def test_files_of_several_frames_and_inverted_files_are_refused(tmp_path, rng):
     for name in ("stack.tif", "pages.tif", "inverted.tif", "turned.tif", "named.png", "parts.exr"):
         with pytest.raises(InputError):
             read_image(tmp_path / name)
+
+
+@pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo, lambda path: path.symlink_to("nowhere")])
+def test_entries_that_are_no_files_are_refused(tmp_path, rng, make):
+    np.save(tmp_path / "a.npy", rng.random((130, 140)))
+    make(tmp_path / "b.npy")
+    with pytest.raises(InputError, match=r"b\.npy"):
+        find_frames([tmp_path])

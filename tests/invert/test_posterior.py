@@ -66,7 +66,7 @@ def test_an_unknown_size_or_probability_is_refused():
     said = make_samples(RIGHT, RIGHT)
     with pytest.raises(InputError, match="size: expected one of width, height, area"):
         said.interval("depth", 0.8)
-    with pytest.raises(InputError, match="probability: expected 0 to 1"):
+    with pytest.raises(InputError, match="probability: expected a number from 0 to 1"):
         said.interval("width", 80.0)
 
 
