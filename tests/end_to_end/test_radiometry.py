@@ -48,11 +48,14 @@ def test_definitions_scale_the_account(command):
 
 def test_a_missing_baffle_is_reported(command, tmp_path):
     text = SCENE.read_text().replace('"F.png"', f'"{SCENE.parent / "F.png"}"').replace('x="0.095" z="0.6"', 'x="5" z="0.6"')
-    (tmp_path / "open.xml").write_text(text)
-    code, out, err = command(account, tmp_path / "open.xml", "--json")
-    assert code == 0
-    assert "baffle" in err
-    assert "baffle" in json.loads(out)["warnings"][0]
+    looks_at = '<lookat origin="0.1039558, 0, 0.4890738" target='
+    facing = text.replace(looks_at + '"0, 0, 0"', looks_at + '"0, 0.6, 0.62"')
+    for name, scene, is_warned in (("away", text, False), ("facing", facing, True)):
+        (tmp_path / f"{name}.xml").write_text(scene)
+        code, out, err = command(account, tmp_path / f"{name}.xml", "--json")
+        assert code == 0
+        assert ("baffle" in err) == is_warned
+        assert ("baffle" in " ".join(json.loads(out)["warnings"])) == is_warned
 
 
 def test_one_frame_of_one_patch_is_refused(command, tmp_path):
