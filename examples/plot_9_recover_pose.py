@@ -15,10 +15,13 @@ import numpy as np
 import torch
 
 import sim
+from correlograph.lags import LAGS, lag_grid
 from radiometry.estimation.whole_frames import estimate_autocorrelation
-from radiometry.noise.level import HALF_PLANE, dim_zero_lag
+from radiometry.noise.level import dim_zero_lag
 from radiometry.prediction import patches_of
 from sim.gradients import Setup, expected_autocorrelation, setup_of
+
+HALF_PLANE = lag_grid(LAGS).half_plane
 
 STARTS = [(distance, tilt) for distance in (0.8, 1.0, 1.3) for tilt in (-0.6, 0.6)]
 

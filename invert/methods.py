@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from correlograph.lags import OBJECT_SIDE
 from invert.albedo.posterior import Samples, register_samples
 from invert.albedo.registration import consensus, crop_centred, normalise_peak
 from invert.choices import CLASSICAL, FAST, Method, Quality
@@ -56,7 +55,9 @@ class Reconstruction:
         return f"Reconstruction({found}, confidence {self.confidence:.2f})"
 
 
-EMPTY_RECONSTRUCTION = Reconstruction(np.zeros((OBJECT_SIDE, OBJECT_SIDE), np.float32), False, 0.0, None)
+def empty_reconstruction(side: int) -> Reconstruction:
+    """Return the reconstruction without an object, (side, side)."""
+    return Reconstruction(np.zeros((side, side), np.float32), False, 0.0, None)
 
 
 def progress_steps(method: Method, quality: Quality) -> int:
@@ -79,7 +80,7 @@ def reconstruct_measurement(
         weights: weights for `unet` instead of those that ship.
     """
     if not measurement.detectable:
-        return EMPTY_RECONSTRUCTION
+        return empty_reconstruction(measurement.lag_grid.object_side)
     if method.is_network:
         return _reconstruct_by_network(measurement, quality, seed, device, progress, weights or DEFAULT_WEIGHTS)
     found = solve(measurement, method, quality, seed, device, progress)
@@ -109,7 +110,7 @@ def _reconstruct_by_network(
 
 def _reject(found: Reconstruction) -> Reconstruction:
     """Report no object, and keep the image as `rejected`."""
-    rejected = replace(EMPTY_RECONSTRUCTION, confidence=found.confidence, features=found.features)
+    rejected = replace(empty_reconstruction(len(found.albedo)), confidence=found.confidence, features=found.features)
     return replace(rejected, rejected=found.albedo, posterior=None)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from correlograph.errors import InputError
-from correlograph.lags import LAG_SIDE, LAGS
+from correlograph.lags import LAGS, LagGrid, lag_grid, lag_grid_of
 
 
 @dataclass(frozen=True)
@@ -19,6 +19,7 @@ class PatchGrid:
     Attributes:
         size: rows of pixels per patch; also its columns, unless `width` is given.
         width: columns of pixels per patch, for a camera at an angle that sees the wall foreshortened.
+        lags: largest lag on either side of zero; at most half of the patch.
     """
 
     size: int
@@ -26,6 +27,12 @@ class PatchGrid:
     columns: int
     frame_shape: tuple[int, int]
     width: int | None = None
+    lags: int = LAGS
+
+    @property
+    def lag_grid(self) -> LagGrid:
+        """Lags of an estimate from these patches."""
+        return lag_grid(self.lags)
 
     @property
     def count(self) -> int:
@@ -53,24 +60,27 @@ class PatchGrid:
         return blocks[: self.rows, : self.columns].reshape(self.count, height, width)
 
 
-def patch_grid(frame_shape: tuple[int, int], size: int | tuple[int, int]) -> PatchGrid:
+def patch_grid(frame_shape: tuple[int, int], size: int | tuple[int, int], lags: int = LAGS) -> PatchGrid:
     """Return a grid of `size`-pixel patches for a frame; the larger of its two patch counts is a multiple of the smaller.
 
     A 2056 x 2464 frame and 257 pixels give the 8 x 8 patches of Metzler et al. 2020. Raises InputError if no patch fits, or if a
-    patch is too small for 127 lags.
+    patch is too small for the lags.
     """
     height, width = (size, size) if isinstance(size, int) else size
-    if not (LAG_SIDE <= height <= frame_shape[0] and LAG_SIDE <= width <= frame_shape[1]):
+    side = lag_grid(lags).side
+    if not (side <= height <= frame_shape[0] and side <= width <= frame_shape[1]):
         shorter = min(frame_shape)
         raise InputError(
             "patch",
-            f"a size between {LAG_SIDE} pixels (as many lags) and the frame's shorter side ({shorter})",
+            f"a size between {side} pixels (as many lags) and the frame's shorter side ({shorter})",
             size,
-            "choose another --patch",
+            "choose another --patch or fewer lags",
         )
     rows, columns = frame_shape[0] // height, frame_shape[1] // width
     fewest = min(rows, columns)
-    return PatchGrid(height, rows - rows % fewest, columns - columns % fewest, frame_shape, width if width != height else None)
+    return PatchGrid(
+        height, rows - rows % fewest, columns - columns % fewest, frame_shape, width if width != height else None, lags
+    )
 
 
 SQUARE_ENOUGH = 1.05
@@ -81,10 +91,11 @@ def automatic_patch_size(
     frame_shape: tuple[int, int],
     geometry: tuple[float, float, float | tuple[float, float]] | None = None,
     pitch_m: float = 300e-6,
+    lags: int = LAGS,
 ) -> int | tuple[int, int]:
     """Return the patch size whose lag pitch is closest to `pitch_m`, or an eighth of the frame if the geometry is unknown.
 
-    The size lies between 127 pixels (all lags fit) and half of the shorter side (at least four patches). It is a number for square
+    The size lies between 2 `lags` + 1 pixels (all lags fit) and half of the shorter side (at least four patches). It is a number for square
     patches and (rows, columns) if the pixel pitches differ by more than `SQUARE_ENOUGH`.
 
     Args:
@@ -92,7 +103,8 @@ def automatic_patch_size(
     """
 
     def kept(wanted: int, side: int) -> int:
-        return int(min(max(wanted, LAG_SIDE), max(side // 2, min(LAG_SIDE, side))))
+        least = lag_grid(lags).side
+        return int(min(max(wanted, least), max(side // 2, min(least, side))))
 
     shorter = min(frame_shape)
     if geometry is None:
@@ -125,7 +137,7 @@ def peak_of_cell_means(albedo_autocorrelation: np.ndarray) -> float:
     return float(2.0 * peak - 0.5 * (albedo_autocorrelation[middle, middle + 1] + albedo_autocorrelation[middle + 1, middle]))
 
 
-def smooth_by_window(albedo_autocorrelation: np.ndarray, cells_per_lag: int = 1) -> np.ndarray:
+def smooth_by_window(albedo_autocorrelation: np.ndarray, cells_per_lag: int = 1, lags: int | None = None) -> np.ndarray:
     """Convolve r*r with sinc^2 along each axis, as a boxcar patch does, and sample it at whole lags.
 
     r*r of an image of square cells is bilinear between cell lags, so the convolution is exact.
@@ -133,23 +145,29 @@ def smooth_by_window(albedo_autocorrelation: np.ndarray, cells_per_lag: int = 1)
     Args:
         albedo_autocorrelation: odd square array of lags one cell apart, zero lag in the middle.
         cells_per_lag: whole number of cells per lag.
+        lags: largest lag of the result; by default as many as the input has.
 
     Returns:
-        float64 (127, 127); zero beyond the lags of the input.
+        float64 (2 lags + 1, 2 lags + 1); zero beyond the lags of the input.
     """
-    kernel = window_kernel(albedo_autocorrelation.shape[0] // 2, cells_per_lag)
+    reach = lag_grid_of(albedo_autocorrelation).lags
+    kernel = window_kernel((reach + 1) // cells_per_lag - 1 if lags is None else lags, reach, cells_per_lag)
     return kernel @ albedo_autocorrelation @ kernel.T
 
 
-@lru_cache(maxsize=8)
-def window_kernel(reach: int = LAGS, cells_per_lag: int = 1) -> np.ndarray:
-    """Return the effect of a boxcar patch on r*r of square cells along one axis (bilinear, then sinc^2); (127, 2 reach + 1)."""
+@lru_cache(maxsize=16)
+def window_kernel(lags: int = LAGS, reach: int | None = None, cells_per_lag: int = 1) -> np.ndarray:
+    """Return the effect of a boxcar patch on r*r of square cells along one axis (bilinear, then sinc^2).
+
+    Its shape is (2 lags + 1, 2 reach + 1); `reach`, the number of cells on either side of zero, is `lags` by default.
+    """
+    reach = lags if reach is None else reach
     fine = 64
     position = (np.arange(-fine, fine) + 0.5) / fine
     hat = (1.0 - np.abs(position)) / fine
-    lag = np.arange(-LAGS, LAGS + 1)[:, None]
+    lag = lag_grid(lags).steps[:, None]
     cell = np.arange(-reach, reach + 1)[None, :] / cells_per_lag
-    kernel = np.zeros((LAG_SIDE, 2 * reach + 1))
+    kernel = np.zeros((2 * lags + 1, 2 * reach + 1))
     for offset, weight in zip(position, hat, strict=True):
         kernel += weight * np.sinc(lag - cell - offset / cells_per_lag) ** 2
     return kernel / cells_per_lag

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from correlograph.errors import InputError, check_positive
+from correlograph.lags import LAG_SIDE, OBJECT_SIDE
 from radiometry.noise.budget import estimate_error
-from radiometry.noise.level import HALF_PLANE, fit_known_signal
+from radiometry.noise.level import fit_known_signal
 from radiometry.prediction import Prediction, predict
 
 FRAME_COUNTS = (2, 3, 4, 5, 7, *(round(10 * 2 ** (half / 2)) for half in range(34)))
@@ -38,7 +39,7 @@ class Division:
 
 
 def error_of(prediction: Prediction, frames: int, floor: float) -> float:
-    """Return the predicted relative error over all 127 x 127 lags."""
+    """Return the predicted relative error over all lags."""
     signal = prediction.signal
     return estimate_error(float(signal.sum()), float((signal**2).sum()), signal.size, floor, prediction.dof(frames))
 
@@ -101,12 +102,12 @@ def _predict_at_resolution(geometry: Any, resolution_m: float) -> Prediction:
             resolution_m,
             "increase --resolution-m or move the wall closer",
         )
-    prediction = predict(geometry, max(smallest, 127))
+    prediction = predict(geometry, max(smallest, LAG_SIDE))
     for widest, pitch_m in zip(geometry.hidden_object.extent_m, prediction.pitches_m, strict=True):
-        if widest > 64 * pitch_m:
+        if widest > OBJECT_SIDE * pitch_m:
             raise InputError(
                 "--resolution-m",
-                f"{widest / 64:.3g} m or coarser, for the object to fit 64 lags",
+                f"{widest / OBJECT_SIDE:.3g} m or coarser, for the object to fit {OBJECT_SIDE} lags",
                 resolution_m,
                 "increase --resolution-m",
             )
@@ -123,4 +124,5 @@ def measured_error(estimate: np.ndarray, prediction: Prediction) -> float:
     """Return the relative error of an estimate against the known r*r, with fitted gain and floor, over the same lags."""
     gain, floor = fit_known_signal(estimate, prediction.signal)
     residual = estimate - floor - gain * prediction.signal
-    return float(np.sqrt((residual[HALF_PLANE] ** 2).sum() / ((gain * prediction.signal[HALF_PLANE]) ** 2).sum()))
+    half = prediction.grid.lag_grid.half_plane
+    return float(np.sqrt((residual[half] ** 2).sum() / ((gain * prediction.signal[half]) ** 2).sum()))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from correlograph.lags import LAGS
+from correlograph.lags import LAGS, lag_grid_of
 from radiometry.autocorrelation import (
     PatchGrid,
     autocorrelate,
@@ -23,7 +23,6 @@ from radiometry.autocorrelation import (
 from radiometry.estimation.third_moment import MIN_SIGNAL_FRACTION, drawn_third_moment
 from radiometry.estimation.whole_frames import degrees_of_freedom
 from radiometry.noise.budget import NoiseTerms
-from radiometry.noise.level import RING
 from radiometry.photons import grain_area
 from radiometry.throughput import light_budget
 from radiometry.transfer import lag_transfer
@@ -79,7 +78,7 @@ class Prediction:
         if floor is None:
             return None
         weight = self.signal / (self.signal + floor)
-        weight[(weight < MIN_SIGNAL_FRACTION) | (RING < 2)] = 0.0
+        weight[(weight < MIN_SIGNAL_FRACTION) | (lag_grid_of(weight).ring < 2)] = 0.0
         if not weight.any() or not self.cells.any():
             return None
         terms = self.terms
@@ -137,41 +136,45 @@ def noise_terms(geometry: Any, albedo: np.ndarray, cell_area_m2: float, square_s
     )
 
 
-def patches_of(geometry: Any, patch: int | None = None) -> tuple[PatchGrid, tuple[float, float]]:
+def patches_of(geometry: Any, patch: int | None = None, lags: int = LAGS) -> tuple[PatchGrid, tuple[float, float]]:
     """Return the division of a scene's frames into patches of `patch` pixels (None: as in `invert`), and the lag pitches in metres.
 
     The pitches belong to rows and columns.
     """
     facts = (geometry.wavelength_m, geometry.distance_m, geometry.seen_pitch_m)
-    grid = patch_grid(geometry.frame_shape, patch or automatic_patch_size(geometry.frame_shape, facts))
+    grid = patch_grid(geometry.frame_shape, patch or automatic_patch_size(geometry.frame_shape, facts, lags=lags), lags)
     return grid, grid.lag_pitches_m(*facts)
 
 
-def predict(geometry: Any, patch: int | None = None) -> Prediction:
-    """Predict the estimate of a scene's frames with patches of `patch` pixels (None: as in `invert`)."""
-    grid, pitches_m = patches_of(geometry, patch)
+def predict(geometry: Any, patch: int | None = None, lags: int = LAGS) -> Prediction:
+    """Predict the estimate of a scene's frames with patches of `patch` pixels (None: as in `invert`) and a number of lags."""
+    grid, pitches_m = patches_of(geometry, patch, lags)
     hidden = geometry.hidden_object
     cell = (pitches_m[0] / CELLS_PER_LAG, pitches_m[1] / CELLS_PER_LAG)
-    side = max(64 * CELLS_PER_LAG, *(math.ceil(extent / step) + 1 for extent, step in zip(hidden.extent_m, cell, strict=True)))
+    shown = grid.lag_grid.object_side
+    side = max(
+        shown * CELLS_PER_LAG, *(math.ceil(extent / step) + 1 for extent, step in zip(hidden.extent_m, cell, strict=True))
+    )
     albedo = hidden.sample(cell, (side, side)).albedo
-    lags = autocorrelate(albedo)
+    correlation = autocorrelate(albedo)
     transfer = lag_transfer(
-        np.arange(-LAGS, LAGS + 1),
+        grid.lag_grid.steps,
         grid.patch_shape,
         geometry.pixel_pitch_m,
         geometry.pupil_diameter_m,
         geometry.wavelength_m,
         geometry.pupil_distance_m,
     )
-    steps = np.arange(-LAGS, LAGS + 1.0)
+    steps = grid.lag_grid.steps.astype(float)
     if geometry.motion.moves:
         left = geometry.motion.transfer(steps[:, None] * pitches_m[0], steps[None, :] * pitches_m[1])
-        transfer = transfer * left / left[LAGS, LAGS]
-    peak = peak_of_cell_means(lags)
-    signal = smooth_by_window(lags / peak if peak > 0.0 else lags, CELLS_PER_LAG) * transfer
+        transfer = transfer * left / left[lags, lags]
+    peak = peak_of_cell_means(correlation)
+    signal = smooth_by_window(correlation / peak if peak > 0.0 else correlation, CELLS_PER_LAG, lags) * transfer
     terms = noise_terms(geometry, albedo, cell[0] * cell[1] * hidden.axes.cell, peak)
-    middle = [slice(size // 2 - 32 * CELLS_PER_LAG, size // 2 + 32 * CELLS_PER_LAG) for size in albedo.shape]
-    cells = albedo[tuple(middle)].reshape(64, CELLS_PER_LAG, 64, CELLS_PER_LAG).mean((1, 3))
+    half = shown * CELLS_PER_LAG // 2
+    middle = [slice(size // 2 - half, size // 2 - half + shown * CELLS_PER_LAG) for size in albedo.shape]
+    cells = albedo[tuple(middle)].reshape(shown, CELLS_PER_LAG, shown, CELLS_PER_LAG).mean((1, 3))
     if cells.sum() * CELLS_PER_LAG**2 < 0.99 * albedo.sum():  # the object is wider than the lags
         cells = np.zeros_like(cells)
     return Prediction(terms, grid, pitches_m, signal, transfer, cells, 2 if geometry.is_depolarised else 1)

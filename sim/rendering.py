@@ -14,7 +14,7 @@ import torch
 from correlograph.errors import check_device
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.exr_frames import FrameHeader
-from correlograph.lags import OBJECT_SIDE
+from correlograph.lags import LAGS, lag_grid
 from correlograph.ranges import FRAMES, SEED
 from correlograph.version import version
 from radiometry.prediction import patches_of
@@ -139,13 +139,14 @@ def record(
     }
 
 
-def lag_grid_albedo(geometry: Geometry, patch: int | None = None) -> tuple[np.ndarray, tuple[float, float]]:
+def lag_grid_albedo(geometry: Geometry, patch: int | None = None, lags: int = LAGS) -> tuple[np.ndarray, tuple[float, float]]:
     """Return the albedo of the hidden object on the lag grid of patches of `patch` pixels (None: as in `invert`), and the pitches.
 
-    The albedo is (64, 64) float32; the pitches belong to rows and columns.
+    The albedo is (lags + 1, lags + 1) float32; the pitches belong to rows and columns.
     """
-    _, pitches_m = patches_of(geometry, patch)
-    return geometry.hidden_object.sample(pitches_m, (OBJECT_SIDE, OBJECT_SIDE)).albedo, pitches_m
+    _, pitches_m = patches_of(geometry, patch, lags)
+    side = lag_grid(lags).object_side
+    return geometry.hidden_object.sample(pitches_m, (side, side)).albedo, pitches_m
 
 
 def saturation(plan: Plan, frames: list[np.ndarray]) -> float:

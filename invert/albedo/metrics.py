@@ -11,10 +11,9 @@ from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from skimage.registration import phase_cross_correlation
 
 from correlograph.errors import InputError
-from correlograph.lags import LAGS
+from correlograph.lags import lag_grid_of
 from invert.albedo.registration import on_grid, register_images
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
-from radiometry.noise.level import HALF_PLANE, RING
 
 SUCCESS = 0.8
 """Registered Pearson correlation of a successful reconstruction."""
@@ -143,7 +142,8 @@ def agreement(albedo: np.ndarray, estimate: np.ndarray, floor: float, signal_rin
     A high value shows that a reconstruction explains the data, not that it is right: a bright point with a faint copy of the object
     explains them too.
     """
-    used = HALF_PLANE & (signal_ring >= RING) & (np.hypot(*np.mgrid[-LAGS : LAGS + 1, -LAGS : LAGS + 1]) > 1.5)
+    grid = lag_grid_of(estimate)
+    used = grid.half_plane & (signal_ring >= grid.ring) & (np.hypot(grid.row, grid.column) > 1.5)
     return _pearson(smooth_by_window(autocorrelate(albedo))[used], (estimate - floor)[used])
 
 

@@ -13,7 +13,6 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial.distance import squareform
 
 from correlograph.errors import InputError
-from correlograph.lags import OBJECT_SIDE
 from correlograph.ranges import CONFIDENCE
 from invert.albedo.registration import normalise_peak, on_grid, pairwise_correlation, register_images, zero_pad
 
@@ -158,4 +157,5 @@ def measure_size(albedo: np.ndarray, size: str) -> float:
 def register_samples(samples: torch.Tensor, albedo: torch.Tensor, errors: SizeErrors | None = None) -> Samples:
     """Register samples (n, 64, 64) to a reconstruction (64, 64)."""
     registered, _ = register_images(zero_pad(normalise_peak(samples)), on_grid(albedo.numpy()))
-    return Samples(np.ascontiguousarray(registered[:, :OBJECT_SIDE, :OBJECT_SIDE].numpy(), np.float32), errors)
+    height, width = albedo.shape
+    return Samples(np.ascontiguousarray(registered[:, :height, :width].numpy(), np.float32), errors)

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from correlograph.lags import OBJECT_SIDE
 
-
-def on_grid(image: np.ndarray, side: int = 2 * OBJECT_SIDE) -> torch.Tensor:
-    """Zero-pad an image so that a circular shift loses nothing; float32 (side, side)."""
+def on_grid(image: np.ndarray, side: int | None = None) -> torch.Tensor:
+    """Zero-pad an image to twice its longer side, or to `side`, so that a circular shift loses nothing; float32 (side, side)."""
+    side = 2 * max(image.shape) if side is None else side
     grid = torch.zeros(side, side)
     grid[: image.shape[0], : image.shape[1]] = torch.as_tensor(np.ascontiguousarray(image, np.float32))
     return grid
@@ -24,7 +23,7 @@ def normalise_peak(albedos: torch.Tensor) -> torch.Tensor:
 
 def zero_pad(albedos: torch.Tensor) -> torch.Tensor:
     """Zero-pad albedos (..., 64, 64) to twice their side, so that a circular shift loses nothing."""
-    return torch.nn.functional.pad(albedos, (0, OBJECT_SIDE, 0, OBJECT_SIDE))
+    return torch.nn.functional.pad(albedos, (0, albedos.shape[-1], 0, albedos.shape[-2]))
 
 
 def rotate_180(image: torch.Tensor) -> torch.Tensor:
@@ -71,7 +70,8 @@ def register_groups(pictures: torch.Tensor, references: torch.Tensor) -> torch.T
 
     Parts outside the window are lost, so a shift is weighted by the fourth power of the fraction of the light that it keeps.
     """
-    side, grid = 2 * OBJECT_SIDE, (2 * OBJECT_SIDE, 2 * OBJECT_SIDE)
+    shown = references.shape[-1]
+    side, grid = 2 * shown, (2 * shown, 2 * shown)
     ours, theirs = torch.fft.rfft2(pictures[:, 0], s=grid), torch.fft.rfft2(references, s=grid)
     window = torch.fft.rfft2(torch.ones_like(references), s=grid)
     # the twin image has the conjugate spectrum
@@ -83,14 +83,14 @@ def register_groups(pictures: torch.Tensor, references: torch.Tensor) -> torch.T
     for own, best in zip(pictures, (fit * kept**4).flatten(1).argmax(1).tolist(), strict=True):
         turn, shift = divmod(best, side * side)
         whole = zero_pad(own)
-        moved.append(
-            torch.roll(rotate_180(whole) if turn else whole, divmod(shift, side), (-2, -1))[:, :OBJECT_SIDE, :OBJECT_SIDE]
-        )
+        moved.append(torch.roll(rotate_180(whole) if turn else whole, divmod(shift, side), (-2, -1))[:, :shown, :shown])
     return torch.stack(moved)
 
 
-def crop_centred(images: torch.Tensor, side: int = OBJECT_SIDE) -> torch.Tensor:
-    """Crop the `side` x `side` window that contains most of periodic images (..., H, W), taken together, and centre them."""
+def crop_centred(images: torch.Tensor, side: int | None = None) -> torch.Tensor:
+    """Crop the `side` x `side` window (default: half of the images) that contains most of periodic images (..., H, W), taken
+    together, and centre them."""
+    side = images.shape[-1] // 2 if side is None else side
     for dimension in (-2, -1):
         profile = images.movedim(dimension, 0).flatten(1).sum(1).double()
         length = profile.numel()
@@ -109,7 +109,7 @@ class Consensus:
     """Registered mean (H, W) of reconstructions, their mean correlation (0 to 1), and its decay with spatial frequency.
 
     `transfer` is the phase retrieval transfer function (Chapman et al., J. Opt. Soc. Am. A 23, 1179, 2006,
-    doi:10.1364/JOSAA.23.001179): |mean of F| over mean of |F|, averaged on rings of 0, 1, 2 ... cycles per `OBJECT_SIDE` lags. It is 1
+    doi:10.1364/JOSAA.23.001179): |mean of F| over mean of |F|, averaged on rings of 0, 1, 2 ... cycles per window of the object. It is 1
     if all have the same phase, and 1 / sqrt(n) for n independent phases.
     """
 
@@ -146,7 +146,8 @@ def phase_retrieval_transfer(aligned: torch.Tensor) -> tuple[float, ...]:
     ratio = spectra.mean(0).abs() / spectra.abs().mean(0).clamp_min(1e-30)
     row = torch.fft.fftfreq(aligned.shape[-2], device=aligned.device)[:, None]
     column = torch.fft.rfftfreq(aligned.shape[-1], device=aligned.device)
-    ring = (torch.hypot(row, column) * OBJECT_SIDE).round().long().flatten()
-    total = torch.zeros(OBJECT_SIDE, device=aligned.device).scatter_add_(0, ring, ratio.flatten())
-    count = torch.zeros(OBJECT_SIDE, device=aligned.device).scatter_add_(0, ring, torch.ones_like(ratio).flatten())
-    return tuple((total / count.clamp_min(1.0))[: OBJECT_SIDE // 2 + 1].tolist())
+    window = aligned.shape[-1] // 2
+    ring = (torch.hypot(row, column) * window).round().long().flatten()
+    total = torch.zeros(window, device=aligned.device).scatter_add_(0, ring, ratio.flatten())
+    count = torch.zeros(window, device=aligned.device).scatter_add_(0, ring, torch.ones_like(ratio).flatten())
+    return tuple((total / count.clamp_min(1.0))[: window // 2 + 1].tolist())

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import torch
 
-from correlograph.lags import OBJECT_SIDE
 from invert.albedo.posterior import Samples
 from invert.assess.speckle_test import SpeckleTest
 from invert.likelihood.gamma import NoiseLikelihood
@@ -81,7 +80,7 @@ def _check_speckle(test: SpeckleTest, frames: int) -> list[str]:
 
 def _check_samples(samples: Samples, likelihood: NoiseLikelihood) -> list[str]:
     lowest = min(likelihood.misfit(torch.from_numpy(sample)) for sample in samples.samples)
-    without_object = likelihood.misfit(torch.zeros(OBJECT_SIDE, OBJECT_SIDE))
+    without_object = likelihood.misfit(torch.zeros(samples.samples.shape[1:]))
     if lowest <= max(MAX_DEFICIT_NATS, MAX_DEFICIT_FRACTION * without_object):
         return []
     return [

@@ -12,7 +12,6 @@ from invert.measure.estimate import Estimate
 from invert.measure.spectrum import Measurement
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
 from radiometry.estimation.third_moment import MIN_SIGNAL_FRACTION
-from radiometry.noise.level import RING
 
 
 @dataclass(frozen=True)
@@ -53,17 +52,17 @@ class SpeckleTest:
 
 def speckle_test(estimate: Estimate, measurement: Measurement, albedo: np.ndarray) -> SpeckleTest:
     """Test a reconstruction (64, 64) that is not empty."""
-    floor, ring = measurement.noise.floor, measurement.noise.signal_ring
+    floor, ring, rings = measurement.noise.floor, measurement.noise.signal_ring, measurement.lag_grid.ring
     transfer = np.ones_like(estimate.lags) if estimate.transfer is None else np.maximum(estimate.transfer, 0.05)
     signal = (measurement.estimate - floor) * transfer
     expected = smooth_by_window(autocorrelate(albedo)) * transfer
-    seen = uniform_filter(np.where(RING < 2, 0.0, signal), 3).clip(0.0)
+    seen = uniform_filter(np.where(rings < 2, 0.0, signal), 3).clip(0.0)
     weight = np.divide(seen, seen + floor, out=np.zeros_like(seen), where=seen > 0.0)
-    weight[(ring < RING) | (RING < 2) | (weight < MIN_SIGNAL_FRACTION)] = 0.0
+    weight[(ring < rings) | (rings < 2) | (weight < MIN_SIGNAL_FRACTION)] = 0.0
     weight = 0.5 * (weight + weight[::-1, ::-1])
     square = weight**2
     power = float((square * signal).sum() / max((square * expected).sum(), 1e-30))
-    unexplained = _unexplained_fraction(signal, expected, measurement, (ring >= RING) & (RING > 1))
+    unexplained = _unexplained_fraction(signal, expected, measurement, (ring >= rings) & (rings > 1))
     if estimate.filtered_frames is None or not weight.any() or power <= 0.0:
         return SpeckleTest(None, None, unexplained)
     likeness, error = estimate.filtered_frames.likeness(albedo, weight, np.sqrt(transfer), signal, floor, power)

@@ -4,29 +4,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 import torch
 from scipy.special import digamma
 
-from correlograph.lags import LAGS
+from correlograph.lags import lag_grid
 from invert.measure.spectrum import Measurement
-from radiometry.noise.level import HALF_PLANE, RING
 from radiometry.noise.model import autocorrelate_windowed
 
-PEDESTAL_SIGMA_LAGS = 32.0
-"""Standard deviation of the pedestal of an estimate, half of the 64-lag window of the object. Lab estimates contain such
+PEDESTAL_SIGMA = 0.5
+"""Standard deviation of the pedestal of an estimate in units of the window of the object. Lab estimates contain such
 an excess, 1 to 4 % of the maximum lag, of unknown origin. A model without it favours smeared albedos."""
 
 MIN_FLOOR = 1e-3
 """Minimum floor in units of the maximum lag; model errors of this size occur with any albedo."""
 
-_LAG_MASK = torch.from_numpy((RING > 1) & HALF_PLANE)
-"""Lags used; those adjacent to zero lag carry little information."""
 
-_PROFILE = torch.exp(-0.5 * (torch.arange(-LAGS, LAGS + 1).double() / PEDESTAL_SIGMA_LAGS).square())
-PEDESTAL_PROFILE = torch.outer(_PROFILE, _PROFILE)
-"""Pedestal at every lag (127, 127), 1 at zero lag."""
+@lru_cache(maxsize=8)
+def lags_used(lags: int) -> torch.Tensor:
+    """Return a mask of the lags used, bool (127, 127); those adjacent to zero lag carry little information."""
+    grid = lag_grid(lags)
+    return torch.from_numpy((grid.ring > 1) & grid.half_plane)
+
+
+@lru_cache(maxsize=8)
+def pedestal_profile(lags: int) -> torch.Tensor:
+    """Return the pedestal at every lag, float64 (127, 127), 1 at zero lag."""
+    grid = lag_grid(lags)
+    profile = torch.exp(-0.5 * (torch.from_numpy(grid.steps).double() / (PEDESTAL_SIGMA * grid.object_side)).square())
+    return torch.outer(profile, profile)
 
 
 class NoiseLikelihood:
@@ -48,7 +56,8 @@ class NoiseLikelihood:
         kind: torch.dtype = torch.float64,
         transfer: np.ndarray | None = None,
     ) -> None:
-        self._used, self._pedestal = _LAG_MASK.to(device), PEDESTAL_PROFILE[_LAG_MASK].to(device, kind)
+        lags = measurement.lag_grid.lags
+        self._used, self._pedestal = lags_used(lags).to(device), pedestal_profile(lags)[lags_used(lags)].to(device, kind)
         estimate = torch.from_numpy(measurement.estimate).to(device, kind)[self._used]
         tiny = torch.finfo(kind).tiny
         height = estimate.abs().amax().clamp_min(tiny)

@@ -13,7 +13,7 @@ import numpy as np
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.images import read_autocorrelation
-from correlograph.lags import LAGS
+from correlograph.lags import LagGrid, lag_grid_of
 from correlograph.ranges import BLUR, PATCH
 from invert.measure.capture import printable
 from invert.measure.patch_fit import choose_patch_grid
@@ -91,6 +91,11 @@ class Estimate:
     filtered_frames: FilteredFrames | None = None
     seconds: float = 0.0
 
+    @property
+    def lag_grid(self) -> LagGrid:
+        """Lags of the estimate."""
+        return lag_grid_of(self.lags)
+
     def __repr__(self) -> str:
         pitch = "unknown pitch" if self.pitches_m is None else f"{self.pitches_m[0] * 1e6:.0f} um per lag"
         return f"Estimate({self.name!r}, {self.lags.shape[0]} x {self.lags.shape[1]} lags, {pitch})"
@@ -151,7 +156,7 @@ def estimate_from_frames(
     estimate = Estimate(
         name=", ".join(capture.names) or f"{len(capture.frames)} frames",
         lags=lags,
-        transfer=_camera_transfer(capture.camera, grid.patch_shape),
+        transfer=_camera_transfer(capture.camera, grid),
         pitches_m=grid.lag_pitches_m(*geometry) if geometry else None,
         frame=capture.frames[0],
         record=EstimateRecord(len(capture.frames), grid, estimator.dof, estimator.background),
@@ -166,21 +171,23 @@ def apply_blur_transfer(estimate: Estimate, blur_pixels: tuple[float, float]) ->
     if estimate.record is None:
         raise ValueError("an estimate without frames has no patches")
     # The lags around zero keep nearly all of an object's light, so a blur that removes these leaves nothing to reconstruct.
-    blur = gaussian_transfer(np.arange(-LAGS, LAGS + 1), estimate.record.grid.patch_shape, blur_pixels)
-    if blur[LAGS, LAGS + 2] < MIN_BLUR_TRANSFER or blur[LAGS + 2, LAGS] < MIN_BLUR_TRANSFER:
-        found = f"{max(blur_pixels):g} pixels, which leaves {min(blur[LAGS, LAGS + 2], blur[LAGS + 2, LAGS]):.2g} at two lags"
+    steps, zero = estimate.lag_grid.steps, estimate.lag_grid.lags
+    blur = gaussian_transfer(steps, estimate.record.grid.patch_shape, blur_pixels)
+    left = min(blur[zero, zero + 2], blur[zero + 2, zero])
+    if left < MIN_BLUR_TRANSFER:
+        found = f"{max(blur_pixels):g} pixels, which leaves {left:.2g} at two lags"
         raise InputError(
             "blur_pixels", "a blur that leaves light at lags next to zero", found, "correct the blur or focus the camera"
         )
     return replace(estimate, transfer=blur if estimate.transfer is None else estimate.transfer * blur, blur_pixels=blur_pixels)
 
 
-def _camera_transfer(camera: CameraMetadata, patch_shape: tuple[int, int]) -> np.ndarray | None:
+def _camera_transfer(camera: CameraMetadata, grid: PatchGrid) -> np.ndarray | None:
     if camera.lag_geometry is None or camera.pupil_diameter_m is None or camera.pupil_distance_m is None:
         return None
     return lag_transfer(
-        np.arange(-LAGS, LAGS + 1),
-        patch_shape,
+        grid.lag_grid.steps,
+        grid.patch_shape,
         camera.pixel_pitch_m,
         camera.pupil_diameter_m,
         camera.wavelength_m,

@@ -10,10 +10,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from correlograph.lags import LAG_SIDE, LAGS
 from invert.measure.spectrum import Measurement
 from radiometry.autocorrelation import PatchGrid, patch_grid
-from radiometry.noise.level import HALF_PLANE, RING
 
 MIN_EXTENT_LAGS, MAX_EXTENT_LAGS = 24.0, 44.0
 """Target extents in lags (the grid has 64): smaller objects are enlarged to the first, wider ones reduced to the second."""
@@ -34,8 +32,9 @@ def is_wider_than_lags(measurement: Measurement) -> bool:
 
 def signal_extent_lags(measurement: Measurement) -> int:
     """Return the extent of r*r in lags, about the width of the object."""
-    excess = np.where(HALF_PLANE, measurement.estimate.astype(np.float64) - measurement.noise.floor, 0.0)
-    inside = np.bincount(RING.ravel(), excess.ravel(), LAGS + 1).cumsum()
+    lags = measurement.lag_grid
+    excess = np.where(lags.half_plane, measurement.estimate.astype(np.float64) - measurement.noise.floor, 0.0)
+    inside = np.bincount(lags.ring.ravel(), excess.ravel(), lags.lags + 1).cumsum()
     return int(np.argmax(inside >= ENCLOSED_SIGNAL_FRACTION * inside[-1]))
 
 
@@ -63,7 +62,7 @@ def _enlarge_patches(grid: PatchGrid, ratio: float) -> PatchGrid:
 
 def _scale_patches(grid: PatchGrid, ratio: float) -> PatchGrid:
     sizes = [
-        min(max(round(size * ratio), LAG_SIDE), max(side // 2, size))
+        min(max(round(size * ratio), grid.lag_grid.side), max(side // 2, size))
         for size, side in zip(grid.patch_shape, grid.frame_shape, strict=True)
     ]
-    return patch_grid(grid.frame_shape, (sizes[0], sizes[1]))
+    return patch_grid(grid.frame_shape, (sizes[0], sizes[1]), grid.lags)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import torch
 
-from correlograph.lags import LAG_SIDE, LAGS, OBJECT_SIDE
-from radiometry.noise.level import HALF_PLANE, RING, NoiseLevel, extrapolated_peak, fill_zero_lag, read_noise_level
-
-GRID = 128
-"""Retrieval grid: the 127 x 127 lags of a 64 x 64 object fit without wrapping."""
+from correlograph.lags import LagGrid, lag_grid_of
+from radiometry.noise.level import NoiseLevel, extrapolated_peak, fill_zero_lag, read_noise_level
 
 RESOLUTION_LAGS = 0.5
 """Standard deviation, in lags, of the Gaussian that limits the resolution of a noisy reconstruction."""
@@ -45,6 +43,11 @@ class Measurement:
     interpolated: tuple[str, ...]
 
     @property
+    def lag_grid(self) -> LagGrid:
+        """Lags of the estimate."""
+        return lag_grid_of(self.estimate)
+
+    @property
     def detectable(self) -> bool:
         """Whether the signal suffices for a reconstruction."""
         return self.detection >= DETECTION_LIMIT and self.peak > 0.0
@@ -52,7 +55,7 @@ class Measurement:
     @property
     def box(self) -> int:
         """Side of a square support from the signal extent: an object is as wide as the radius of its r*r plus one."""
-        return min(OBJECT_SIDE, self.noise.signal_ring + 3)
+        return min(self.lag_grid.object_side, self.noise.signal_ring + 3)
 
     @property
     def floor_over_peak(self) -> float | None:
@@ -80,7 +83,7 @@ def read_measurement(estimate: np.ndarray, quantisation: float = 0.0, transfer: 
     found = detection(interpolated_estimate, noise)
     if transfer is not None:
         # beyond the signal, division by H would only amplify noise
-        usable = np.where(noise.signal_ring >= RING, np.maximum(transfer, 0.05), 1.0)
+        usable = np.where(noise.signal_ring >= lag_grid_of(estimate).ring, np.maximum(transfer, 0.05), 1.0)
         interpolated_estimate = noise.floor + (interpolated_estimate - np.float32(noise.floor)) / usable.astype(np.float32)
     peak, peak_error = extrapolated_peak(interpolated_estimate, noise)
     return Measurement(fill_zero_lag(interpolated_estimate, noise.floor + peak), noise, peak, peak_error, found, interpolated)
@@ -95,15 +98,17 @@ def interpolate_lines(estimate: np.ndarray, noise: NoiseLevel) -> tuple[np.ndarr
     """
     interpolated = np.array(estimate, np.float32)
     names = []
-    outside = np.abs(np.arange(-LAGS, LAGS + 1)) > noise.signal_ring
-    outside[:LAGS] = False
+    grid = lag_grid_of(estimate)
+    middle = grid.lags
+    outside = np.abs(grid.steps) > noise.signal_ring
+    outside[:middle] = False
     for name, view in (("row", interpolated), ("column", interpolated.T)):
-        beside = 0.5 * (view[LAGS - 1] + view[LAGS + 1])
-        next_beside = 0.5 * (view[LAGS - 2] + view[LAGS + 2])
+        beside = 0.5 * (view[middle - 1] + view[middle + 1])
+        next_beside = 0.5 * (view[middle - 2] + view[middle + 2])
         level = float((2.0 * beside - next_beside)[outside].mean())
         spread = 2.0 * level * (noise.inflation**0.5 / (noise.dof or 1e6) / outside.sum()) ** 0.5
-        if view[LAGS, outside].mean() - level > max(5.0 * spread, 0.15 * level):
-            view[LAGS] = beside
+        if view[middle, outside].mean() - level > max(5.0 * spread, 0.15 * level):
+            view[middle] = beside
             names.append(name)
     return interpolated, tuple(names)
 
@@ -114,16 +119,18 @@ def detection(estimate: np.ndarray, noise: NoiseLevel) -> float:
     It is a matched filter for blobs of unknown size around zero lag; zero lag itself is excluded. The excess is measured from the
     floor or, if that gives less, `SLOPE_WEIGHT` times from a floor a + b r^2 of the lags outside the ring, extrapolated into it.
     """
+    grid = lag_grid_of(estimate)
+    half, rings = grid.half_plane, grid.ring
     if noise.floor <= 0.0:
-        return float("inf") if estimate[HALF_PLANE].max() > 0.0 else 0.0
+        return float("inf") if estimate[half].max() > 0.0 else 0.0
     spread = max(noise.deviation * noise.inflation**0.5, 1e-6 * noise.floor)
     flat, sloping = [], []
-    for ring in (2, 4, 8, 16, 32):
-        inside, outside = HALF_PLANE & (ring >= RING), HALF_PLANE & (ring < RING)
+    for ring in (ring for ring in (2, 4, 8, 16, 32, 64, 128) if 2 * ring <= grid.object_side):
+        inside, outside = half & (ring >= rings), half & (ring < rings)
         count = float(inside.sum())
         flat.append(float((estimate[inside] - noise.floor).sum()) / (spread * count**0.5))
-        basis = np.stack([np.ones(int(outside.sum())), RING[outside].astype(np.float64) ** 2], 1)
-        total = np.array([count, float((RING[inside].astype(np.float64) ** 2).sum())])
+        basis = np.stack([np.ones(int(outside.sum())), rings[outside].astype(np.float64) ** 2], 1)
+        total = np.array([count, float((rings[inside].astype(np.float64) ** 2).sum())])
         inverse = np.linalg.inv(basis.T @ basis)
         excess = float(estimate[inside].sum()) - total @ (inverse @ (basis.T @ estimate[outside].astype(np.float64)))
         sloping.append(excess / (spread * (count + total @ inverse @ total) ** 0.5))
@@ -134,13 +141,13 @@ def estimate_noise(measurement: Measurement) -> float:
     """Return the relative L2 error of the estimate's signal under the noise model: sqrt(sum S^2 / K / sum A^2)."""
     if not measurement.noise.dof:
         return 0.0
-    kept = measurement.estimate[measurement.noise.signal_ring + 1 >= RING].astype(np.float64)
+    kept = measurement.estimate[measurement.noise.signal_ring + 1 >= measurement.lag_grid.ring].astype(np.float64)
     signal = ((kept - measurement.noise.floor) ** 2).sum()
     return float(np.sqrt((kept**2).sum() / measurement.noise.dof / signal)) if signal > 0.0 else np.inf
 
 
 def fourier_modulus(measurement: Measurement) -> torch.Tensor:
-    """Return |F(r)| on the retrieval grid, float32 (128, 65), scaled to 1 at zero frequency.
+    """Return |F(r)| on the padded grid of the lags, float32 (128, 65), scaled to 1 at zero frequency.
 
     The floor is subtracted, noisy lags beyond the signal are set to zero, the patch window is deconvolved (by division of the
     spectrum by its triangle), and the resolution is limited. Zero lag is free: its value raises all frequencies alike. Without noise
@@ -150,9 +157,10 @@ def fourier_modulus(measurement: Measurement) -> torch.Tensor:
     guard = _guard(measurement)
     excess = fill_zero_lag(measurement.estimate - np.float32(measurement.noise.floor), 0.0)
     if measurement.noise.dof:  # without noise, leakage beyond the signal is useful
-        excess[measurement.noise.signal_ring + 1 < RING] = 0.0
+        excess[measurement.noise.signal_ring + 1 < measurement.lag_grid.ring] = 0.0
     spectrum = _power(excess)
-    spectrum -= np.quantile(spectrum[(_ROW > 0.3) & (_COLUMN > 0.3)], 0.8 * guard)
+    row, column = _frequencies(len(spectrum))
+    spectrum -= np.quantile(spectrum[(row > 0.3) & (column > 0.3)], 0.8 * guard)
     return _modulus(spectrum, guard)
 
 
@@ -161,9 +169,10 @@ def denoised_modulus(signal: np.ndarray, measurement: Measurement) -> torch.Tens
     return _modulus(_power(signal), _guard(measurement))
 
 
-_ROW = np.abs(np.fft.fftfreq(GRID))[:, None]
-_COLUMN = np.fft.rfftfreq(GRID)[None, :]
-"""Cycles per lag of the spectrum on the retrieval grid."""
+@lru_cache(maxsize=4)
+def _frequencies(side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the row and column frequencies, in cycles per lag, of a spectrum on a periodic grid."""
+    return np.abs(np.fft.fftfreq(side))[:, None], np.fft.rfftfreq(side)[None, :]
 
 
 def _guard(measurement: Measurement) -> float:
@@ -173,15 +182,17 @@ def _guard(measurement: Measurement) -> float:
 
 def _power(lags: np.ndarray) -> np.ndarray:
     """Return the spectrum (128, 65) of centro-symmetric lags (127, 127)."""
-    padded = np.zeros((GRID, GRID), np.float32)
-    padded[:LAG_SIDE, :LAG_SIDE] = lags
-    return np.fft.rfft2(np.roll(padded, (-LAGS, -LAGS), (0, 1))).real
+    grid = lag_grid_of(lags)
+    padded = np.zeros((grid.padded_side, grid.padded_side), np.float32)
+    padded[: grid.side, : grid.side] = lags
+    return np.fft.rfft2(np.roll(padded, (-grid.lags, -grid.lags), (0, 1))).real
 
 
 def _modulus(power: np.ndarray, guard: float) -> torch.Tensor:
     """Deconvolve the patch window, limit the resolution, and take the root, 1 at zero frequency; `power` is overwritten."""
-    power /= (1.0 - _ROW) * (1.0 - _COLUMN)
-    power *= np.exp(-((2.0 * np.pi * guard * RESOLUTION_LAGS) ** 2) * (_ROW**2 + _COLUMN**2))
+    row, column = _frequencies(len(power))
+    power /= (1.0 - row) * (1.0 - column)
+    power *= np.exp(-((2.0 * np.pi * guard * RESOLUTION_LAGS) ** 2) * (row**2 + column**2))
     modulus = np.sqrt(np.maximum(power, 0.0))
     scale = modulus[0, 0] or modulus.max() or 1.0
     return torch.from_numpy((modulus / scale).astype(np.float32))

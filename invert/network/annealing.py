@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import torch
 
-from correlograph.lags import OBJECT_SIDE
+from correlograph.lags import lag_grid_of
 from invert.albedo.registration import crop_centred, normalise_peak, zero_pad
 from invert.choices import Quality
 from invert.network.features import Observation, fill_zero_lag_by_neighbours, mean_near_zero_lag
@@ -112,7 +112,8 @@ def sample_posterior(
     data, denoised_means = replace(observation, dof=observation.dof / inflation), []
     sigma = observation.dof.new_full((len(candidates),), CANDIDATE_SIGMA)
     candidates = apply_shrunken_data_step(_repeat(data, len(candidates)), candidates, sigma, options.ascent)
-    zeros = torch.zeros(options.samples, OBJECT_SIDE, OBJECT_SIDE, device=observation.estimate.device)
+    side = lag_grid_of(observation.estimate).object_side
+    zeros = torch.zeros(options.samples, side, side, device=observation.estimate.device)
     first = replace(options, **INITIAL_SCHEDULE)
     samples, _ = run_annealing(sampler, observation, data, zeros, first, rng, progress)
     for number in range(options.rounds):

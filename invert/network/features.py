@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import torch
 from torch.nn import functional
 
-from correlograph.lags import LAGS, OBJECT_SIDE
+from correlograph.lags import lag_grid_of
 
 LAG_CHANNELS = 2 * 2 * 4 + 2 + 2
 """Two maps and their mirror images, 2 x 2 lags to 4 channels; two numbers; two coordinates."""
@@ -42,7 +42,8 @@ class Observation:
     @classmethod
     def from_estimate(cls, estimate: torch.Tensor, floor: torch.Tensor, dof: torch.Tensor) -> Observation:
         """Return observations of estimates alone; the other inputs are zero."""
-        pictures = estimate.new_zeros(len(estimate), PICTURES, OBJECT_SIDE, OBJECT_SIDE)
+        side = lag_grid_of(estimate).object_side
+        pictures = estimate.new_zeros(len(estimate), PICTURES, side, side)
         return cls(estimate, floor, dof, torch.zeros_like(estimate), pictures)
 
     def __len__(self) -> int:
@@ -109,14 +110,16 @@ def picture_features(seen: Observation) -> torch.Tensor:
 
 def _stack_cells(maps: torch.Tensor, numbers: torch.Tensor) -> torch.Tensor:
     """Stack maps (n, m, 127, 127) and numbers (n, k) as channels of 32 x 32 cells."""
+    side = lag_grid_of(maps).object_side
     maps = functional.pad(maps, (1, 0, 1, 0))
-    planes = numbers[:, :, None, None].expand(-1, -1, 32, 32)
-    return torch.cat((functional.pixel_unshuffle(maps, 4), functional.pixel_unshuffle(maps[:, :, 32:96, 32:96], 2), planes), 1)
+    planes = numbers[:, :, None, None].expand(-1, -1, side // 2, side // 2)
+    inner = maps[:, :, side // 2 : 3 * side // 2, side // 2 : 3 * side // 2]
+    return torch.cat((functional.pixel_unshuffle(maps, 4), functional.pixel_unshuffle(inner, 2), planes), 1)
 
 
 def half_plane(lags: torch.Tensor) -> torch.Tensor:
     """Return the lags (..., 127, 127) with non-negative column, (..., 128, 64); the first row is empty, zero lag at [64, 0]."""
-    return functional.pad(lags[..., LAGS:], (0, 0, 1, 0))
+    return functional.pad(lags[..., lag_grid_of(lags).lags :], (0, 0, 1, 0))
 
 
 def whole_plane(half: torch.Tensor) -> torch.Tensor:
@@ -146,16 +149,18 @@ def modulus_picture(estimate: torch.Tensor, floor: torch.Tensor) -> torch.Tensor
 
 def zero_lag_first(lags: torch.Tensor) -> torch.Tensor:
     """Move lags (n, 127, 127) to the periodic grid (n, 128, 128), zero lag from the middle to [0, 0]."""
-    return torch.roll(functional.pad(lags, (0, 1, 0, 1)), (-LAGS, -LAGS), (-2, -1))
+    middle = lag_grid_of(lags).lags
+    return torch.roll(functional.pad(lags, (0, 1, 0, 1)), (-middle, -middle), (-2, -1))
 
 
 def fill_zero_lag_by_neighbours(estimate: torch.Tensor) -> torch.Tensor:
     """Replace zero lag by the mean of its four neighbours."""
-    filled = estimate.clone()
-    filled[:, LAGS, LAGS] = 0.5 * (estimate[:, LAGS, LAGS + 1] + estimate[:, LAGS + 1, LAGS])
+    filled, middle = estimate.clone(), lag_grid_of(estimate).lags
+    filled[:, middle, middle] = 0.5 * (estimate[:, middle, middle + 1] + estimate[:, middle + 1, middle])
     return filled
 
 
 def mean_near_zero_lag(lags: torch.Tensor) -> torch.Tensor:
     """Return the mean (n,) of the nine lags around zero lag, for lags (n, 127, 127) with zero lag filled."""
-    return lags[:, LAGS - 1 : LAGS + 2, LAGS - 1 : LAGS + 2].mean((-2, -1))
+    middle = lag_grid_of(lags).lags
+    return lags[:, middle - 1 : middle + 2, middle - 1 : middle + 2].mean((-2, -1))

@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import torch
 
-from correlograph.lags import OBJECT_SIDE
-from invert.likelihood.gamma import MIN_FLOOR, PEDESTAL_PROFILE, fit_brightnesses
+from correlograph.lags import lag_grid_of
+from invert.likelihood.gamma import MIN_FLOOR, fit_brightnesses, lags_used, pedestal_profile
 from invert.network.features import DOF_RANGE, Observation, fill_zero_lag_by_neighbours, zero_lag_first
 from radiometry.autocorrelation import window_kernel
-from radiometry.noise.level import HALF_PLANE, RING
-
-_SIDE = 2 * OBJECT_SIDE
 
 
 def _half(lags: torch.Tensor) -> torch.Tensor:
     """Return the lags (n, 127, 127) of rows 0 to 63, zero lag first, (n, 64, 128); the other rows mirror these."""
-    return zero_lag_first(lags)[..., :OBJECT_SIDE, :]
+    return zero_lag_first(lags)[..., : lag_grid_of(lags).object_side, :]
 
 
-_LAG_MASK = _half(torch.from_numpy((RING > 1) & HALF_PLANE).float()[None])
-_PEDESTAL_HALF = _half(PEDESTAL_PROFILE.float()[None])
-_RESPONSE = torch.fft.fft(zero_lag_first(torch.from_numpy(window_kernel())[None])[0, :, 0]).real
-_WINDOW = torch.outer(_RESPONSE, _RESPONSE[: OBJECT_SIDE + 1]).float()
-"""Spectral response of the patch window, (128, 65)."""
+@lru_cache(maxsize=8)
+def _constants(lags: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Return the mask of the lags and the pedestal, (1, 64, 128) each, and the spectral response of the patch window, (128, 65)."""
+    response = torch.fft.fft(zero_lag_first(torch.from_numpy(window_kernel(lags))[None])[0, :, 0]).real
+    window = torch.outer(response, response[: lags + 2]).float()
+    return _half(lags_used(lags).float()[None]), _half(pedestal_profile(lags).float()[None]), window
+
 
 MAX_ALBEDO = 1.2
 """Maximum albedo of a step; the maximum of an object is about 1."""
@@ -40,7 +41,7 @@ class Likelihood:
         self.estimate = _half(estimate / height[:, None, None])
         self.floor = (seen.floor / height).clamp_min(MIN_FLOOR)[:, None, None]
         self.dof = seen.dof.clamp(*DOF_RANGE)[:, None, None]
-        self.used, self.pedestal, self.window = (one.to(estimate) for one in (_LAG_MASK, _PEDESTAL_HALF, _WINDOW))
+        self.used, self.pedestal, self.window = (one.to(estimate) for one in _constants(lag_grid_of(seen.estimate).lags))
 
     def at(self, albedo: torch.Tensor) -> LikelihoodPoint:
         """Evaluate the likelihood at one albedo per estimate, (n, 64, 64)."""
@@ -93,15 +94,17 @@ class LikelihoodPoint:
 
     def _smooth_by_window(self, power: torch.Tensor) -> torch.Tensor:
         """Return half of the lags of a power spectrum (n, 128, 65), smoothed by the patch window."""
-        return torch.fft.irfft2(power * self._window, s=(_SIDE, _SIDE))[..., :OBJECT_SIDE, :]
+        side = len(self._window)
+        return torch.fft.irfft2(power * self._window, s=(side, side))[..., : side // 2, :]
 
     def _in_picture(self, lags: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
         """Smooth lags, and convolve them with images given by their spectra; (n, 64, 64).
 
         d (r*r)(lag) / d r(x) = r(x + lag) + r(x - lag).
         """
-        both = 2.0 * self._window * torch.fft.rfft2(lags, s=(_SIDE, _SIDE)).real
-        return torch.fft.irfft2(both * spectrum, s=(_SIDE, _SIDE))[..., :OBJECT_SIDE, :OBJECT_SIDE]
+        side = len(self._window)
+        both = 2.0 * self._window * torch.fft.rfft2(lags, s=(side, side)).real
+        return torch.fft.irfft2(both * spectrum, s=(side, side))[..., : side // 2, : side // 2]
 
 
 def run_data_consistency_steps(
@@ -140,7 +143,8 @@ def run_data_consistency_steps(
 
 
 def _spectrum(albedo: torch.Tensor) -> torch.Tensor:
-    return torch.fft.rfft2(albedo, s=(_SIDE, _SIDE))
+    side = 2 * albedo.shape[-1]
+    return torch.fft.rfft2(albedo, s=(side, side))
 
 
 def _dot(one: torch.Tensor, other: torch.Tensor) -> torch.Tensor:

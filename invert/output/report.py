@@ -12,7 +12,6 @@ import numpy as np
 
 from correlograph.files.figures import add_scale_bar, save_figure
 from correlograph.files.output import atomic
-from correlograph.lags import LAGS
 from invert.albedo.metrics import aligned_pearson
 from invert.albedo.posterior import Samples
 from radiometry.noise.level import dim_zero_lag
@@ -100,7 +99,7 @@ def _result_panels(result: Result, albedo: np.ndarray, truth: np.ndarray | None,
         low, high = float(corner.min()), float(corner.max())
         panels.append(_Panel("corner of the first frame", corner, low, max(high, low + 1e-12), unit="pixels"))
     lags = dim_zero_lag(estimate.lags)
-    edge = LAGS + 0.5
+    edge = estimate.lag_grid.lags + 0.5
     panels.append(
         _Panel(
             "autocorrelation estimate",

@@ -7,7 +7,6 @@ from typing import Any
 
 import torch
 
-from correlograph.lags import OBJECT_SIDE
 from invert.choices import CLASSICAL, Method, Quality
 from invert.measure.spectrum import Measurement, fourier_modulus
 from invert.solvers.admm_tv import AdmmTvOptions, admm_tv
@@ -57,7 +56,7 @@ def solve(
     progress: Progress = no_progress,
 ) -> Candidates:
     """Retrieve the phase of a measurement from random starts; images (starts, 128, 128)."""
-    support_side = measurement.box if method == CLASSICAL else OBJECT_SIDE
+    support_side = measurement.box if method == CLASSICAL else measurement.lag_grid.object_side
     rng = torch.Generator(device=device).manual_seed(seed)
     modulus = fourier_modulus(measurement).to(device)
     return solver_of(method)(modulus, support_side, rng, solver_options(method, quality), progress)

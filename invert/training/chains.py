@@ -9,7 +9,7 @@ import math
 
 import torch
 
-from correlograph.lags import LAGS, OBJECT_SIDE
+from correlograph.lags import OBJECT_SIDE
 from invert.albedo.registration import register_groups
 from invert.choices import BALANCED
 from invert.network.annealing import Annealing, apply_shrunken_data_step, noise_level_at, renoise
@@ -46,8 +46,8 @@ class Chains:
             the round, its number of steps and of finished steps; and the remaining rounds, including the present one.
     """
 
-    def __init__(self) -> None:
-        lags, pictures = (CHAINS, 2 * LAGS + 1, 2 * LAGS + 1), (CHAINS, OBJECT_SIDE, OBJECT_SIDE)
+    def __init__(self, side: int = OBJECT_SIDE) -> None:
+        lags, pictures = (CHAINS, 2 * side - 1, 2 * side - 1), (CHAINS, side, side)
         shapes = {
             "estimate": lags,
             "floor": (CHAINS,),

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import torch
 from torch.nn import functional
 
-from correlograph.lags import LAGS
+from correlograph.lags import lag_grid, lag_grid_of
 from invert.albedo.registration import normalise_peak
 from invert.network.features import Observation
 from invert.training.denoising import Draws, shift_randomly
-from radiometry.noise.level import OUTERMOST, RING
+from radiometry.noise.level import SIGNAL_FREE_PART
 from radiometry.noise.model import autocorrelate_windowed, draw_estimate
 
 EMPTY_SHARE = 0.04
@@ -24,8 +25,12 @@ GREY_SHARE = 0.3
 CORRELATED_SHARE = 0.7
 """Fraction of samples with the correlated noise of whole frames; the rest have that of non-overlapping patches."""
 
-_OUTER = int((RING > OUTERMOST).sum()) // 2
-_RADIUS_SQUARED = torch.from_numpy(np.hypot(*np.mgrid[-LAGS : LAGS + 1, -LAGS : LAGS + 1]).astype(np.float32) / LAGS).square()
+
+@lru_cache(maxsize=8)
+def _radius_squared(lags: int) -> torch.Tensor:
+    """Return the squared distance of every lag from zero, 1 at the largest lag of a row or column; (127, 127)."""
+    grid = lag_grid(lags)
+    return torch.from_numpy(np.hypot(grid.row, grid.column).astype(np.float32) / lags).square()
 
 
 @dataclass(frozen=True)
@@ -76,22 +81,26 @@ def make_varied_batch(targets: torch.Tensor, count: int, rng: torch.Generator) -
     dof = torch.exp(uniform(np.log(8.0), np.log(1e4)))
     dof = torch.where(chance(0.1)[:, 0, 0], torch.exp(uniform(np.log(1e4), np.log(1e6))), dof)
     # transfer of an unknown camera, and a sloping background
-    signal = _signal(truth) * torch.exp(-_RADIUS_SQUARED * (uniform(0.0, 2.0)[:, None, None] * chance(0.5)))
+    signal = _signal(truth)
+    grid, lags = lag_grid_of(signal), lag_grid_of(signal).lags
+    radius_squared = _radius_squared(lags)
+    signal = signal * torch.exp(-radius_squared * (uniform(0.0, 2.0)[:, None, None] * chance(0.5)))
     slope = uniform(-0.15, 0.15)[:, None, None] * chance(0.15)
-    spectrum = signal + floor[:, None, None] * (1.0 + slope * (_RADIUS_SQUARED - 0.7))
+    spectrum = signal + floor[:, None, None] * (1.0 + slope * (radius_squared - 0.7))
     apart = draw_estimate(spectrum, dof, rng)
     estimate = torch.where(chance(CORRELATED_SHARE), draw_estimate(spectrum, dof, rng, correlated=True), apart)
     # Read noise of sensor lines fills the row or column through zero lag; significant lines are interpolated.
     for row, interpolated, weak in ((True, 0.3, 0.15), (False, 0.1, 0.1)):
         view = estimate if row else estimate.mT
-        line = view[:, LAGS]
-        beside = 0.5 * (view[:, LAGS - 1] + view[:, LAGS + 1])
-        excess = (uniform(0.0, 0.2) * floor)[:, None] * torch.rand(count, 2 * LAGS + 1, generator=rng).add(0.5)
+        line = view[:, lags]
+        beside = 0.5 * (view[:, lags - 1] + view[:, lags + 1])
+        excess = (uniform(0.0, 0.2) * floor)[:, None] * torch.rand(count, grid.side, generator=rng).add(0.5)
         excess = excess + excess.flip(-1)
         line = torch.where(chance(weak)[:, 0], line + 0.5 * excess, line)
-        view[:, LAGS] = torch.where(chance(interpolated)[:, 0], beside, line)
+        view[:, lags] = torch.where(chance(interpolated)[:, 0], beside, line)
+    read_from = int((grid.ring > grid.lags - grid.object_side // SIGNAL_FREE_PART).sum()) // 2
     read_error = torch.randn(2, count, generator=rng)
-    read_floor, read_dof = floor * (1.0 + read_error[0] * (dof * _OUTER).rsqrt()), dof * (1.0 + 0.04 * read_error[1])
+    read_floor, read_dof = floor * (1.0 + read_error[0] * (dof * read_from).rsqrt()), dof * (1.0 + 0.04 * read_error[1])
     return Batch(Observation.from_estimate(estimate, read_floor, read_dof), truth, signal)
 
 
@@ -139,5 +148,6 @@ def paper_noise(targets: torch.Tensor, count: int, rng: torch.Generator) -> Batc
 def _signal(truth: torch.Tensor) -> torch.Tensor:
     """Return H (r*r) smoothed by the patch window, maximum lag except zero 1; zero for an empty truth."""
     signal = autocorrelate_windowed(truth)
-    beside = torch.maximum(signal[:, LAGS, LAGS + 1], signal[:, LAGS + 1, LAGS])
+    lags = lag_grid_of(signal).lags
+    beside = torch.maximum(signal[:, lags, lags + 1], signal[:, lags + 1, lags])
     return signal / beside.clamp_min(1e-12)[:, None, None]

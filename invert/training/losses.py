@@ -8,20 +8,20 @@ from __future__ import annotations
 
 import torch
 
-from correlograph.lags import LAGS, OBJECT_SIDE
+from correlograph.lags import lag_grid_of
 from invert.network.features import zero_lag_first
-
-_GRID = 2 * OBJECT_SIDE
 
 
 def spectrum(albedo: torch.Tensor) -> torch.Tensor:
     """Return F(r) of albedos (n, 64, 64), zero-padded so that lags do not wrap; (n, 128, 65)."""
-    return torch.fft.rfft2(albedo, s=(_GRID, _GRID))
+    side = 2 * albedo.shape[-1]
+    return torch.fft.rfft2(albedo, s=(side, side))
 
 
 def _lags(transform: torch.Tensor) -> torch.Tensor:
     """Return r*r from F(r), in units of its value at zero lag."""
-    lags = torch.fft.irfft2(transform.real.square() + transform.imag.square(), s=(_GRID, _GRID))
+    side = transform.shape[-2]
+    lags = torch.fft.irfft2(transform.real.square() + transform.imag.square(), s=(side, side))
     return lags / lags[:, :1, :1].clamp_min(1e-12)
 
 
@@ -30,7 +30,7 @@ def registered_pearson(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tenso
     64) each."""
     ours, theirs = spectrum(albedo), spectrum(truth)
     # the twin image has the conjugate spectrum
-    maps = torch.fft.irfft2(torch.stack((ours * theirs.conj(), ours * theirs), 1), s=(_GRID, _GRID))
+    maps = torch.fft.irfft2(torch.stack((ours * theirs.conj(), ours * theirs), 1), s=ours.shape[-2:-1] * 2)
     count = albedo[0].numel()
     product = maps.flatten(1).amax(1) / count - albedo.mean((-2, -1)) * truth.mean((-2, -1))
     variance = albedo.var((-2, -1), correction=0) * truth.var((-2, -1), correction=0)
@@ -87,7 +87,8 @@ def noise_left(found: torch.Tensor, signal: torch.Tensor, measured: torch.Tensor
     """
     scale = signal.amax((-2, -1)).clamp_min(measured.square().mean((-2, -1)).sqrt())[:, None, None]
     found, signal, measured = found / scale, signal / scale, measured.clone() / scale
-    measured[:, LAGS, LAGS] = signal[:, LAGS, LAGS]  # zero lag is never measured
+    middle = lag_grid_of(signal).lags
+    measured[:, middle, middle] = signal[:, middle, middle]  # zero lag is never measured
     shares = []
     for view in (lambda lags: lags, _lags_modulus):
         ours, theirs, begun = view(found), view(signal), view(measured)

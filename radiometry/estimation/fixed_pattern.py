@@ -12,7 +12,7 @@ import torch
 from scipy.ndimage import binary_dilation, uniform_filter
 from scipy.stats import norm
 
-from correlograph.lags import LAGS
+from correlograph.lags import lag_grid_of
 
 FIXED_PATTERN_SIGMA = 4.5
 """Minimum significance, in standard deviations, of shared power that counts as a static pattern."""
@@ -25,7 +25,6 @@ _BLOCK_DEVIATION = 0.262
 _SUM_DEVIATION = 1.5
 """Standard deviation of the sum of many lags in units of that of independent lags: 1 + 2 sum rho_n."""
 
-_RING = np.maximum(*np.abs(np.mgrid[-LAGS : LAGS + 1, -LAGS : LAGS + 1]))
 _MAX_SHIFT_PIXELS = 32
 
 SHIFT_FALSE_ALARMS = 1e-4
@@ -40,13 +39,14 @@ def shared_lags(shared: np.ndarray, power: np.ndarray, dof: float) -> np.ndarray
         dof: K of `shared`, whose variance is power^2 / K without a static pattern.
     """
     sigma = np.divide(shared * math.sqrt(dof), power, out=np.zeros_like(shared), where=power > 0.0)
-    sigma[LAGS, LAGS] = 0.0
+    grid = lag_grid_of(power)
+    sigma[grid.lags, grid.lags] = 0.0
     chosen = binary_dilation(sigma > FIXED_PATTERN_SIGMA, np.ones((3, 3), bool))
     chosen |= binary_dilation(
         uniform_filter(sigma, _BLOCK, mode="nearest") > FIXED_PATTERN_SIGMA * _BLOCK_DEVIATION, np.ones((3, 3), bool)
     )
-    for ring in (2, 4, 8, 16, 32, LAGS):
-        inside = ring >= _RING
+    for ring in (*(ring for ring in (2, 4, 8, 16, 32, 64, 128) if ring < grid.lags), grid.lags):
+        inside = ring >= grid.ring
         # both signs of a lag hold the same value
         if sigma[inside].sum() > FIXED_PATTERN_SIGMA * _SUM_DEVIATION * math.sqrt(2.0 * inside.sum()):
             chosen |= inside

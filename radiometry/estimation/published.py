@@ -8,16 +8,15 @@ import numpy as np
 import torch
 
 from correlograph.errors import InputError
-from correlograph.lags import LAG_SIDE, LAGS
 from radiometry.autocorrelation import PatchGrid
 from radiometry.estimation.background import BackgroundRecord
 
 
-def _spectra(patches: torch.Tensor) -> torch.Tensor:
-    """Return the half-plane spectra of patches at the lags: rows -63..63, columns 0..63."""
-    columns = torch.fft.rfft(patches, dim=-1)[..., : LAGS + 1]
+def _spectra(patches: torch.Tensor, lags: int) -> torch.Tensor:
+    """Return the half-plane spectra of patches at the lags: rows -lags..lags, columns 0..lags."""
+    columns = torch.fft.rfft(patches, dim=-1)[..., : lags + 1]
     full = torch.fft.fft(columns, dim=-2)
-    return torch.cat((full[..., -LAGS:, :], full[..., : LAGS + 1, :]), dim=-2)
+    return torch.cat((full[..., -lags:, :], full[..., : lags + 1, :]), dim=-2)
 
 
 class PublishedEstimator:
@@ -42,7 +41,7 @@ class PublishedEstimator:
         if self.frames == 0:
             self._reference = float(image.mean(dtype=torch.float64))
         # One constant for all frames leaves the estimate unchanged and keeps zero lag within float32.
-        spectra = _spectra(self.grid.cut(image - self._reference))
+        spectra = _spectra(self.grid.cut(image - self._reference), self.grid.lags)
         power = spectra.real.square().add_(spectra.imag.square())
         self._power = power if self._power is None else self._power.add_(power)
         self._sum = spectra if self._sum is None else self._sum.add_(spectra)
@@ -54,7 +53,7 @@ class PublishedEstimator:
         return published_dof(self.frames, self.grid.count)
 
     def estimate(self) -> np.ndarray:
-        """Return the estimate, float32 (127, 127), zero lag at [63, 63]: a power spectrum per pixel, in frame units squared."""
+        """Return the estimate, float32 (127, 127), zero lag in the middle: a power spectrum per pixel, in frame units squared."""
         if self._power is None or self._sum is None:
             raise InputError("frames", "at least one frame", 0, "give a folder or files that hold frames")
         if self.dof == 0:
@@ -69,10 +68,11 @@ class PublishedEstimator:
         else:
             total = self._power.sum(0) - self._sum.sum(0).abs().square() / self.grid.count
         half = (total / (self.dof * math.prod(self.grid.patch_shape))).cpu().numpy()
-        full = np.empty((LAG_SIDE, LAG_SIDE), np.float32)
-        full[:, LAGS:] = half
-        full[:, :LAGS] = half[::-1, :0:-1]
-        full[:LAGS, LAGS] = half[:LAGS:-1, 0]
+        lags, side = self.grid.lags, self.grid.lag_grid.side
+        full = np.empty((side, side), np.float32)
+        full[:, lags:] = half
+        full[:, :lags] = half[::-1, :0:-1]
+        full[:lags, lags] = half[:lags:-1, 0]
         return full
 
 

@@ -27,15 +27,16 @@ _MAX_LINES = 100
 Line = tuple[int, int]
 
 
-def find_lines(power: torch.Tensor, per_lag: tuple[float, float]) -> list[Line]:
+def find_lines(power: torch.Tensor, per_lag: tuple[float, float], lags: int = LAGS) -> list[Line]:
     """Return the positions (row, column) of narrow peaks in the power spectrum (rows, columns // 2 + 1) of a zero-padded frame.
 
     Args:
         per_lag: frequency bins per lag, along rows and columns. Bins near zero frequency, which contain smooth light, are
             excluded.
+        lags: largest lag.
     """
     down, right = (
-        min(int((LAGS + 1) * each) // _BLOCK + 1, size // way // _BLOCK) * _BLOCK
+        min(int((lags + 1) * each) // _BLOCK + 1, size // way // _BLOCK) * _BLOCK
         for each, size, way in zip(per_lag, power.shape, (2, 1), strict=True)
     )
     candidates = []

@@ -21,7 +21,7 @@ import torch
 from scipy.fft import next_fast_len
 from scipy.stats import f as f_distribution
 
-from correlograph.lags import LAGS
+from correlograph.lags import LAGS, lag_grid_of
 from radiometry.autocorrelation import autocorrelate
 
 _BLOCKS = 8
@@ -34,10 +34,10 @@ MAX_FRAMES = 8
 """Maximum number of frames whose spectra are kept."""
 
 
-def narrow(spectrum: torch.Tensor, padded: tuple[int, int], patch: tuple[int, int]) -> torch.Tensor:
+def narrow(spectrum: torch.Tensor, padded: tuple[int, int], patch: tuple[int, int], lags: int = LAGS) -> torch.Tensor:
     """Crop the spectrum (rows, columns // 2 + 1) of a padded frame to the lags: an odd number of rows, in the order of
     `torch.fft`, and columns from zero."""
-    rows, columns = (min(int((LAGS + 1) * side / size), side // 2 - 1) for side, size in zip(padded, patch, strict=True))
+    rows, columns = (min(int((lags + 1) * side / size), side // 2 - 1) for side, size in zip(padded, patch, strict=True))
     return torch.cat((spectrum[: rows + 1, : columns + 1], spectrum[-rows:, : columns + 1]))
 
 
@@ -49,6 +49,7 @@ class FilteredFrames:
         spectra: spectrum of each frame from `narrow`, complex64 (rows, columns).
         padded, frame, patch: sizes in pixels, rows and columns.
         level: mean of the frames.
+        lags: largest lag.
     """
 
     spectra: tuple[torch.Tensor, ...]
@@ -56,6 +57,7 @@ class FilteredFrames:
     frame: tuple[int, int]
     patch: tuple[int, int]
     level: float
+    lags: int = LAGS
 
     def likeness(
         self, albedo: np.ndarray, weight: np.ndarray, amplitude: np.ndarray, signal: np.ndarray, floor: float, power: float
@@ -76,7 +78,7 @@ class FilteredFrames:
         """Return the mean of J^3 over frames, in frame units cubed, and its standard error.
 
         Args:
-            weight: w (127, 127), even, zero lag at [63, 63].
+            weight: w (n, n), even, zero lag in the middle.
         """
         every = self._block_means(weight, 3).flatten()
         return float(every.mean()), float(every.std() / len(every) ** 0.5)
@@ -108,7 +110,7 @@ class FilteredFrames:
         J is sampled at three times its highest frequency, so that its cube has no alias at zero frequency.
         """
         steps = [size / side for size, side in zip(self.patch, self.padded, strict=True)]
-        reach = [int(np.abs(np.argwhere(weight)[:, axis] - LAGS).max()) + 1 for axis in (0, 1)]
+        reach = [int(np.abs(np.argwhere(weight)[:, axis] - self.lags).max()) + 1 for axis in (0, 1)]
         sides = [
             min(next_fast_len(int(3 * far / step) + 2, real=True), side)
             for far, step, side in zip(reach, steps, self.padded, strict=True)
@@ -116,7 +118,7 @@ class FilteredFrames:
         height, width = self.spectra[0].shape
         lag_rows, lag_columns = np.fft.fftfreq(height, 1.0 / height) * steps[0], np.arange(width) * steps[1]
         rows, columns = np.flatnonzero(np.abs(lag_rows) < reach[0]), np.flatnonzero(lag_columns < reach[1])
-        down, right = _between_lags(lag_rows[rows]), _between_lags(lag_columns[columns])
+        down, right = _between_lags(lag_rows[rows], self.lags), _between_lags(lag_columns[columns], self.lags)
         device = self.spectra[0].device
         fine = torch.from_numpy(down @ weight.astype(np.float32) @ right.T).to(device)
         fine *= math.prod(sides) / math.prod(self.padded)
@@ -140,7 +142,8 @@ def shot_noise_part(weight: np.ndarray, signal: np.ndarray, floor: float, level:
         weight: w (127, 127). signal, floor: of the estimate; leading axes of the signal (..., 127, 127) are those of the result.
         level: mean of the frames. patch_pixels: pixels per patch.
     """
-    pairs = autocorrelate(weight)[LAGS:-LAGS, LAGS:-LAGS]
+    lags = lag_grid_of(weight).lags
+    pairs = autocorrelate(weight)[lags:-lags, lags:-lags]
     gain = floor / level if level > 0.0 else 0.0
     return gain * (weight * pairs * (3.0 * signal + floor)).sum((-2, -1)) / patch_pixels**2
 
@@ -149,7 +152,7 @@ def expected_third_moment(albedo: np.ndarray, weight: np.ndarray, power: float, 
     """Return E[J^3] of speckle from an albedo (64, 64) whose r*r is multiplied by `power`."""
     cells = np.argwhere(albedo > 0.02 * albedo.max())
     shown = torch.from_numpy(albedo[tuple(cells.T)].astype(np.float32)).sqrt()
-    apart = cells[:, None] - cells[None] + LAGS
+    apart = cells[:, None] - cells[None] + lag_grid_of(weight).lags
     matrix = shown[:, None] * torch.from_numpy(weight.astype(np.float32)[apart[..., 0], apart[..., 1]]) * shown
     return 2.0 * float((power / patch_pixels) ** 1.5 * ((matrix @ matrix) * matrix).sum(dtype=torch.float64))
 
@@ -178,7 +181,8 @@ def drawn_third_moment(
         white: photoelectrons per pixel of other light. read: variance of the read noise.
         polarisations: number of incoherent patterns that share the light.
     """
-    side = 2 * (LAGS + 1)
+    lags = lag_grid_of(weight)
+    side = lags.padded_side
     pixels, rng = side * side, torch.Generator().manual_seed(0)
     binned = patch_pixels / pixels
     peak, white, read = binned * peak, binned * white, binned * read
@@ -186,7 +190,7 @@ def drawn_third_moment(
     parts = torch.randn(2, draws, polarisations, *albedo.shape, generator=rng)
     fields = torch.complex(root.float() * parts[0], root.float() * parts[1])
     light = torch.fft.fft2(fields, s=(side, side)).abs().square().sum(1)
-    places = torch.arange(-LAGS, LAGS + 1) % side
+    places = torch.from_numpy(lags.steps) % side
     through, seen = torch.ones(side, side), torch.zeros(side, side)
     through[places[:, None], places] = torch.from_numpy(np.sqrt(transfer).astype(np.float32))
     seen[places[:, None], places] = torch.from_numpy(weight.astype(np.float32))
@@ -202,6 +206,6 @@ def drawn_third_moment(
     return float(moments.mean()) / binned**3, float((moments - slope * strength).std(ddof=1)) / binned**3
 
 
-def _between_lags(lags: np.ndarray) -> np.ndarray:
-    """Return the matrix (len(lags), 127) that interpolates linearly from whole lags -63..63 to fractional `lags`; zero beyond."""
-    return np.clip(1.0 - np.abs(lags[:, None] - np.arange(-LAGS, LAGS + 1)), 0.0, None).astype(np.float32)
+def _between_lags(lags: np.ndarray, largest: int) -> np.ndarray:
+    """Return the matrix (len(lags), 2 largest + 1) that interpolates linearly from whole lags to fractional `lags`; zero beyond."""
+    return np.clip(1.0 - np.abs(lags[:, None] - np.arange(-largest, largest + 1)), 0.0, None).astype(np.float32)

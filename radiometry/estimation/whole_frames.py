@@ -25,7 +25,6 @@ import torch
 from scipy.fft import next_fast_len
 
 from correlograph.errors import InputError
-from correlograph.lags import LAGS
 from radiometry.autocorrelation import PatchGrid
 from radiometry.estimation.background import BackgroundRecord, MeanModel
 from radiometry.estimation.fixed_pattern import shared_lags, shift_between
@@ -95,12 +94,12 @@ class AutocorrelationEstimator:
         spectrum, power = self._spectrum(image)
         if self.mean == "auto" and self.grid.count >= MIN_PATCHES:
             per_lag = self._padded[0] / self._patch[0], self._padded[1] / self._patch[1]
-            if lines := find_lines(power, per_lag):
+            if lines := find_lines(power, per_lag, self.grid.lags):
                 spectrum, power = self._spectrum(subtract_waves(image, lines, self._padded))
                 lower_lines(spectrum, power, lines)
                 self._lines += len(lines)
         if len(self._narrow) < MAX_FRAMES:
-            self._narrow.append(narrow(spectrum, self._padded, self._patch))
+            self._narrow.append(narrow(spectrum, self._padded, self._patch, self.grid.lags))
         if self.frames == 0:
             self._first = self._sum = spectrum
             self._power = power
@@ -117,7 +116,7 @@ class AutocorrelationEstimator:
     def filtered_frames(self) -> FilteredFrames:
         """Return the band-limited frames for the third moment."""
         level = float(np.mean(self._levels))
-        return FilteredFrames(tuple(self._narrow), self._padded, self.grid.frame_shape, self._patch, level)
+        return FilteredFrames(tuple(self._narrow), self._padded, self.grid.frame_shape, self._patch, level, self.grid.lags)
 
     @property
     def dof(self) -> float:
@@ -126,7 +125,7 @@ class AutocorrelationEstimator:
         return degrees_of_freedom(counted, self.grid.frame_shape, self._patch)
 
     def estimate(self) -> np.ndarray:
-        """Return the estimate, float32 (127, 127), zero lag at [63, 63]: a power spectrum per pixel, in frame units squared.
+        """Return the estimate, float32 (127, 127), zero lag in the middle: a power spectrum per pixel, in frame units squared.
 
         Raises InputError without frames, for a single frame with a single patch, and for copies of one frame.
         """
@@ -206,8 +205,8 @@ class AutocorrelationEstimator:
         """Return the lags (127, 127) of the power spectrum of padded frames (rows, columns // 2 + 1), weighted by the
         patch window."""
         (height, width), (rows, columns) = self.grid.frame_shape, self._padded
-        down = _spectral_window(height, self._patch[0], rows)
-        right = _spectral_window(width, self._patch[1], columns)[:, : columns // 2 + 1].copy()
+        down = _spectral_window(height, self._patch[0], rows, self.grid.lags)
+        right = _spectral_window(width, self._patch[1], columns, self.grid.lags)[:, : columns // 2 + 1].copy()
         right[:, 0] *= 0.5  # column zero holds both halves of the plane
         if columns % 2 == 0:
             right[:, -1] *= 0.5
@@ -217,13 +216,13 @@ class AutocorrelationEstimator:
 
 
 @lru_cache(maxsize=8)
-def _spectral_window(length: int, size: int, padded: int) -> np.ndarray:
-    """Return weights (127, padded) that convert the power along a padded axis to lags: the transform of the patch
+def _spectral_window(length: int, size: int, padded: int, lags: int) -> np.ndarray:
+    """Return weights (2 lags + 1, padded) that convert the power along a padded axis to lags: the transform of the patch
     triangle over the fraction of the frame that has pairs at each distance."""
     apart = np.arange(1 - size, size)
     triangle = (1.0 - np.abs(apart) / size) / (1.0 - np.abs(apart) / length)
-    on_circle = np.zeros((2 * LAGS + 1, padded), np.complex128)
-    on_circle[:, apart % padded] = triangle * np.exp(-2j * np.pi * np.arange(-LAGS, LAGS + 1)[:, None] * apart / size)
+    on_circle = np.zeros((2 * lags + 1, padded), np.complex128)
+    on_circle[:, apart % padded] = triangle * np.exp(-2j * np.pi * np.arange(-lags, lags + 1)[:, None] * apart / size)
     return np.fft.ifft(on_circle).real
 
 

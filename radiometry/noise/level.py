@@ -7,15 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from correlograph.lags import LAGS
-
-_STEP = np.arange(-LAGS, LAGS + 1)
-ROW_LAG, COLUMN_LAG = np.meshgrid(_STEP, _STEP, indexing="ij")
-RING = np.maximum(np.abs(ROW_LAG), np.abs(COLUMN_LAG))
-"""Square ring of every lag: the autocorrelation of an object in a square support lies inside one ring."""
-
-HALF_PLANE = (ROW_LAG > 0) | ((ROW_LAG == 0) & (COLUMN_LAG > 0))
-"""One lag of every equal pair (+lag and -lag), without zero lag."""
+from correlograph.lags import lag_grid_of
 
 ASSUMED_DOF = 64.0
 """K of an estimate whose noise is hidden by rounding: the value of two frames in Metzler et al. 2020."""
@@ -23,14 +15,11 @@ ASSUMED_DOF = 64.0
 NEGLIGIBLE = 1e-6
 """Floors below this fraction of the maximum lag are leakage and rounding, whose scatter does not depend on K."""
 
-OUTERMOST = LAGS - 8
-"""Initial ring beyond which no signal is assumed."""
+SIGNAL_FREE_PART = 8
+"""No signal is assumed in the outermost rings, an eighth of the lags."""
 
 _APART = 6
 """Distance in lags at which noise is practically uncorrelated."""
-
-INNERMOST = LAGS // 2
-"""Rings inside this one never count as free of signal; the lags outside suffice."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +44,6 @@ class NoiseLevel:
     def deviation(self) -> float:
         """Standard deviation of a lag without signal."""
         return self.floor / self.dof**0.5 if self.dof else 0.0
-
-
-OFF_AXIS = HALF_PLANE & (ROW_LAG != 0) & (COLUMN_LAG != 0)
-"""Independent lags outside the row and column through zero lag, which contain the read noise of lines."""
 
 
 def _variance(mean: float, dof: float | None, quantisation: float) -> float:
@@ -96,17 +81,20 @@ def read_noise_level(estimate: np.ndarray, quantisation: float = 0.0) -> NoiseLe
     """Read floor and K from the outer lags of an estimate.
 
     The search starts at the outermost rings and moves inwards while the mean of a ring agrees with the rings outside it. The row and
-    column through zero lag are excluded.
+    column through zero lag are excluded. Rings in the inner half never count as free of signal; the lags outside suffice.
 
     Args:
-        estimate: (127, 127), zero lag in the middle.
+        estimate: (n, n), n odd, zero lag in the middle.
         quantisation: step of an estimate stored as integers (1 for 8-bit images), 0 for floating-point values.
     """
-    mean, dof = _moments(estimate[OFF_AXIS & (RING > OUTERMOST)], quantisation)
-    inflation = _inflation(estimate, OFF_AXIS & (RING > OUTERMOST))
-    boundary, misses = OUTERMOST, 0
-    for ring in range(OUTERMOST, INNERMOST, -1):
-        values = estimate[OFF_AXIS & (ring == RING)]
+    grid = lag_grid_of(estimate)
+    off_axis, rings = grid.off_axis, grid.ring
+    outermost = grid.lags - grid.object_side // SIGNAL_FREE_PART
+    mean, dof = _moments(estimate[off_axis & (rings > outermost)], quantisation)
+    inflation = _inflation(estimate, off_axis & (rings > outermost))
+    boundary, misses = outermost, 0
+    for ring in range(outermost, grid.lags // 2, -1):
+        values = estimate[off_axis & (ring == rings)]
         error = (inflation**0.5 * _variance(mean, dof, quantisation) / values.size) ** 0.5  # neighbours along a line
         if abs(float(values.mean()) - mean) > 3.0 * error + 1e-9 * abs(mean):
             misses += 1
@@ -114,11 +102,13 @@ def read_noise_level(estimate: np.ndarray, quantisation: float = 0.0) -> NoiseLe
                 break
         else:
             boundary, misses = ring - 1, 0
-            mean, dof = _moments(estimate[OFF_AXIS & (boundary < RING)], quantisation)
+            mean, dof = _moments(estimate[off_axis & (boundary < rings)], quantisation)
     # A boxcar patch leaks signal along both axes of the lags, but hardly into their corners.
-    corners = OFF_AXIS & (np.minimum(np.abs(ROW_LAG), np.abs(COLUMN_LAG)) > min(boundary, OUTERMOST - 12))
+    corners = off_axis & (
+        np.minimum(np.abs(grid.row), np.abs(grid.column)) > min(boundary, outermost - 3 * grid.object_side // 16)
+    )
     corner_mean, corner_dof = _moments(estimate[corners], quantisation)
-    sides = OFF_AXIS & (boundary < RING) & ~corners
+    sides = off_axis & (boundary < rings) & ~corners
     variance = _variance(corner_mean, corner_dof, quantisation)
     error = (inflation * variance * (1.0 / corners.sum() + 1.0 / max(sides.sum(), 1))) ** 0.5
     if sides.any() and abs(float(estimate[sides].mean()) - corner_mean) > 3.0 * error + 1e-9 * abs(corner_mean):
@@ -127,7 +117,7 @@ def read_noise_level(estimate: np.ndarray, quantisation: float = 0.0) -> NoiseLe
         dof = None
     if dof is None and quantisation > 0.0:
         return NoiseLevel(mean, ASSUMED_DOF, boundary, dof_read=False)
-    outside = OFF_AXIS & (min(boundary, OUTERMOST) < RING)
+    outside = off_axis & (min(boundary, outermost) < rings)
     return NoiseLevel(mean, dof, boundary, _inflation(estimate, outside) if dof else 1.0)
 
 
@@ -138,9 +128,10 @@ def extrapolated_peak(estimate: np.ndarray, noise: NoiseLevel, radius: int = 4) 
     r*r of an object with edges. Zero lag itself is never used: it contains the drift of the laser power, and published estimates set
     it to zero.
     """
-    distance = np.hypot(ROW_LAG, COLUMN_LAG)
-    near = HALF_PLANE & (distance <= radius)
-    row, column, cone = ROW_LAG[near].astype(float), COLUMN_LAG[near].astype(float), distance[near]
+    grid = lag_grid_of(estimate)
+    distance = np.hypot(grid.row, grid.column)
+    near = grid.half_plane & (distance <= radius)
+    row, column, cone = grid.row[near].astype(float), grid.column[near].astype(float), distance[near]
     basis = np.stack(
         [np.ones_like(row), cone, (row**2 - column**2) / cone, row * column / cone, row**2, column**2, row * column], axis=1
     )
@@ -164,11 +155,12 @@ def fit_known_signal(
     maximum-likelihood fit of Gamma noise with constant K.
 
     Args:
-        estimate: (127, 127).
-        signal: (127, 127), H (r*r) smoothed by the patch window.
+        estimate: (n, n).
+        signal: (n, n), H (r*r) smoothed by the patch window.
         lines: whether the row and column through zero lag contain read noise and are excluded.
     """
-    use = OFF_AXIS if lines else HALF_PLANE
+    grid = lag_grid_of(estimate)
+    use = grid.off_axis if lines else grid.half_plane
     basis = np.stack([signal[use].astype(np.float64), np.ones(int(use.sum()))], axis=1)
     values = estimate[use].astype(np.float64)
     model = np.full_like(values, values.mean())
@@ -183,7 +175,8 @@ def fit_known_signal(
 def fill_zero_lag(estimate: np.ndarray, value: float) -> np.ndarray:
     """Return a copy of an estimate with zero lag replaced by `value`."""
     filled = np.array(estimate, dtype=np.float32)
-    filled[LAGS, LAGS] = value
+    middle = lag_grid_of(estimate).lags
+    filled[middle, middle] = value
     return filled
 
 

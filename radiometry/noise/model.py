@@ -15,7 +15,6 @@ import numpy as np
 import torch
 
 from correlograph.errors import InputError
-from correlograph.lags import LAGS
 from radiometry.autocorrelation import window_kernel
 
 Form = Literal["gamma", "gaussian"]
@@ -36,12 +35,12 @@ def expected_spectrum(signal: torch.Tensor, floor: torch.Tensor | float, transfe
 
 
 def autocorrelate_windowed(albedo: torch.Tensor) -> torch.Tensor:
-    """Return r*r of albedos (..., 64, 64), one square cell per lag, smoothed by boxcar patches: (..., 127, 127), summed
-    over cells."""
-    n = 2 * (LAGS + 1)
+    """Return r*r of albedos (..., n, n), one square cell per lag, smoothed by boxcar patches: (..., 2n - 1, 2n - 1),
+    summed over cells."""
+    n = 2 * albedo.shape[-1]
     power = torch.fft.rfft2(albedo, s=(n, n)).abs().square()
     lags = torch.fft.fftshift(torch.fft.irfft2(power, s=(n, n)), dim=(-2, -1))[..., 1:, 1:]
-    kernel = torch.from_numpy(window_kernel()).to(lags)
+    kernel = torch.from_numpy(window_kernel(albedo.shape[-1] - 1)).to(lags)
     smooth = kernel @ lags @ kernel.T
     return 0.5 * (smooth + smooth.flip((-2, -1)))  # exactly centro-symmetric in spite of rounding
 

@@ -12,7 +12,8 @@ from scipy.optimize import curve_fit
 
 from correlograph.errors import InputError
 from correlograph.files.images import read_autocorrelation
-from radiometry.noise.level import RING, extrapolated_peak, fill_zero_lag, fit_known_signal, read_noise_level
+from correlograph.lags import lag_grid_of
+from radiometry.noise.level import extrapolated_peak, fill_zero_lag, fit_known_signal, read_noise_level
 
 CORNER = 20
 """Side of the signal-free corner whose mean and variance the paper plots."""
@@ -74,7 +75,7 @@ def lab_floor(folder: Path) -> dict[str, Any]:
     series = _lab_series(folder)
     long = [fill_zero_lag(lags - read_noise_level(lags, 1.0).floor, 0.0) for t, lags in series if 0.5 <= t < BROKEN_EXPOSURE_S]
     template = np.clip(np.mean([lags / lags.max() for lags in long], axis=0), 0.0, None)
-    template[read_noise_level(template).signal_ring < RING] = 0.0
+    template[read_noise_level(template).signal_ring < lag_grid_of(template).ring] = 0.0
     peak, _ = extrapolated_peak(template, read_noise_level(template))
     points = []
     for exposure_s, lags in series:

@@ -247,9 +247,12 @@ def test_an_unfinished_dataset_is_not_read(tmp_path, command):
 def test_rendered_and_modelled_measurements_agree():
     """Per-lag mean and variance of one target's estimates, rendered and from the noise model: two-sample z-tests."""
     pytest.importorskip("mitsuba")
+    from correlograph.lags import LAGS, lag_grid
     from data_gen.measurement import SceneMeasurement
     from data_gen.targets import draw_block, target_source
-    from radiometry.noise.level import HALF_PLANE
+
+    half_plane = lag_grid(LAGS).half_plane
+
     from scenes import scene_path
 
     place = SceneMeasurement(str(scene_path("corner_letter")))
@@ -260,15 +263,15 @@ def test_rendered_and_modelled_measurements_agree():
     model = place.model(
         torch.from_numpy(albedo).expand(400, 64, 64), torch.full((400,), floor / peak), torch.Generator().manual_seed(1)
     ).numpy()
-    assert rendered.mean(0)[HALF_PLANE].mean() == pytest.approx(model.mean(0)[HALF_PLANE].mean(), rel=0.01)
+    assert rendered.mean(0)[half_plane].mean() == pytest.approx(model.mean(0)[half_plane].mean(), rel=0.01)
     # A frame holds finitely many grains, so its brightness, and with it the whole estimate, scatters by a percent. That
     # common scale carries nothing of a shape, and the noise model leaves it out.
-    rendered *= (model.mean(0)[HALF_PLANE].mean() / rendered[:, HALF_PLANE].mean(1))[:, None, None]
-    difference = (rendered.mean(0) - model.mean(0))[HALF_PLANE]
-    error = np.sqrt(rendered.var(0, ddof=1) / 16 + model.var(0, ddof=1) / 400)[HALF_PLANE]
+    rendered *= (model.mean(0)[half_plane].mean() / rendered[:, half_plane].mean(1))[:, None, None]
+    difference = (rendered.mean(0) - model.mean(0))[half_plane]
+    error = np.sqrt(rendered.var(0, ddof=1) / 16 + model.var(0, ddof=1) / 400)[half_plane]
     z = difference / error
     assert abs(z.mean()) < 5.0 / np.sqrt(z.size)
     # Student's t of 15 degrees of freedom has the variance 15 / 13.
     assert z.std() == pytest.approx(np.sqrt(15 / 13), rel=0.1)
-    ratio = rendered.var(0, ddof=1)[HALF_PLANE] / model.var(0, ddof=1)[HALF_PLANE]
+    ratio = rendered.var(0, ddof=1)[half_plane] / model.var(0, ddof=1)[half_plane]
     assert ratio.mean() == pytest.approx(1.0, abs=0.05)

@@ -7,12 +7,15 @@ from scipy.optimize import minimize
 
 import correlograph as cg
 from correlograph.files.images import read_autocorrelation
+from correlograph.lags import LAGS, lag_grid
 from invert.choices import FAST, UNET
 from invert.evaluation.identification import identify
 from invert.measure.spectrum import read_measurement
 from invert.methods import reconstruct_measurement
-from radiometry.noise.level import RING, read_noise_level
+from radiometry.noise.level import read_noise_level
 from radiometry.noise.model import autocorrelate_windowed, log_likelihood
+
+RING = lag_grid(LAGS).ring
 
 
 @pytest.mark.slow

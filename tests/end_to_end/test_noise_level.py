@@ -6,11 +6,17 @@ from scipy import stats
 
 pytest.importorskip("mitsuba")
 
+from correlograph.lags import LAGS, lag_grid
 from radiometry.autocorrelation import PatchGrid, autocorrelate
 from radiometry.estimation.whole_frames import estimate_autocorrelation
-from radiometry.noise.level import COLUMN_LAG, HALF_PLANE, RING, ROW_LAG, fit_known_signal, read_noise_level
+from radiometry.noise.level import fit_known_signal, read_noise_level
 from radiometry.photons import grain_area
 from radiometry.prediction import predict
+
+COLUMN_LAG = lag_grid(LAGS).column
+HALF_PLANE = lag_grid(LAGS).half_plane
+RING = lag_grid(LAGS).ring
+ROW_LAG = lag_grid(LAGS).row
 
 APART = (ROW_LAG % 3 == 0) & (COLUMN_LAG % 3 == 0)
 """Lags that hardly correlate."""

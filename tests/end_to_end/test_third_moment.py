@@ -7,16 +7,18 @@ import pytest
 
 pytest.importorskip("mitsuba")
 
+from correlograph.lags import LAGS, lag_grid
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
 from radiometry.estimation.third_moment import drawn_third_moment, expected_third_moment
 from radiometry.estimation.whole_frames import AutocorrelationEstimator
-from radiometry.noise.level import RING
 from radiometry.prediction import predict
 from scenes import scene_path
 from sim.frame import Simulation
 from sim.scene_file import load_scene
 from sim.scene_reader import read_geometry
 from tests.invert.steps import RIGHT
+
+RING = lag_grid(LAGS).ring
 
 
 @pytest.mark.parametrize("polarisations", [1, 2])

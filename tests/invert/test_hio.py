@@ -4,15 +4,18 @@ import numpy as np
 import pytest
 import torch
 
-from correlograph.lags import LAGS
+from correlograph.lags import LAGS, lag_grid
 from invert.albedo.metrics import aligned_pearson
 from invert.choices import BALANCED, CLASSICAL, FAST
-from invert.measure.spectrum import GRID, fourier_modulus, read_measurement
+from invert.measure.spectrum import fourier_modulus, read_measurement
 from invert.methods import reconstruct_measurement
 from invert.solvers.base import modulus_residual, to_modulus
 from invert.solvers.hio import HioOptions, hio
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
-from radiometry.noise.level import HALF_PLANE
+
+GRID = lag_grid(LAGS).padded_side
+
+HALF_PLANE = lag_grid(LAGS).half_plane
 
 
 def stroke_object(rng: np.random.Generator) -> np.ndarray:

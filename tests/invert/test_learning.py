@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from correlograph.errors import InputError
+from correlograph.lags import LAGS, lag_grid
 from invert.albedo.metrics import aligned_pearson
 from invert.choices import BALANCED, UNET, quality_named
 from invert.measure.spectrum import read_measurement
@@ -34,7 +35,9 @@ from invert.network.paper_unet import PaperModulusUnet, PaperUnet
 from invert.training.data import at_noise, make_varied_batch, paper_noise
 from invert.training.losses import LOSSES, noise_left, registered_pearson
 from radiometry.autocorrelation import autocorrelate
-from radiometry.noise.level import HALF_PLANE, OUTERMOST, RING
+
+HALF_PLANE = lag_grid(LAGS).half_plane
+RING = lag_grid(LAGS).ring
 
 
 def torch_rng(seed: int = 3) -> torch.Generator:
@@ -165,7 +168,7 @@ def test_batches_depend_on_the_seed_alone(objects):
     estimate = first.seen.estimate
     torch.testing.assert_close(estimate, estimate.flip((-2, -1)), rtol=1e-5, atol=1e-6)
     assert (first.truth.amax((-2, -1)) == 0.0).sum() <= 8
-    outer = estimate[:, torch.from_numpy(RING > OUTERMOST)]
+    outer = estimate[:, torch.from_numpy(RING > LAGS - 8)]
     np.testing.assert_allclose(np.median(outer.mean(1) / first.seen.floor), 1.0, atol=0.1)
     paper = paper_noise(objects, 200, torch_rng()).seen
     corner = paper.estimate[:, :20, :20]

@@ -7,15 +7,18 @@ import pytest
 import torch
 from scipy.optimize import minimize, nnls
 
+from correlograph.lags import LAGS, lag_grid
 from invert.albedo.posterior import Samples
 from invert.assess.reliability import assess_reliability
 from invert.likelihood.gamma import NoiseLikelihood, _least_squares_brightnesses, log_likelihood_leads, log_likelihoods
 from invert.measure.spectrum import read_measurement
 from invert.methods import Reconstruction
 from invert.training.data import at_noise
-from radiometry.noise.level import RING, NoiseLevel
+from radiometry.noise.level import NoiseLevel
 from radiometry.noise.model import autocorrelate_windowed, draw_estimate, log_likelihood
 from tests.invert.steps import MIRRORED_STEM, RIGHT, noisy
+
+RING = lag_grid(LAGS).ring
 
 
 def pedestal(lags: float) -> torch.Tensor:

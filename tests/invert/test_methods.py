@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from correlograph.lags import LAGS, lag_grid
 from invert.__main__ import parser
 from invert.albedo.metrics import aligned_pearson
 from invert.albedo.registration import crop_centred, register_images
@@ -19,7 +20,8 @@ from invert.solvers.registry import solver_of, solver_options
 from invert.solvers.taf import amplitude_gradient
 from invert.solvers.twf import full_intensity, poisson_gradient
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
-from radiometry.noise.level import HALF_PLANE
+
+HALF_PLANE = lag_grid(LAGS).half_plane
 
 SOLVERS = {
     name: (solver_of(method), solver_options(method, BALANCED))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from correlograph.lags import LAGS, lag_grid
 from invert.albedo.metrics import aligned_pearson
 from invert.albedo.registration import (
     consensus,
@@ -15,7 +16,8 @@ from invert.albedo.registration import (
     rotate_180,
 )
 from invert.evaluation.identification import identify
-from invert.measure.spectrum import GRID
+
+GRID = lag_grid(LAGS).padded_side
 
 
 def asymmetric_image(rng) -> np.ndarray:

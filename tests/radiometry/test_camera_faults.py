@@ -5,13 +5,15 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
+from correlograph.lags import LAGS, lag_grid
 from radiometry.autocorrelation import autocorrelate, patch_grid, smooth_by_window
 from radiometry.estimation.illumination import flatten_illumination, is_uneven
 from radiometry.estimation.pixel_faults import repair
 from radiometry.estimation.spectral_lines import find_lines, subtract_waves
 from radiometry.estimation.whole_frames import AutocorrelationEstimator, estimate_autocorrelation
-from radiometry.noise.level import RING
 from tests.light import wall_texture
+
+RING = lag_grid(LAGS).ring
 
 PATCH = 131
 SHAPE = (5 * PATCH, 6 * PATCH)

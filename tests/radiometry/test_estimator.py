@@ -7,11 +7,14 @@ import pytest
 import torch
 
 from correlograph.errors import InputError
-from correlograph.lags import LAGS
+from correlograph.lags import LAGS, lag_grid
 from radiometry.autocorrelation import patch_grid
 from radiometry.estimation.whole_frames import AutocorrelationEstimator, degrees_of_freedom, estimate_autocorrelation
-from radiometry.noise.level import OFF_AXIS, RING, read_noise_level
+from radiometry.noise.level import read_noise_level
 from radiometry.noise.model import lag_correlation
+
+OFF_AXIS = lag_grid(LAGS).off_axis
+RING = lag_grid(LAGS).ring
 
 SHAPE, SIZE = (640, 777), (130, 141)
 

@@ -7,10 +7,9 @@ mi = pytest.importorskip("mitsuba")
 
 import sim  # noqa: E402
 from correlograph.errors import InputError  # noqa: E402
-from correlograph.lags import LAGS  # noqa: E402
+from correlograph.lags import LAGS, lag_grid  # noqa: E402
 from radiometry.autocorrelation import PatchGrid, autocorrelate, smooth_by_window  # noqa: E402
 from radiometry.estimation.whole_frames import estimate_autocorrelation  # noqa: E402
-from radiometry.noise.level import HALF_PLANE, RING  # noqa: E402
 from radiometry.throughput import light_budget  # noqa: E402
 from scenes import scene_path  # noqa: E402
 from sim.backend.variant import llvm_major  # noqa: E402
@@ -20,6 +19,8 @@ from sim.plan_report import disagreement, make_plan  # noqa: E402
 from sim.scene_reader import read_geometry  # noqa: E402
 from sim.transport.monte_carlo import estimate_throughput  # noqa: E402
 from tests.sim.random_scenes import path_traced, random_scene  # noqa: E402
+
+HALF_PLANE, RING = lag_grid(LAGS).half_plane, lag_grid(LAGS).ring
 
 NEW_LLVM = pytest.mark.skipif((llvm_major() or 99) < 17, reason="spheres, masks and microfacets need libLLVM 17")
 QUIET = (("shot_noise", False), ("other_light", False), ("detector_roughness", False))

@@ -15,15 +15,17 @@ import pytest
 pytest.importorskip("mitsuba")
 
 import sim
+from correlograph.lags import LAGS, lag_grid
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
 from radiometry.estimation.whole_frames import estimate_autocorrelation
-from radiometry.noise.level import HALF_PLANE
 from radiometry.prediction import patches_of
 from scenes import scene_path
 from sim.backend.variant import llvm_major
 from sim.frame import Simulation
 from sim.geometry import Geometry
 from sim.plan import Settings
+
+HALF_PLANE = lag_grid(LAGS).half_plane
 
 NEW_LLVM = pytest.mark.skipif((llvm_major() or 99) < 17, reason="spheres and masks need libLLVM 17")
 BARE = tuple((name, False) for name in ("shot_noise", "other_light", "detector_roughness", "pupil_and_pixel", "source_grain"))

@@ -6,13 +6,16 @@ import pytest
 pytest.importorskip("mitsuba")
 
 from correlograph.errors import InputError
+from correlograph.lags import LAGS, lag_grid
 from radiometry.estimation.whole_frames import estimate_autocorrelation
-from radiometry.noise.level import HALF_PLANE, fit_known_signal, read_noise_level
+from radiometry.noise.level import fit_known_signal, read_noise_level
 from radiometry.prediction import predict
 from scenes import scene_path
 from sim.frame import Simulation
 from sim.optics.motion import correlation, sub_exposures, variance_lost_to_motion
 from sim.plan import Settings
+
+HALF_PLANE = lag_grid(LAGS).half_plane
 
 SPOT = '<float name="spot_diameter" value="5e-3"/>'
 SCREEN = (
