@@ -8,7 +8,7 @@ from numbers import Integral, Real
 from typing import Any
 
 from correlograph.errors import SI_MAX, SI_MIN, InputError
-from correlograph.lags import LAG_SIDE
+from correlograph.lags import lag_grid
 
 
 @dataclass(frozen=True)
@@ -25,17 +25,18 @@ class Range:
             value = int(text) if isinstance(self.least, int) else float(text)
         except ValueError:
             value = None
-        if not self._holds(value):
+        if not self.holds(value):
             raise argparse.ArgumentTypeError(f"expected {self}, found {' '.join(text.split()):.40}")
         return value
 
     def check(self, name: str, value: float) -> Any:
         """Return the value as an int or a float if it lies in the range. Raises InputError otherwise, also for NaN and text."""
-        if not self._holds(value):
+        if not self.holds(value):
             raise InputError(name, str(self), f"{value!s:.40}", "use a value in this range")
         return int(value) if isinstance(self.least, int) else float(value)
 
-    def _holds(self, value: Any) -> bool:
+    def holds(self, value: Any) -> bool:
+        """Return whether a value lies in the range."""
         if isinstance(value, bool):
             return False
         if isinstance(self.least, int):
@@ -67,7 +68,10 @@ SI = Range(SI_MIN, SI_MAX)
 """Bounds of any physical quantity in SI units."""
 WAVELENGTH = Range(1e-11, 1e-2)
 """Wavelengths in metres, from X-rays to microwaves; a value in nanometres lies outside."""
-PATCH = Range(LAG_SIDE, 2**31 - 1)
+LAG_COUNT = Range(32, 255)
+"""Largest lag on either side of zero."""
+
+PATCH = Range(lag_grid(32).side, 2**31 - 1)
 """Patch sizes in pixels; a patch has at least as many pixels as lags."""
 
 BLUR = Range(0.0, 1e4)

@@ -10,7 +10,8 @@ from typing import Any
 
 from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError
-from correlograph.ranges import SEED, SI, WORKERS, Range
+from correlograph.lags import LAGS
+from correlograph.ranges import LAG_COUNT, SEED, SI, WORKERS, Range
 from correlograph.workers import check_scheduler, check_workers
 
 PACKAGES = ("correlograph", "matplotlib", "mitsuba", "numpy", "pillow", "scikit-image", "scipy", "torch", "zarr")
@@ -23,9 +24,10 @@ def parser() -> ArgumentParser:
     p.add_argument("--images", type=Path, help="folder of photographs whose Canny edges are targets")
     p.add_argument(
         "--source",
-        choices=("edges", "glyphs", "strokes", "shapes", "mixed"),
-        help="what targets are; edges where --images is given (mixed then takes edges too)",
+        choices=("edges", "glyphs", "strokes", "shapes", "pages", "mixed", "all"),
+        help="what targets are; edges where --images is given (mixed and all then take edges too)",
     )
+    p.add_argument("--lags", type=LAG_COUNT, default=LAGS, help="largest lag; targets have one pixel more along each side (63)")
     p.add_argument("--count", type=Range(1, 10**9), required=True)
     p.add_argument("--seed", type=SEED, default=0)
     p.add_argument(
@@ -51,13 +53,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     from correlograph.files.output import sole_writer
     from correlograph.files.store import begin, missing_parts, store_address
     from data_gen.schedule import make_shards, predicted_seconds
-    from data_gen.store import PAIR_BYTES, dataset_schema
+    from data_gen.store import dataset_schema, pair_bytes
 
     address = store_address(options.output)
     recipe, manifest = _recipe(options)
     if options.dry_run:
         pairs = recipe.measurement != "none"
-        size = recipe.count * (PAIR_BYTES if pairs else 300)
+        size = recipe.count * (pair_bytes(options.lags) if pairs else 300)
         print(
             f"{recipe.count} {'pairs' if pairs else 'targets'}, about {size / 1e9:.3g} GB, "
             f"about {predicted_seconds(recipe, options.workers):.0f} s with {options.workers} workers"
@@ -65,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         return
     _try_out(recipe, options.scheduler)
     with sole_writer(address, "dataset"):
-        group = begin(address, dataset_schema(recipe.measurement), manifest, recipe.count)
+        group = begin(address, dataset_schema(recipe.measurement, options.lags), manifest, recipe.count)
         missing, started = missing_parts(group), time.perf_counter()
         made = make_shards(address, recipe, missing, options.workers, options.scheduler)
         seconds = time.perf_counter() - started
@@ -75,8 +77,10 @@ def main(argv: Sequence[str] | None = None) -> None:
 def _check(options: Any) -> None:
     if options.images is None and options.source is None:
         raise InputError("targets", "--images FOLDER or --source NAME", "neither", "add one")
-    if options.images is not None and options.source not in (None, "edges", "mixed"):
-        raise InputError("--source", "edges or mixed together with --images", f"--source {options.source}", "remove --images")
+    if options.images is not None and options.source not in (None, "edges", "mixed", "all"):
+        raise InputError(
+            "--source", "edges, mixed or all together with --images", f"--source {options.source}", "remove --images"
+        )
     if options.measurement == "render" and options.scene is None:
         raise InputError("--scene", "a scene file for --measurement render", "none", "add --scene SCENE.xml")
     if options.measurement == "none" and options.scene is not None:
@@ -119,7 +123,7 @@ def _recipe(options: Any) -> tuple[Any, dict[str, Any]]:
         listed = "; ".join(f"{name}: {reason}" for name, reason in photographs.skipped[:20])
         print(f"{len(photographs.skipped)} files skipped: {listed}{' ...' if len(photographs.skipped) > 20 else ''}")
     name = options.source or "edges"
-    source = target_source(name, photographs)
+    source = target_source(name, photographs, options.lags + 1)
     scene = _find_scene(options.scene) if options.scene else None
     recipe = Recipe(
         source,
@@ -140,6 +144,7 @@ def _recipe(options: Any) -> tuple[Any, dict[str, Any]]:
             "count": options.count,
             "seed": options.seed,
             "measurement": options.measurement,
+            **({} if options.lags == LAGS else {"lags": options.lags}),
             **level,
         },
         "photographs": [list(pair) for pair in zip(photographs.names, photographs.hashes, strict=True)] if photographs else [],

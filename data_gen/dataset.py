@@ -10,6 +10,8 @@ import zarr
 
 from correlograph.errors import InputError
 from correlograph.files.store import Schema, arguments_of, open_complete, read_array
+from correlograph.lags import LAGS
+from correlograph.ranges import LAG_COUNT
 from data_gen.store import dataset_schema
 
 
@@ -22,7 +24,8 @@ def dataset_schema_of(address: str) -> Schema:
     """Return the schema of a dataset for its measurement."""
     arguments = arguments_of(address, "dataset").get("arguments")
     found = arguments.get("measurement") if isinstance(arguments, dict) else None
-    return dataset_schema(found if found in ("noise-model", "render") else "none")
+    lags = arguments.get("lags", LAGS) if isinstance(arguments, dict) else LAGS
+    return dataset_schema(found if found in ("noise-model", "render") else "none", lags if LAG_COUNT.holds(lags) else LAGS)
 
 
 class Samples(torch.utils.data.Dataset):

@@ -21,7 +21,7 @@ from correlograph.errors import InputError
 from correlograph.lags import OBJECT_SIDE
 
 WINDOW = (36, 60)
-"""Minimum and maximum side of a crop, which is centred in the target."""
+"""Minimum and maximum side of a crop, which is centred in a target of 64 pixels; larger targets have larger crops."""
 
 MIN_EDGE_PIXELS, MAX_EDGE_FRACTION = 48, 0.16
 """Minimum number of edge pixels of a target, and maximum fraction of the crop that may be edge."""
@@ -97,24 +97,24 @@ def read_luminance(file: Path) -> np.ndarray:
     return np.asarray(grey)
 
 
-def edge_targets(luminance: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray | None:
-    """Return `count` crops of the edges of one photograph, with one rotation and scale; uint8 (count, 64, 64), 0 or 255.
+def edge_targets(luminance: np.ndarray, count: int, rng: np.random.Generator, side: int = OBJECT_SIDE) -> np.ndarray | None:
+    """Return `count` crops of the edges of one photograph, with one rotation and scale; uint8 (count, side, side), 0 or 255.
 
     None if the photograph has too few edges in every view.
     """
     for _ in range(VIEWS):
-        edges = _edges(luminance, rng)
-        found = _crops(edges, count, rng)
+        edges = _edges(luminance, rng, side)
+        found = _crops(edges, count, rng, side)
         if found is not None:
             return found
     return None
 
 
-def _edges(luminance: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _edges(luminance: np.ndarray, rng: np.random.Generator, side: int) -> np.ndarray:
     """Return the Canny edges of a rotated and scaled view, bool."""
     turn, scale = rng.uniform(-180.0, 180.0), 2.0 ** rng.uniform(-1.3, 0.3)
     view = Image.fromarray(luminance)
-    size = tuple(max(OBJECT_SIDE, round(side * scale)) for side in view.size)
+    size = tuple(max(side, round(length * scale * side / OBJECT_SIDE)) for length in view.size)
     view = view.resize(size, Image.Resampling.BILINEAR, reducing_gap=2.0)
     inside = Image.new("L", view.size, 255).rotate(turn, expand=True)
     view = view.rotate(turn, Image.Resampling.BILINEAR, expand=True)
@@ -123,23 +123,24 @@ def _edges(luminance: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return canny(pixels, sigma=rng.uniform(1.0, 2.0), mask=mask)
 
 
-def _crops(edges: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray | None:
+def _crops(edges: np.ndarray, count: int, rng: np.random.Generator, side: int) -> np.ndarray | None:
+    low, high = (limit * side // OBJECT_SIDE for limit in WINDOW)
     height, width = edges.shape
-    if min(height, width) <= WINDOW[1]:
+    if min(height, width) <= high:
         return None
-    targets = np.zeros((count, OBJECT_SIDE, OBJECT_SIDE), np.uint8)
+    targets = np.zeros((count, side, side), np.uint8)
     accepted = 0
     for _ in range(8 * count):
-        side = int(rng.integers(WINDOW[0], WINDOW[1] + 1))
-        row, column = int(rng.integers(height - side)), int(rng.integers(width - side))
-        crop = edges[row : row + side, column : column + side]
-        if not MIN_EDGE_PIXELS <= np.count_nonzero(crop) <= MAX_EDGE_FRACTION * side * side:
+        cut = int(rng.integers(low, high + 1))
+        row, column = int(rng.integers(height - cut)), int(rng.integers(width - cut))
+        crop = edges[row : row + cut, column : column + cut]
+        if not MIN_EDGE_PIXELS <= np.count_nonzero(crop) <= MAX_EDGE_FRACTION * cut * cut:
             continue
         crop = _remove_small_components(crop)
         if np.count_nonzero(crop) < MIN_EDGE_PIXELS:
             continue
-        corner = (OBJECT_SIDE - side) // 2
-        targets[accepted, corner : corner + side, corner : corner + side] = crop * np.uint8(255)
+        corner = (side - cut) // 2
+        targets[accepted, corner : corner + cut, corner : corner + cut] = crop * np.uint8(255)
         accepted += 1
         if accepted == count:
             return targets

@@ -1,4 +1,4 @@
-"""Synthetic targets: glyphs of non-Latin scripts, strokes, filled shapes.
+"""Synthetic targets: glyphs of non-Latin scripts, strokes, filled shapes; `data_gen.pages` has pages of text.
 
 They are rendered four times larger than the lag grid and averaged over cells, so edges are grey like the cell means of an albedo.
 Latin letters and digits are reserved for the tests: no target shows one.
@@ -14,7 +14,6 @@ from correlograph.lags import OBJECT_SIDE
 from data_gen.fonts import dejavu_sans
 
 FINE = 4
-_CANVAS = OBJECT_SIDE * FINE
 
 ALPHABET = "γδεζθλμξπστφψΔΘΞΠΦΨΩгджйлфцшщъыюяДЖЛФЦШЩЮאבגדהזחטכלמנספצקשת←↑→↔⇒∂∇∑√∞∫≈≠≤≥⊕⊗★♠♣♥♪✈✓✚"
 """Characters of DejaVu Sans that cannot be mistaken for a Latin letter or digit, even mirrored or rotated."""
@@ -27,11 +26,12 @@ ASPECT = 3.0
 """Maximum ratio of the stretches along the two axes, as by a tilted wall."""
 
 
-def glyph(character: str, rng: np.random.Generator) -> np.ndarray:
-    """Return a character of random font, size, slant and rotation, uint8 (64, 64)."""
-    canvas = Image.new("L", (_CANVAS, _CANVAS))
-    font = dejavu_sans(150, *FONTS[rng.integers(len(FONTS))])
-    ImageDraw.Draw(canvas).text((_CANVAS // 2, _CANVAS // 2), character, fill=255, font=font, anchor="mm")
+def glyph(character: str, rng: np.random.Generator, side: int = OBJECT_SIDE) -> np.ndarray:
+    """Return a character of random font, size, slant and rotation, uint8 (side, side)."""
+    full = side * FINE
+    canvas = Image.new("L", (full, full))
+    font = dejavu_sans(150 * side // OBJECT_SIDE, *FONTS[rng.integers(len(FONTS))])
+    ImageDraw.Draw(canvas).text((full // 2, full // 2), character, fill=255, font=font, anchor="mm")
     box = canvas.getbbox()
     if box is None:
         raise ValueError(f"DejaVu Sans has no character {character!r}")
@@ -41,11 +41,11 @@ def glyph(character: str, rng: np.random.Generator) -> np.ndarray:
     shape = turn @ np.array([[1.0, rng.normal(0.0, 0.2)], [0.0, 1.0]]) @ stretch
     corners = shape @ np.array([[-1, 1, -1, 1], [-1, -1, 1, 1]]) * 0.5 * np.array([[box[2] - box[0]], [box[3] - box[1]]])
     extent = float(np.ptp(corners, axis=1).max())
-    inverse = np.linalg.inv(shape * (FINE * rng.uniform(18.0, 54.0) / extent))
+    inverse = np.linalg.inv(shape * (side / OBJECT_SIDE * FINE * rng.uniform(18.0, 54.0) / extent))
     middle = np.array([0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3])])
-    offset = middle - inverse @ np.full(2, _CANVAS / 2)
+    offset = middle - inverse @ np.full(2, full / 2)
     coefficients = (*inverse[0], offset[0], *inverse[1], offset[1])
-    return _cells(canvas.transform(canvas.size, Image.Transform.AFFINE, coefficients, Image.Resampling.BILINEAR), rng)
+    return cell_means(canvas.transform(canvas.size, Image.Transform.AFFINE, coefficients, Image.Resampling.BILINEAR), rng)
 
 
 def _stretch(rng: np.random.Generator) -> np.ndarray:
@@ -54,35 +54,37 @@ def _stretch(rng: np.random.Generator) -> np.ndarray:
     return np.minimum(1.0, np.array([aspect, 1.0 / aspect]))
 
 
-def strokes(rng: np.random.Generator) -> np.ndarray:
-    """Return one to four pen strokes (quadratic curves and corners); uint8 (64, 64)."""
-    canvas = Image.new("L", (_CANVAS, _CANVAS))
+def strokes(rng: np.random.Generator, side: int = OBJECT_SIDE) -> np.ndarray:
+    """Return one to four pen strokes (quadratic curves and corners), more in a larger window; uint8 (side, side)."""
+    full, larger = side * FINE, side / OBJECT_SIDE
+    canvas = Image.new("L", (full, full))
     pen = ImageDraw.Draw(canvas)
-    reach = 0.5 * FINE * rng.uniform(18.0, 52.0) * _stretch(rng)
-    thickness = FINE * rng.uniform(1.2, 6.5)
+    reach = 0.5 * larger * FINE * rng.uniform(18.0, 52.0) * _stretch(rng)
+    thickness = FINE * rng.uniform(1.2, 6.5 * larger)
     start = rng.uniform(-reach, reach, 2)
-    for _ in range(rng.integers(1, 5)):
+    for _ in range(rng.integers(1, int(1 + 4 * larger**2))):
         end = rng.uniform(-reach, reach, 2)
         if rng.random() < 0.5:
             path = np.stack([start, end])
         else:
             bend, along = rng.uniform(-reach, reach, 2), np.linspace(0.0, 1.0, 24)[:, None]
             path = (1 - along) ** 2 * start + 2 * along * (1 - along) * bend + along**2 * end
-        points = [tuple(point) for point in path + _CANVAS / 2]
+        points = [tuple(point) for point in path + full / 2]
         pen.line(points, fill=255, width=max(1, round(thickness)), joint="curve")
         for x, y in (points[0], points[-1]):
             pen.ellipse((x - thickness / 2, y - thickness / 2, x + thickness / 2, y + thickness / 2), fill=255)
         start = end if rng.random() < 0.6 else rng.uniform(-reach, reach, 2)
-    return _cells(canvas, rng)
+    return cell_means(canvas, rng)
 
 
-def filled_shape(rng: np.random.Generator) -> np.ndarray:
-    """Return one to three filled polygons and ellipses of different albedo, some with a hole; uint8 (64, 64)."""
-    canvas = Image.new("L", (_CANVAS, _CANVAS))
+def filled_shape(rng: np.random.Generator, side: int = OBJECT_SIDE) -> np.ndarray:
+    """Return one to three filled polygons and ellipses of different albedo, some with a hole; uint8 (side, side)."""
+    full = side * FINE
+    canvas = Image.new("L", (full, full))
     pen = ImageDraw.Draw(canvas)
-    reach = 0.5 * FINE * rng.uniform(16.0, 46.0) * _stretch(rng)
+    reach = 0.5 * side / OBJECT_SIDE * FINE * rng.uniform(16.0, 46.0) * _stretch(rng)
     for _ in range(rng.integers(1, 4)):
-        centre = _CANVAS / 2 + rng.uniform(-0.6, 0.6, 2) * reach
+        centre = full / 2 + rng.uniform(-0.6, 0.6, 2) * reach
         size = reach * rng.uniform(0.25, 0.8)
         albedo = int(rng.integers(90, 256))
         for radius, fill in ((size, albedo), (size * rng.uniform(0.3, 0.7), 0)):
@@ -96,16 +98,17 @@ def filled_shape(rng: np.random.Generator) -> np.ndarray:
                 pen.polygon([tuple(point) for point in corner], fill=fill)
             if rng.random() < 0.5:
                 break
-    return _cells(canvas, rng)
+    return cell_means(canvas, rng)
 
 
-def _cells(canvas: Image.Image, rng: np.random.Generator) -> np.ndarray:
+def cell_means(canvas: Image.Image, rng: np.random.Generator) -> np.ndarray:
     """Return cell means, one of three non-uniformly illuminated; empty images get a square."""
     fine = np.asarray(canvas, np.float32)
-    cells = fine.reshape(OBJECT_SIDE, FINE, OBJECT_SIDE, FINE).mean((1, 3))
+    side = len(fine) // FINE
+    cells = fine.reshape(side, FINE, side, FINE).mean((1, 3))
     if rng.random() < 0.33:
-        light = ndimage.gaussian_filter(rng.standard_normal((OBJECT_SIDE, OBJECT_SIDE)), 12.0)
+        light = ndimage.gaussian_filter(rng.standard_normal((side, side)), 12.0 * side / OBJECT_SIDE)
         cells = cells * np.clip(0.7 + 0.3 * light / light.std(), 0.25, 1.0)
     if cells.max() < 64.0:
-        cells[24:40, 26:38] = 255.0
+        cells[3 * side // 8 : 5 * side // 8, 13 * side // 32 : 19 * side // 32] = 255.0
     return np.round(cells).astype(np.uint8)

@@ -8,11 +8,14 @@ The manifest is stored in the attributes of the group; `correlograph/files/store
 from __future__ import annotations
 
 from correlograph.files.store import Schema
-from correlograph.lags import LAG_SIDE, OBJECT_SIDE
+from correlograph.lags import LAGS, lag_grid
 from data_gen.targets import BLOCK
 
-PAIR_BYTES = OBJECT_SIDE * OBJECT_SIDE // 16 + 2 * LAG_SIDE * LAG_SIDE + 8
-"""Bytes of a sample with its measurement; targets are compressed about sixteenfold."""
+
+def pair_bytes(lags: int) -> int:
+    """Return the bytes of a sample with its measurement; targets are compressed about sixteenfold."""
+    grid = lag_grid(lags)
+    return grid.object_side**2 // 16 + 2 * grid.side**2 + 8
 
 
 def shard_size(measurement: str) -> int:
@@ -21,12 +24,13 @@ def shard_size(measurement: str) -> int:
     return BLOCK if measurement == "render" else 32 * BLOCK
 
 
-def dataset_schema(measurement: str) -> Schema:
-    """Return the schema of a dataset with this measurement."""
-    arrays: dict[str, tuple[tuple[int, ...], str]] = {"albedo": ((OBJECT_SIDE, OBJECT_SIDE), "uint8"), "split": ((), "uint8")}
+def dataset_schema(measurement: str, lags: int = LAGS) -> Schema:
+    """Return the schema of a dataset with this measurement and number of lags."""
+    side, lag_side = lag_grid(lags).object_side, lag_grid(lags).side
+    arrays: dict[str, tuple[tuple[int, ...], str]] = {"albedo": ((side, side), "uint8"), "split": ((), "uint8")}
     if measurement != "none":
         arrays |= {
-            "autocorrelation": ((LAG_SIDE, LAG_SIDE), "float16"),
+            "autocorrelation": ((lag_side, lag_side), "float16"),
             "floor_over_peak": ((), "float32"),
             "dof": ((), "float32"),
         }

@@ -14,6 +14,7 @@ import numpy as np
 from correlograph.errors import InputError
 from correlograph.lags import OBJECT_SIDE
 from data_gen.edges import Photographs, edge_targets, read_luminance
+from data_gen.pages import page
 from data_gen.shapes import ALPHABET, filled_shape, glyph, strokes
 
 BLOCK = 64
@@ -26,27 +27,30 @@ SOURCES = {
     "glyphs": ("glyphs",),
     "strokes": ("strokes",),
     "shapes": ("filled", "strokes"),
+    "pages": ("pages",),
     "mixed": ("edges", "glyphs", "strokes", "filled"),
+    "all": ("edges", "glyphs", "strokes", "filled", "pages", "pages"),
 }
 """Names on the command line, and the kinds of target in rotation."""
 
 
 @dataclass(frozen=True)
 class TargetSource:
-    """Source of targets: kinds in rotation; photographs for edge targets."""
+    """Source of targets: kinds in rotation; photographs for edge targets; side of a target in lags."""
 
     kinds: tuple[str, ...]
     photographs: Photographs | None = None
+    side: int = OBJECT_SIDE
 
 
-def target_source(name: str, photographs: Photographs | None) -> TargetSource:
-    """Return a source by name; `mixed` has no edges without photographs."""
+def target_source(name: str, photographs: Photographs | None, side: int = OBJECT_SIDE) -> TargetSource:
+    """Return a source by name; `mixed` and `all` have no edges without photographs."""
     kinds = SOURCES[name]
     if photographs is None:
         if name == "edges":
             raise InputError("--source", "photographs for edges", "none", "add --images FOLDER")
         kinds = tuple(kind for kind in kinds if kind != "edges")
-    return TargetSource(kinds, photographs)
+    return TargetSource(kinds, photographs, side)
 
 
 def held_out(origin: str) -> bool:
@@ -56,30 +60,31 @@ def held_out(origin: str) -> bool:
 
 
 def draw_block(source: TargetSource, seed: int, block: int) -> tuple[np.ndarray, bool]:
-    """Return the targets of a block, uint8 (BLOCK, 64, 64), 255 for albedo 1, and whether they are for validation.
+    """Return the targets of a block, uint8 (BLOCK, side, side), 255 for albedo 1, and whether they are for validation.
 
     Raises InputError if no photograph has enough edges.
     """
     rng = np.random.default_rng([seed, block])
     kind = source.kinds[block % len(source.kinds)]
     if kind == "edges":
-        return _edge_block(source.photographs, rng)
+        return _edge_block(source, rng)
     if kind == "glyphs":
         character = ALPHABET[rng.integers(len(ALPHABET))]
-        return np.stack([glyph(character, rng) for _ in range(BLOCK)]), held_out(character)
-    draw = {"strokes": strokes, "filled": filled_shape}[kind]
-    return np.stack([draw(rng) for _ in range(BLOCK)]), held_out(f"{kind} {block}")
+        return np.stack([glyph(character, rng, source.side) for _ in range(BLOCK)]), held_out(character)
+    draw = {"strokes": strokes, "filled": filled_shape, "pages": page}[kind]
+    return np.stack([draw(rng, source.side) for _ in range(BLOCK)]), held_out(f"{kind} {block}")
 
 
-def _edge_block(photographs: Photographs | None, rng: np.random.Generator) -> tuple[np.ndarray, bool]:
+def _edge_block(source: TargetSource, rng: np.random.Generator) -> tuple[np.ndarray, bool]:
+    photographs = source.photographs
     assert photographs is not None
     for index in rng.permutation(len(photographs.names)):
-        targets = edge_targets(read_luminance(photographs.folder / photographs.names[index]), BLOCK, rng)
+        targets = edge_targets(read_luminance(photographs.folder / photographs.names[index]), BLOCK, rng, source.side)
         if targets is not None:
             return targets, held_out(photographs.hashes[index])
     raise InputError(
         "--images",
-        f"photographs with crops of {OBJECT_SIDE} x {OBJECT_SIDE} pixels that hold edges",
+        f"photographs with crops of {source.side} x {source.side} pixels that hold edges",
         "none",
         "use another folder",
     )

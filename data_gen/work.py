@@ -50,7 +50,7 @@ def make_shard(address: str, recipe: Recipe, shard: int) -> int:
         parts.append(part)
     write_part(
         zarr.open_group(address, mode="r+"),
-        dataset_schema(recipe.measurement),
+        dataset_schema(recipe.measurement, recipe.source.side - 1),
         shard,
         {name: np.concatenate([part[name] for part in parts]) for name in parts[0]},
     )

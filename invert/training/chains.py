@@ -23,7 +23,7 @@ SCHEDULE = Annealing.of(BALANCED)
 """Schedule of the annealing that the chains follow."""
 
 CHAINS = 128
-"""Number of chains; each training step advances some of them by one annealing step."""
+"""Number of chains of objects of 64 x 64 lags, and fewer of larger ones; each training step advances some of them by one step."""
 
 FIRST_STEPS = 12
 """Steps of the first round of a chain, which starts with pure noise."""
@@ -42,30 +42,32 @@ class Chains:
     """Objects in the middle of annealing.
 
     Attributes:
+        count: number of chains.
         state: for each chain its estimate, floor and K, the truth, the noisy image and the present albedo; the initial noise of
             the round, its number of steps and of finished steps; and the remaining rounds, including the present one.
     """
 
     def __init__(self, side: int = OBJECT_SIDE) -> None:
-        lags, pictures = (CHAINS, 2 * side - 1, 2 * side - 1), (CHAINS, side, side)
+        self.count = max(2, CHAINS * OBJECT_SIDE**2 // side**2)
+        lags, pictures = (self.count, 2 * side - 1, 2 * side - 1), (self.count, side, side)
         shapes = {
             "estimate": lags,
-            "floor": (CHAINS,),
-            "dof": (CHAINS,),
+            "floor": (self.count,),
+            "dof": (self.count,),
             "truth": pictures,
             "noisy": pictures,
             "albedo": pictures,
-            "first": (CHAINS,),
-            "steps": (CHAINS,),
-            "done": (CHAINS,),
-            "left": (CHAINS,),
+            "first": (self.count,),
+            "steps": (self.count,),
+            "done": (self.count,),
+            "left": (self.count,),
         }
         self.state = {name: torch.zeros(shape) for name, shape in shapes.items()}
 
     def draw(self, batch: Batch, rng: torch.Generator) -> torch.Tensor:
         """Return numbers of chains, one per object of a batch; the objects replace those of finished chains."""
         seen, truth = batch.seen, batch.truth
-        which = torch.randperm(CHAINS, generator=rng)[: len(truth)]
+        which = torch.randperm(self.count, generator=rng)[: len(truth)]
         ended = self.state["left"][which] == 0
         rounds = torch.randint(1, ROUNDS + 1, (len(truth),), generator=rng)
         begun = {

@@ -10,7 +10,7 @@ from torch import nn
 from invert.network.inference import predict
 from invert.network.model import Denoiser, Fusion
 from invert.network.sampler import Sampler
-from invert.training.chains import CHAINS, Chains, chain_loss
+from invert.training.chains import Chains, chain_loss
 from invert.training.data import Batch
 from invert.training.denoising import Task, denoising_loss, make_denoising_task
 from invert.training.losses import LOSSES, noise_left, registered_pearson
@@ -29,6 +29,9 @@ class DenoisedLags:
     def __init__(self) -> None:
         self.state: dict[str, torch.Tensor] = {}
 
+    def restore(self, state: dict[str, torch.Tensor]) -> None:
+        """Ignore the checkpoint, because there is no state."""
+
     def loss(self, module: nn.Module, batch: Batch, _: torch.Generator | None = None) -> torch.Tensor:
         measured = batch.seen.estimate - batch.seen.floor[:, None, None]
         return noise_left(predict(module, batch.seen), batch.signal, measured).mean()
@@ -46,6 +49,9 @@ class Picture:
     def __init__(self, loss: str, judged: bool) -> None:
         self._loss, self._judged = LOSSES[loss], judged
         self.state: dict[str, torch.Tensor] = {}
+
+    def restore(self, state: dict[str, torch.Tensor]) -> None:
+        """Ignore the checkpoint, because there is no state."""
 
     def loss(self, module: nn.Module, batch: Batch, _: torch.Generator) -> torch.Tensor:
         output = predict(module, batch.seen)  # the sketch returns albedos alone
@@ -73,15 +79,27 @@ class DenoisedPicture:
     measure = f"share of the albedo's energy missed behind noise of {VALIDATION_SIGMA}"
 
     def __init__(self) -> None:
-        self._chains = Chains()
-        self.state = self._chains.state
+        self._chains: dict[int, Chains] = {}
+
+    @property
+    def state(self) -> dict[str, torch.Tensor]:
+        """Return the state of the chains of each side, for a checkpoint."""
+        return {f"{side}.{name}": one for side, chains in self._chains.items() for name, one in chains.state.items()}
+
+    def restore(self, state: dict[str, torch.Tensor]) -> None:
+        """Continue with the chains of a checkpoint."""
+        for key, one in state.items():
+            side, _, name = key.partition(".")
+            self._chains.setdefault(int(side), Chains(int(side))).state[name] = one
 
     def loss(self, module: nn.Module, batch: Batch, rng: torch.Generator) -> torch.Tensor:
-        device, count = batch.truth.device, min((len(batch.truth) + 1) // 2, CHAINS)
-        which = self._chains.draw(batch.part(slice(count), "cpu"), rng)
-        chained, fresh = self._chains.task(which, device), self._task(module, batch.part(slice(count, None), device))
+        side = batch.truth.shape[-1]
+        chains = self._chains.setdefault(side, Chains(side))
+        device, count = batch.truth.device, min((len(batch.truth) + 1) // 2, chains.count)
+        which = chains.draw(batch.part(slice(count), "cpu"), rng)
+        chained, fresh = chains.task(which, device), self._task(module, batch.part(slice(count, None), device))
         answer = chained.join(fresh).answer(module)
-        self._chains.follow(which, chained, answer[:count].detach(), rng)
+        chains.follow(which, chained, answer[:count].detach(), rng)
         return torch.cat(
             (chain_loss(answer[:count], chained.truth), denoising_loss(answer[count:], fresh.truth, fresh.sigma))
         ).mean()

@@ -30,7 +30,11 @@ BYTES_PER_CHANNEL = 3e5
 
 def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m invert.train", description="Train a network on a dataset's targets.")
-    p.add_argument("dataset", help="dataset made by python -m data_gen; only its targets are used")
+    p.add_argument(
+        "dataset",
+        nargs="+",
+        help="dataset made by python -m data_gen, or several of different numbers of lags, which take turns; only the targets are used",
+    )
     p.add_argument("-o", "--output", required=True, type=Path, help="weights, .safetensors; a checkpoint is kept beside them")
     p.add_argument("--network", choices=tuple(NETWORKS), default="unet")
     p.add_argument("--width", type=Range(8, 512, 8), help="channels of the widest picture: 40, and 64 for the paper's network")
@@ -69,7 +73,8 @@ def _train(options: Any, rank: int, world: int) -> None:
 
     from data_gen.dataset import load_targets, manifest
 
-    targets, held_out = load_targets(options.dataset)
+    pairs = [load_targets(address) for address in options.dataset]
+    targets, held_out = ([pair[which] for pair in pairs] for which in (0, 1))
     training = Training(options, rank, world)
     training.resume()
     validation = training.validation(held_out)
@@ -84,7 +89,7 @@ def _train(options: Any, rank: int, world: int) -> None:
                     training.checkpoint()
                     bar.write(training.last_line())
     if rank == 0:
-        training.finish(manifest(options.dataset))
+        training.finish([manifest(address) for address in options.dataset])
 
 
 def _join_processes(device: str) -> tuple[int, int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from torch.optim.swa_utils import AveragedModel
 
 from correlograph.errors import InputError
 from correlograph.files.output import save_json
+from correlograph.lags import OBJECT_SIDE
 from invert.network.checkpoints import NETWORKS, load_network, read_weights, save_weights
 from invert.network.model import CorrelographyNet, Fusion
 from invert.network.sampler import Sampler
@@ -54,11 +56,11 @@ class Training:
             self.start_from(options.start_from)
         self.seconds = self.cpu_seconds = 0.0
 
-    def advance(self, targets: torch.Tensor) -> float:
-        """Take one step of the optimiser; return the loss."""
+    def advance(self, targets: Sequence[torch.Tensor]) -> float:
+        """Take one step of the optimiser, on one of the pools of targets in turn; return the loss."""
         begin, begin_cpu = time.perf_counter(), time.process_time()
         options = self.options
-        batch = self._draw(targets).part(slice(self.rank, None, self.world), options.device)
+        batch = self._draw(targets[self.step % len(targets)]).part(slice(self.rank, None, self.world), options.device)
         for group in self.optimiser.param_groups:
             group["lr"] = options.learning_rate * _schedule(self.step, options.steps)
         self.parallel.train()
@@ -83,8 +85,9 @@ class Training:
         return network if isinstance(part, Fusion) else part
 
     def _draw(self, targets: torch.Tensor) -> Batch:
-        """Return the batch of this step."""
-        count, rng = self.options.batch, _rng(self.options.seed, self.step)
+        """Return the batch of this step; larger targets make smaller batches of as many pixels."""
+        count = max(2, self.options.batch * OBJECT_SIDE**2 // targets.shape[-1] ** 2)
+        rng = _rng(self.options.seed, self.step)
         if self.options.noise == "paper":
             return paper_noise(targets, count, rng)
         return self._make_batch_for_part(
@@ -94,14 +97,18 @@ class Training:
     def _make_batch_for_part(self, batch: Batch, rng: torch.Generator) -> Batch:
         return hidden_in_noise(batch, rng) if isinstance(self.part, Sampler) else batch
 
-    def validation(self, held_out: torch.Tensor) -> list[Batch]:
+    def validation(self, held_out: Sequence[torch.Tensor]) -> list[Batch]:
         """Return held-out targets at the levels of `VALIDATION`, or held-out precomputed reconstructions at noise of
         every level."""
         rng = torch.Generator().manual_seed(self.options.seed)
         if self.warm_held_out is not None:
             return [warm(self.warm_held_out, 256, rng)]
-        chosen = held_out[torch.randperm(len(held_out), generator=rng)[:64]].float() / 255.0
-        return [self._make_batch_for_part(at_noise(chosen, floor, dof, rng), rng) for floor, dof in VALIDATION]
+        batches = []
+        for pool in held_out:
+            count = 64 * OBJECT_SIDE**2 // pool.shape[-1] ** 2
+            chosen = pool[torch.randperm(len(pool), generator=rng)[:count]].float() / 255.0
+            batches += [self._make_batch_for_part(at_noise(chosen, floor, dof, rng), rng) for floor, dof in VALIDATION]
+        return batches
 
     def note(self, loss: float, validation: list[Batch]) -> None:
         """Measure the averaged network and add a point to the curve."""
@@ -161,8 +168,7 @@ class Training:
         self.network.load_state_dict(parts["network"])
         self.average.module.load_state_dict(parts["average"])
         self.average.n_averaged.fill_(card["step"])
-        for name, value in parts["objective"].items():
-            self.objective.state[name].copy_(value)
+        self.objective.restore(parts["objective"])
         states: dict[int, dict[str, torch.Tensor]] = {}
         for name, value in parts["optimiser"].items():
             index, _, rest = name.partition(".")
@@ -188,7 +194,7 @@ class Training:
         names = ("dataset", "network", "width", "loss", "noise", "steps", "batch", "learning_rate", "seed", "part", "warm")
         return {**{name: getattr(self.options, name) for name in names}, "start_from": self.earlier}
 
-    def finish(self, dataset: dict[str, Any]) -> None:
+    def finish(self, dataset: list[dict[str, Any]]) -> None:
         """Write the averaged weights in half precision with their metadata, and the curve."""
         averaged = self.average.module.state_dict()
         half = {name: value.half() if value.is_floating_point() else value for name, value in averaged.items()}
@@ -206,7 +212,7 @@ class Training:
             "threads": torch.get_num_threads(),
         }
         save_weights(self.options.output, half, card)
-        labels = [f"b {255 * floor:.0f}/255, K {dof:g}" for floor, dof in VALIDATION]
+        labels = [f"{name}: b {255 * floor:.0f}/255, K {dof:g}" for name in self.options.dataset for floor, dof in VALIDATION]
         save_curve(
             self.options.output.with_suffix(".png"),
             self.curve,
