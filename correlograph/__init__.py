@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from invert.albedo.metrics import Scores, aligned_pearson, score
     from invert.albedo.posterior import Samples
     from invert.output.result import Result
+    from invert.output.truth import Truth
     from invert.pipeline import reconstruct
     from radiometry.scene_budget import Forecast, light_budget, predict
     from sim.plan import Settings
@@ -51,6 +52,7 @@ _MODULES = {
     "Scene": "sim.scene",
     "Scores": "invert.albedo.metrics",
     "Settings": "sim.plan",
+    "Truth": "invert.output.truth",
     "aligned_pearson": "invert.albedo.metrics",
     "light_budget": "radiometry.scene_budget",
     "load": "sim.scene",
@@ -71,6 +73,7 @@ __all__ = [
     "Scene",
     "Scores",
     "Settings",
+    "Truth",
     "aligned_pearson",
     "light_budget",
     "load",

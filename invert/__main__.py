@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError, check_device
-from correlograph.ranges import BLUR, PATCH, SEED, SI, WAVELENGTH, WORKERS
+from correlograph.ranges import BLUR, LAG_COUNT, PATCH, SEED, SI, WAVELENGTH, WORKERS, Range
 from correlograph.workers import check_scheduler, check_workers
 from invert.choices import METHODS, QUALITIES, UNET
 from radiometry.estimation.background import MEAN_MODELS
@@ -34,8 +34,10 @@ def parser() -> ArgumentParser:
     p.add_argument(
         "--patch",
         default="auto",
-        help="patch size in pixels; auto: 300 um per lag, or an eighth of the frame; fit: adapted to the width of the object",
+        help="patch size in pixels; auto: from the lag pitch, or an eighth of the frame; fit: adapted to the width of the object",
     )
+    p.add_argument("--lags", default="auto", help="largest lag on either side of zero, 32 to 255; auto: adapted to the object")
+    p.add_argument("--pitch-m", default="auto", help="lag pitch in metres, for example 150e-6; auto: adapted to the object")
     p.add_argument(
         "--mean-model",
         "--mean",
@@ -120,6 +122,8 @@ def _request(options: Any) -> Request:
         camera=CameraMetadata(options.wavelength_m, options.pixel_pitch_m, options.distance_m),
         corrections=Corrections(dark, flat, mask),
         patch=_patch(options.patch),
+        lags=_number("--lags", options.lags, LAG_COUNT),
+        pitch_m=_number("--pitch-m", options.pitch_m, SI),
         mean_model=options.mean_model,
         blur_pixels=_blur(options.blur_pixels),
         method=METHODS[options.method],
@@ -134,6 +138,8 @@ def _request(options: Any) -> Request:
 def _check(options: Any) -> int:
     """Check options that argparse cannot check; return the number of workers."""
     _patch(options.patch)
+    _number("--lags", options.lags, LAG_COUNT)
+    _number("--pitch-m", options.pitch_m, SI)
     _blur(options.blur_pixels)
     if not options.output.strip():
         raise InputError("-o", "the name of a folder", "an empty one", "choose another folder")
@@ -145,7 +151,7 @@ def _check(options: Any) -> int:
         found = f"--method {options.method}"
         raise InputError("--weights", f"--method {UNET}", found, f"select --method {UNET} or remove --weights")
     given = [name for name in ("dark", "flat", "mask", "blur_pixels") if getattr(options, name) is not None]
-    given += [name for name in ("patch", "mean_model") if getattr(options, name) != "auto"]
+    given += [name for name in ("patch", "lags", "pitch_m", "mean_model") if getattr(options, name) != "auto"]
     if options.autocorrelation and given:
         found = ", ".join("--" + name.replace("_", "-") for name in given)
         raise InputError("--autocorrelation", "no option that applies to frames", found, "remove these options")
@@ -161,6 +167,17 @@ def _patch(text: str) -> Any:
     except ValueError:
         raise InputError("--patch", "a number of pixels, auto or fit", text, "use one of these") from None
     return PATCH.check("--patch", size)
+
+
+def _number(name: str, text: str, values: Range) -> Any:
+    """Return a number in a range, or None for auto."""
+    if text == "auto":
+        return None
+    try:
+        number = int(text) if isinstance(values.least, int) else float(text)
+    except ValueError:
+        raise InputError(name, f"{values} or auto", text, "use one of these") from None
+    return values.check(name, number)
 
 
 def _blur(text: str | None) -> Any:

@@ -38,6 +38,7 @@ class Quality:
         augmentations: test-time augmentations of the denoiser and of the fusion.
         samples: posterior samples; 0 leaves the posterior sampler out.
         rounds: re-noising rounds of each sample.
+        finer_samples, finer_rounds: the same on grids of more than 64 lags, which continue with the samples of a coarser grid.
     """
 
     name: str
@@ -47,6 +48,8 @@ class Quality:
     augmentations: int
     samples: int = 0
     rounds: int = 0
+    finer_samples: int = 1
+    finer_rounds: int = 1
 
     def __str__(self) -> str:
         return self.name
@@ -60,8 +63,10 @@ METHODS = {
 }
 
 FAST = Quality("fast", 4, 0.3, network_starts=6, augmentations=1)
-BALANCED = Quality("balanced", 16, 1.0, network_starts=16, augmentations=4, samples=12, rounds=8)
-BEST = Quality("best", 64, 1.0, network_starts=32, augmentations=4, samples=32, rounds=12)
+BALANCED = Quality(
+    "balanced", 16, 1.0, network_starts=16, augmentations=4, samples=12, rounds=8, finer_samples=4, finer_rounds=4
+)
+BEST = Quality("best", 64, 1.0, network_starts=32, augmentations=4, samples=32, rounds=12, finer_samples=8, finer_rounds=8)
 QUALITIES = {quality.name: quality for quality in (FAST, BALANCED, BEST)}
 
 

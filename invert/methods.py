@@ -86,7 +86,7 @@ def reconstruct_measurement(
     found = solve(measurement, method, quality, seed, device, progress)
     together = consensus(found.images, found.residual)
     image = together.image if method == CLASSICAL else found.images[found.residual.argmin()]
-    albedo = _crop_to_window(image)
+    albedo = _crop_to_window(image, measurement.lag_grid.object_side)
     residual = float(found.residual.min())
     return Reconstruction(albedo.numpy(), bool(albedo.any()), together.agreement, residual, together.transfer)
 
@@ -116,12 +116,12 @@ def _reject(found: Reconstruction) -> Reconstruction:
 
 def _postprocess_image(image: torch.Tensor, measurement: Measurement, quality: Quality) -> torch.Tensor:
     """Crop the image (128, 128) of a network to an albedo (64, 64); except for `fast`, refine it and subtract its background."""
-    albedo = _crop_to_window(image)
+    albedo = _crop_to_window(image, measurement.lag_grid.object_side)
     if quality == FAST or not albedo.any():
         return albedo
     return normalise_peak((refine_by_likelihood(albedo, measurement) - BACKGROUND).clamp_min(0.0))
 
 
-def _crop_to_window(image: torch.Tensor) -> torch.Tensor:
-    """Centre the object in its window (64, 64) and scale its maximum to 1."""
-    return normalise_peak(crop_centred(image.clamp_min(0.0)).cpu()).float()
+def _crop_to_window(image: torch.Tensor, side: int) -> torch.Tensor:
+    """Centre the object in its window (side, side) and scale its maximum to 1."""
+    return normalise_peak(crop_centred(image.clamp_min(0.0), side).cpu()).float()

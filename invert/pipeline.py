@@ -17,7 +17,7 @@ from correlograph.files.corrections import Corrections
 from correlograph.files.images import check_symmetry, read_image
 from correlograph.files.output import path_of
 from correlograph.lags import LAG_SIDE
-from correlograph.ranges import SEED
+from correlograph.ranges import LAG_COUNT, SEED
 from invert.assess.reliability import assess_reliability
 from invert.assess.speckle_test import speckle_test
 from invert.blur_fit import estimate_blur, likelihood_before_division
@@ -41,6 +41,8 @@ def reconstruct(
     method: str | Method = UNET,
     quality: str | Quality = BALANCED,
     patch: Patch = None,
+    lags: int | None = None,
+    pitch_m: float | None = None,
     camera: CameraMetadata | None = None,
     corrections: Corrections | None = None,
     blur_pixels: Blur = None,
@@ -55,9 +57,11 @@ def reconstruct(
 
     Args:
         source: a capture; a frame file, several, or a folder of them; frames (n, H, W) or (H, W); an estimate; or a published
-            autocorrelation, as a file or an array of 127 x 127 lags.
+            autocorrelation, as a file or an array of 127 x 127 lags (an array may have 65 to 511).
         method, quality: names, or entries of `invert.choices`.
         patch: patch size in pixels; None derives it from the lag pitch, "fit" also from the width of the object.
+        lags: largest lag on either side of zero, 32 to 255; the albedo has one pixel more along each side.
+        pitch_m: lag pitch. Without patch, lags and pitch, both are adapted to the object; see `invert.measure.lag_choice`.
         camera: metadata for frames that carry none.
         corrections: dark frame, flat-field frame and mask.
         blur_pixels: standard deviation of a known Gaussian blur; "auto" estimates it with the network. None does so for
@@ -87,10 +91,13 @@ def reconstruct(
     if isinstance(capture, Capture):
         capture = (corrections or Corrections()).apply(capture)
     else:
-        _refuse_frame_options(patch, corrections, blur_pixels, mean_model)
+        _refuse_frame_options(patch, lags, pitch_m, corrections, blur_pixels, mean_model)
     read_s = time.perf_counter() - begin
     known_blur = None if blur_pixels == "auto" else blur_pixels
-    estimate = estimate_from_frames(capture, patch, device, mean_model, known_blur) if isinstance(capture, Capture) else capture
+    if isinstance(capture, Capture):
+        estimate = estimate_from_frames(capture, patch, device, mean_model, known_blur, lags, pitch_m)
+    else:
+        estimate = capture
 
     begin = time.perf_counter()
     draft = None
@@ -139,15 +146,16 @@ def _read_array(source: object, camera: CameraMetadata, autocorrelation: bool | 
         array = np.asarray(source)
     except ValueError:
         raise InputError("frames", "frames of one size", "arrays of several shapes", "provide one array (n, H, W)") from None
-    if autocorrelation is not False and array.shape == (LAG_SIDE, LAG_SIDE) and array.dtype.kind in "uif":
+    if (array.shape == (LAG_SIDE, LAG_SIDE) and autocorrelation is not False) or (autocorrelation and _is_of_lags(array)):
+        if array.dtype.kind not in "uif":
+            raise InputError("autocorrelation", "real numbers", f"{array.dtype}", "convert the array")
         check_power(array, "the array")
         check_symmetry(array, "the array")
         return Estimate("autocorrelation", np.array(array, np.float32))
     if autocorrelation:
         found = f"shape {array.shape}"
-        raise InputError(
-            "autocorrelation", f"{LAG_SIDE} x {LAG_SIDE} lags", found, "provide an estimate, or omit autocorrelation"
-        )
+        expected = "an odd square array of 65 x 65 to 511 x 511 lags"
+        raise InputError("autocorrelation", expected, found, "provide an estimate, or omit autocorrelation")
     if array.ndim == 2:
         array = array[None]
     if array.ndim != 3 or array.dtype.kind not in "uif" or len(array) == 0:
@@ -157,6 +165,12 @@ def _read_array(source: object, camera: CameraMetadata, autocorrelation: bool | 
     for number, frame in enumerate(frames):
         check_frame(frame, Path(f"frame {number}"))
     return Capture(frames, camera, tuple(f"frame {number}" for number in range(len(frames))))
+
+
+def _is_of_lags(array: np.ndarray) -> bool:
+    """Return whether an array has the shape of an estimate."""
+    side = array.shape[-1] if array.ndim == 2 else 0
+    return array.shape == (side, side) and side % 2 == 1 and LAG_COUNT.holds(side // 2)
 
 
 def _has_published_shape(path: Path) -> bool:
@@ -182,12 +196,16 @@ def _check_weights(weights: str | Path | None, method: Method) -> Path | None:
     return None if weights is None else path_of("weights", weights)
 
 
-def _refuse_frame_options(patch: Patch, corrections: Corrections | None, blur_pixels: Blur, mean_model: str) -> None:
+def _refuse_frame_options(
+    patch: Patch, lags: int | None, pitch_m: float | None, corrections: Corrections | None, blur_pixels: Blur, mean_model: str
+) -> None:
     """Refuse options that change the estimate of frames, because an autocorrelation is already an estimate."""
     given = [
         name
         for name, value, default in (
             ("patch", patch, None),
+            ("lags", lags, None),
+            ("pitch_m", pitch_m, None),
             ("corrections", corrections or Corrections(), Corrections()),
             ("blur_pixels", blur_pixels, None),
             ("mean_model", mean_model, "auto"),

@@ -83,6 +83,9 @@ def patch_grid(frame_shape: tuple[int, int], size: int | tuple[int, int], lags: 
     )
 
 
+PITCH_M = 300e-6
+"""Default lag pitch, that of Metzler et al. 2020."""
+
 SQUARE_ENOUGH = 1.05
 """Maximum ratio of the two pixel pitches for square patches; the lag pitches then differ by at most this ratio."""
 
@@ -90,7 +93,7 @@ SQUARE_ENOUGH = 1.05
 def automatic_patch_size(
     frame_shape: tuple[int, int],
     geometry: tuple[float, float, float | tuple[float, float]] | None = None,
-    pitch_m: float = 300e-6,
+    pitch_m: float = PITCH_M,
     lags: int = LAGS,
 ) -> int | tuple[int, int]:
     """Return the patch size whose lag pitch is closest to `pitch_m`, or an eighth of the frame if the geometry is unknown.

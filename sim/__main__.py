@@ -9,7 +9,8 @@ from collections.abc import Sequence
 
 from correlograph.command import ArgumentParser, exit_at_once, run_command
 from correlograph.errors import InputError, check_device
-from correlograph.ranges import FRAMES, PATCH, SEED, SI
+from correlograph.lags import LAGS
+from correlograph.ranges import FRAMES, LAG_COUNT, PATCH, SEED, SI
 
 KERNELS = ("fraunhofer", "fresnel", "nufft", "direct")
 SATURATION_WORTH_A_WARNING = 1e-3
@@ -33,8 +34,9 @@ def parser() -> ArgumentParser:
         "--truth-patch",
         type=PATCH,
         metavar="PIXELS",
-        help="patch size whose lags truth.npy is sampled at, for 'invert --patch' (default: as invert chooses)",
+        help="patch size whose lags truth.npy is sampled at, for 'invert --patch' (default: 300 um per lag)",
     )
+    p.add_argument("--truth-lags", type=LAG_COUNT, default=LAGS, help="largest lag of truth.npy, for 'invert --lags' (63)")
     p.add_argument(
         "--noise-free",
         "--mean",
@@ -129,7 +131,7 @@ def _render(scene, plan, content, options) -> None:
 
     folder = output_folder(options.output)
     begin = time.perf_counter()
-    truth, pitches_m = lag_grid_albedo(plan.geometry, options.truth_patch)
+    truth, pitches_m = lag_grid_albedo(plan.geometry, options.truth_patch, options.truth_lags)
     write_s = saturated = 0.0
     with stage_capture(folder, options.frames, overwrite=options.overwrite) as staging:
         drawn = draw_frames(plan, options.frames, options.seed, mean=options.noise_free, device=options.device)

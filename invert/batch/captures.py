@@ -19,12 +19,13 @@ from invert.measure.capture import CONTACT_SHEET, find_frames, frames_inside, pr
 from invert.measure.estimate import Patch
 from invert.network.checkpoints import DEFAULT_WEIGHTS, load_network
 from invert.output.result import Result
-from invert.output.result_files import RESULT_FILES, check_truth_pitch, read_truth
+from invert.output.result_files import RESULT_FILES
+from invert.output.truth import Truth
 from invert.pipeline import Blur, reconstruct
 from invert.solvers.base import Progress, no_progress
 from radiometry.estimation.background import MeanModel
 
-REVISION = 8
+REVISION = 9
 """Number to raise whenever the same request gives another result."""
 
 RESERVED_NAMES = {"table.md", "captures.json"}
@@ -42,6 +43,8 @@ class Request:
     camera: CameraMetadata = field(default_factory=CameraMetadata)
     corrections: Corrections = field(default_factory=Corrections)
     patch: Patch = None
+    lags: int | None = None
+    pitch_m: float | None = None
     mean_model: MeanModel = "auto"
     blur_pixels: Blur = None
     method: Method = UNET
@@ -69,6 +72,8 @@ class Request:
             method=self.method,
             quality=self.quality,
             patch=self.patch,
+            lags=self.lags,
+            pitch_m=self.pitch_m,
             camera=self.camera,
             corrections=self.corrections,
             blur_pixels=self.blur_pixels,
@@ -155,7 +160,7 @@ def check_request(request: Request) -> None:
         if file and not file.is_file():
             raise InputError(f"--{name}", "an image of the frames' size", f"no {file}", "check the path")
     if request.truth:
-        read_truth(request.truth)
+        Truth.read(request.truth)
 
 
 def invert_capture(
@@ -172,15 +177,13 @@ def invert_capture(
         overwrite: whether to replace files of the result's names that others wrote.
     """
     check_request(request)
-    truth = read_truth(request.truth) if request.truth else None
+    truth = Truth.read(request.truth) if request.truth else None
     digest = request.sha256(find_frames(files))
     is_new = not folder.exists()
     try:
         with sole_writer(output_folder(folder)):
             claim(folder, RESULT_FILES, overwrite=overwrite)
             result = request.reconstruct(files, progress)
-            if request.truth and not request.autocorrelation:
-                check_truth_pitch(request.truth, result.estimate.pitches_m)
             return result, result.save(folder, truth, digest)
     finally:
         if is_new and folder.is_dir():

@@ -21,7 +21,8 @@ from invert.albedo.metrics import aligned_pearson
 from invert.batch.captures import Captures, Request, check_request, invert_capture
 from invert.measure.capture import CONTACT_SHEET, find_frames
 from invert.output.report import save_contact_sheet
-from invert.output.result_files import RESULT_FILES, read_truth
+from invert.output.result_files import RESULT_FILES
+from invert.output.truth import Truth
 
 SHEET_CAPACITY = 60
 """Maximum number of reconstructions on one contact sheet."""
@@ -36,7 +37,7 @@ def invert_captures(
     """
     check_request(request)
     _claim(captures, output, overwrite=overwrite)
-    truth = read_truth(request.truth) if request.truth else None
+    truth = Truth.read(request.truth) if request.truth else None
     known = {name: _known(request, files, output / name) for name, files in captures.items()}
     rows = {name: {"name": name, **row} for name, row in known.items() if row is not None}
     missing = [name for name in captures if name not in rows]
@@ -119,6 +120,7 @@ def _row(summary: dict[str, Any]) -> dict[str, Any]:
         "floor_over_peak": noise["floor_over_peak"],
         "dof": noise["dof"],
         "warnings": summary["warnings"],
+        "pitches_m": summary["pitches_m"],
     }
     return row | ({"pearson": summary["pearson"]} if "pearson" in summary else {})
 
@@ -143,7 +145,7 @@ def _write_table(path: Path, rows: list[dict[str, Any]]) -> None:
         partial_file.write_text("\n".join(lines) + "\n")
 
 
-def _save_contact_sheets(output: Path, rows: list[dict[str, Any]], truth: np.ndarray | None) -> None:
+def _save_contact_sheets(output: Path, rows: list[dict[str, Any]], truth: Truth | None) -> None:
     """Plot contact sheets of all reconstructions, registered to the truth if there is one; remove those of an earlier run."""
     for old in own_files(output):
         if old.name.startswith(CONTACT_SHEET):
@@ -152,7 +154,10 @@ def _save_contact_sheets(output: Path, rows: list[dict[str, Any]], truth: np.nda
         part = rows[begin : begin + SHEET_CAPACITY]
         albedos = [np.load(output / row["name"] / "albedo.npy", allow_pickle=False) for row in part]
         if truth is not None:
-            albedos = [aligned_pearson(albedo, truth)[1] for albedo in albedos]
+            albedos = [
+                aligned_pearson(albedo, truth.on_lags(len(albedo), row["pitches_m"]))[1]
+                for albedo, row in zip(albedos, part, strict=True)
+            ]
         titles = [
             f"{row['name'][:24]}\n{format(row['confidence'], '.2f') if row['object_found'] else 'no object'}" for row in part
         ]

@@ -10,15 +10,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from correlograph.errors import InputError
+from correlograph.errors import InputError, check_positive
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.images import read_autocorrelation
-from correlograph.lags import LagGrid, lag_grid_of
-from correlograph.ranges import BLUR, PATCH
+from correlograph.lags import LAGS, LagGrid, lag_grid_of
+from correlograph.ranges import BLUR, LAG_COUNT, PATCH
 from invert.measure.capture import printable
+from invert.measure.lag_choice import choose_lags
 from invert.measure.patch_fit import choose_patch_grid
 from invert.measure.spectrum import read_measurement
-from radiometry.autocorrelation import PatchGrid, automatic_patch_size, patch_grid
+from radiometry.autocorrelation import PITCH_M, PatchGrid, automatic_patch_size, patch_grid
 from radiometry.estimation.background import BackgroundRecord, MeanModel
 from radiometry.estimation.published import PublishedEstimator
 from radiometry.estimation.third_moment import FilteredFrames
@@ -45,6 +46,7 @@ class EstimateRecord:
         dof_expected: degrees of freedom K in theory.
         background: background and sensor faults in the frames.
         blur_found_pixels: standard deviation (rows, columns) of the blur that was estimated, if one was.
+        lags_reason: why the estimate has these lags.
     """
 
     frames: int
@@ -52,6 +54,7 @@ class EstimateRecord:
     dof_expected: float
     background: BackgroundRecord
     blur_found_pixels: tuple[float, float] | None = None
+    lags_reason: str = "chosen by the user"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the record for JSON."""
@@ -59,6 +62,7 @@ class EstimateRecord:
         content: dict[str, Any] = {
             "frames": self.frames,
             "patches": {"size": grid.size, "width": grid.patch_shape[1], "rows": grid.rows, "columns": grid.columns},
+            "lags": {"largest": grid.lags, "reason": self.lags_reason},
             "dof_expected": round(self.dof_expected, 1),
             "mean_model": self.background.as_dict(),
         }
@@ -125,15 +129,23 @@ def check_power(lags: np.ndarray, name: str) -> None:
 
 
 def estimate_from_frames(
-    capture: Capture, patch: Patch, device: str, mean_model: MeanModel = "auto", blur_pixels: float | None = None
+    capture: Capture,
+    patch: Patch,
+    device: str,
+    mean_model: MeanModel = "auto",
+    blur_pixels: float | None = None,
+    lags: int | None = None,
+    pitch_m: float | None = None,
 ) -> Estimate:
     """Estimate r*r from frames.
 
     Args:
-        patch: patch size in pixels. None derives it from a lag pitch of 300 um, or takes an eighth of the frame if the
-            camera is unknown. "fit" starts there and adapts the size to the object (`invert.measure.patch_fit`).
+        patch: patch size in pixels. None derives it from the lag pitch, or takes an eighth of the frame if the camera is
+            unknown. "fit" starts there and adapts the size to the object (`invert.measure.patch_fit`).
         mean_model: background model; see `radiometry.estimation.whole_frames`.
         blur_pixels: standard deviation of a known Gaussian blur in addition to pupil and pixel; 0 for no blur.
+        lags, pitch_m: largest lag on either side of zero, and lag pitch. Without patch, lags and pitch, both are adapted to
+            the object (`invert.measure.lag_choice`); if only some are given, the others are 63 and 300 um.
     """
     if blur_pixels is not None:
         BLUR.check("blur_pixels", blur_pixels)
@@ -141,9 +153,15 @@ def estimate_from_frames(
     geometry = capture.camera.lag_geometry
     shape = (capture.frames[0].shape[0], capture.frames[0].shape[1])
     is_automatic = patch is None or patch == "fit"
-    grid = patch_grid(shape, automatic_patch_size(shape, geometry) if is_automatic else int(PATCH.check("patch", patch)))
+    most = LAGS if lags is None else LAG_COUNT.check("lags", lags)
+    if is_automatic:
+        wanted = PITCH_M if pitch_m is None else check_positive("pitch_m", pitch_m)
+        size = automatic_patch_size(shape, geometry, wanted, most)
+    else:
+        size = int(PATCH.check("patch", patch))
+    grid, reason = patch_grid(shape, size, most), "chosen by the user"
 
-    @cache  # "fit" has already tried the grid that it chooses
+    @cache  # the grid that is chosen has already been tried
     def run_estimator(tried: PatchGrid) -> tuple[AutocorrelationEstimator | PublishedEstimator, np.ndarray]:
         estimator = estimator_of(tried, mean_model, device)
         for frame in capture.frames:
@@ -152,6 +170,9 @@ def estimate_from_frames(
 
     if patch == "fit":
         grid = choose_patch_grid(grid, lambda tried: read_measurement(run_estimator(tried)[1]))
+    elif (patch, lags, pitch_m) == (None, None, None):
+        choice = choose_lags(grid, lambda tried: read_measurement(run_estimator(tried)[1]))
+        grid, reason = choice.grid, choice.reason
     estimator, lags = run_estimator(grid)
     estimate = Estimate(
         name=", ".join(capture.names) or f"{len(capture.frames)} frames",
@@ -159,7 +180,7 @@ def estimate_from_frames(
         transfer=_camera_transfer(capture.camera, grid),
         pitches_m=grid.lag_pitches_m(*geometry) if geometry else None,
         frame=capture.frames[0],
-        record=EstimateRecord(len(capture.frames), grid, estimator.dof, estimator.background),
+        record=EstimateRecord(len(capture.frames), grid, estimator.dof, estimator.background, lags_reason=reason),
         filtered_frames=None if isinstance(estimator, PublishedEstimator) else estimator.filtered_frames(),
         seconds=time.perf_counter() - begin,
     )

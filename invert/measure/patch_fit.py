@@ -16,8 +16,8 @@ from radiometry.autocorrelation import PatchGrid, patch_grid
 MIN_EXTENT_LAGS, MAX_EXTENT_LAGS = 24.0, 44.0
 """Target extents in lags (the grid has 64): smaller objects are enlarged to the first, wider ones reduced to the second."""
 
-MAX_RELIABLE_EXTENT_LAGS = 50
-"""Extent above which an object may be wider than the lags."""
+MAX_RELIABLE_EXTENT = 50 / 64
+"""Extent, as a fraction of the lags, above which an object may be wider than these."""
 
 MAX_SIZE_RATIO, MIN_SIZE_RATIO = 2.0, 1.2
 
@@ -27,7 +27,7 @@ ENCLOSED_SIGNAL_FRACTION = 0.98
 
 def is_wider_than_lags(measurement: Measurement) -> bool:
     """Return whether the object may be wider than the lags."""
-    return measurement.detectable and signal_extent_lags(measurement) >= MAX_RELIABLE_EXTENT_LAGS
+    return measurement.detectable and signal_extent_lags(measurement) >= MAX_RELIABLE_EXTENT * measurement.lag_grid.object_side
 
 
 def signal_extent_lags(measurement: Measurement) -> int:

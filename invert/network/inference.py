@@ -1,4 +1,8 @@
-"""Reconstruction by the network: denoise the estimate, retrieve the phase, fuse, sample the posterior, average."""
+"""Reconstruction by the network: denoise the estimate, retrieve the phase, fuse, sample the posterior, average.
+
+All this happens on 64 lags. On more lags, the same window is first reconstructed on 64 coarser ones; the sampler then continues
+with its samples on grids up to twice as fine each.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +13,13 @@ from typing import Any
 import numpy as np
 import torch
 from torch import nn
+from torch.nn import functional
 
+from correlograph.errors import InputError
+from correlograph.lags import LAGS, OBJECT_SIDE
 from invert.albedo.registration import Consensus, consensus, crop_centred, normalise_peak, register_images, zero_pad
 from invert.choices import Quality
+from invert.measure.coarsen import coarsen, pad
 from invert.measure.spectrum import Measurement, denoised_modulus, fourier_modulus
 from invert.network.annealing import INITIAL_SCHEDULE, Annealing, sample_posterior
 from invert.network.confidence import ConfidenceFeatures, logit_correlation_with_new_sample
@@ -43,6 +51,9 @@ SAMPLER_STEP = 20
 
 DENOISED_MEAN_WEIGHT = 0.7
 """Weight of the mean denoiser output in the reconstruction; the rest is the mean of the samples. Evidence: docs/research.md."""
+
+SIDE_STEP = 8
+"""The sides of albedos are multiples of this number, because the U-net halves them three times."""
 
 UNBOUNDED_DOF = 1e6
 """K of an estimate without measurable noise."""
@@ -144,7 +155,72 @@ def reconstruct_by_network(
     device: str,
     progress: Progress = no_progress,
 ) -> NetworkOutput:
-    """Return the posterior mean; without a sampler (`fast`, the U-nets of Metzler et al. 2020) the mean over augmentations."""
+    """Return the posterior mean; without a sampler (`fast`, the U-nets of Metzler et al. 2020) the mean over augmentations.
+
+    Raises InputError for lags that the network does not accept.
+    """
+    target = measurement.lag_grid.object_side
+    if not isinstance(network, CorrelographyNet):
+        if target != OBJECT_SIDE:
+            raise InputError("lags", f"{LAGS} for the networks of Metzler et al. 2020", target - 1, "omit --lags or --weights")
+        return _reconstruct_on_first_lags(network, measurement, quality, seed, device, progress)
+    coarsest = coarsen(measurement, OBJECT_SIDE) if target > OBJECT_SIDE else pad(measurement, OBJECT_SIDE)
+    output = _reconstruct_on_first_lags(network, coarsest, quality, seed, device, progress)
+    for side in _finer_sides(target):
+        finer = coarsen(measurement, side) if side < target else pad(measurement, side)
+        output = _continue_on_finer_lags(network, finer, output, quality, seed, device, progress)
+    if output.samples is None or output.samples.shape[-1] == target:
+        return output
+    return replace(output, samples=torch.stack([crop_centred(one, target) for one in zero_pad(output.samples)]))
+
+
+def _finer_sides(side: int) -> list[int]:
+    """Return the sides of the grids above 64 lags, up to `side` rounded up to what the U-net divides; each is at most doubled."""
+    last = -(-side // SIDE_STEP) * SIDE_STEP
+    sides = []
+    while last > OBJECT_SIDE:
+        sides.append(last)
+        last = max(OBJECT_SIDE, -(-last // (2 * SIDE_STEP)) * SIDE_STEP)
+    return sides[::-1]
+
+
+def _continue_on_finer_lags(
+    network: CorrelographyNet,
+    measurement: Measurement,
+    coarse: NetworkOutput,
+    quality: Quality,
+    seed: int,
+    device: str,
+    progress: Progress,
+) -> NetworkOutput:
+    """Enlarge the samples of a coarser grid (without samples, its image), and continue to sample with them."""
+    options = Annealing.on_finer_lags(quality)
+    shown = crop_centred(coarse.image)[None] if coarse.samples is None else coarse.samples
+    side = measurement.lag_grid.object_side
+    starts = functional.interpolate(shown[:, None], size=(side, side), mode="bicubic")[:, 0].clamp_min(0.0)
+    candidates = normalise_peak(starts)
+    sampled = sample_posterior(
+        network.sampler,
+        make_observation([measurement]).part(slice(None), device),
+        measurement.noise.inflation,
+        candidates[options.samples :],
+        options,
+        torch.Generator().manual_seed(seed),
+        lambda steps=1: progress(SAMPLER_STEP * steps),
+        candidates[: options.samples],
+    )
+    together = _registered_mean(sampled.samples, 0.0)
+    image = _blend_denoised_means(together.image, sampled.denoised_means)
+    if coarse.samples is None:
+        return replace(coarse, image=image)
+    agreement = logit_correlation_with_new_sample(together.agreement, len(sampled.samples))
+    features = coarse.features._replace(agreement=agreement)
+    return NetworkOutput(image, features, together.transfer, sampled.samples)
+
+
+def _reconstruct_on_first_lags(
+    network: nn.Module, measurement: Measurement, quality: Quality, seed: int, device: str, progress: Progress
+) -> NetworkOutput:
     observation = make_observation([measurement]).part(slice(None), device)
     classical, agreement, found, samples = observation.classical, [0.0, 0.0], None, None
     if isinstance(network, CorrelographyNet):

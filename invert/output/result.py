@@ -11,14 +11,13 @@ import numpy as np
 
 from correlograph.errors import InputError, check_positive
 from correlograph.files.output import path_of
-from correlograph.lags import LAG_SIDE
 from correlograph.ranges import CONFIDENCE
 from invert.albedo.posterior import Samples
 from invert.assess.speckle_test import SpeckleTest
 from invert.measure.estimate import Estimate
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction
-from invert.output.result_files import check_truth
+from invert.output.truth import Truth
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -54,7 +53,7 @@ class Result:
 
     @property
     def albedo(self) -> np.ndarray:
-        """float32 (64, 64), one pixel per lag, maximum 1; zero if no object was found."""
+        """float32 (64, 64), or larger with more lags; one pixel per lag, maximum 1; zero if no object was found."""
         return self.reconstruction.albedo
 
     @property
@@ -88,17 +87,24 @@ class Result:
 
         return figure_as_html(self.plot(), repr(self))
 
-    def plot(self, truth: np.ndarray | None = None) -> Figure:
+    def truth_on_lags(self, truth: Truth | np.ndarray | None) -> np.ndarray | None:
+        """Return a truth on the lags of this result. Raises InputError for one that cannot be resampled."""
+        if truth is None:
+            return None
+        known = truth if isinstance(truth, Truth) else Truth(truth)
+        return known.on_lags(len(self.albedo), self.estimate.pitches_m)
+
+    def plot(self, truth: Truth | np.ndarray | None = None) -> Figure:
         """Return the report as a matplotlib figure.
 
         Args:
-            truth: known albedo (64, 64) to plot next to the registered reconstruction.
+            truth: known albedo to plot next to the registered reconstruction.
         """
         from invert.output.report import draw_report
 
-        return draw_report(self, None if truth is None else check_truth(truth))
+        return draw_report(self, self.truth_on_lags(truth))
 
-    def show(self, truth: np.ndarray | None = None) -> None:
+    def show(self, truth: Truth | np.ndarray | None = None) -> None:
         """Open the report in a window, or below a notebook cell."""
         from correlograph.files.figures import show_figure
 
@@ -107,7 +113,7 @@ class Result:
     def save(
         self,
         folder: str | Path,
-        truth: np.ndarray | None = None,
+        truth: Truth | np.ndarray | None = None,
         request_sha256: str | None = None,
         *,
         overwrite: bool = False,
@@ -115,7 +121,7 @@ class Result:
         """Write the files that `python -m invert` writes; return the content of result.json.
 
         Args:
-            truth: known albedo (64, 64) to compare with.
+            truth: known albedo to compare with; a `Truth` has a pitch and is resampled to the lags.
             request_sha256: digest of everything that the result depends on; a later run recognises the result by it.
             overwrite: whether to replace files of these names that others wrote.
 
@@ -143,14 +149,14 @@ class Result:
             albedo, lags = (np.load(path / name, allow_pickle=False) for name in ("albedo.npy", "autocorrelation.npy"))
             posterior = summary["posterior"]
             samples = posterior and Samples(np.load(path / "samples.npy", allow_pickle=False), posterior.get("size_errors"))
-            if lags.shape != (LAG_SIDE, LAG_SIDE) or not np.isfinite(lags).all():
+            if lags.shape != (2 * len(albedo) - 1,) * 2 or not np.isfinite(lags).all():
                 raise ValueError("autocorrelation.npy")
             pitches = summary["pitches_m"] and tuple(check_positive("pitch", pitch) for pitch in summary["pitches_m"])
             if pitches is not None and len(pitches) != 2:
                 raise ValueError("pitches_m")
             estimate = Estimate(summary["input"], lags, pitches_m=pitches)
             reconstruction = Reconstruction(
-                check_truth(albedo),
+                Truth(albedo, name="albedo.npy").albedo,
                 summary["object_found"] is True,
                 CONFIDENCE.check("confidence", summary["confidence"]),
                 summary["residual"] and float(summary["residual"]),

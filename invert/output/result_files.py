@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from correlograph.errors import InputError
-from correlograph.files.capture_folder import check_complete
 from correlograph.files.figures import save_figure
-from correlograph.files.images import read_image
 from correlograph.files.output import save_array, save_json
-from correlograph.lags import OBJECT_SIDE
 from invert.albedo.metrics import aligned_pearson
 from invert.albedo.posterior import SIZES, Samples
 from invert.measure.estimate import Estimate
 from invert.output.report import draw_report, save_image
+from invert.output.truth import Truth
 from radiometry.autocorrelation import autocorrelate, peak_of_cell_means, smooth_by_window
 from radiometry.noise.level import fit_known_signal
 
@@ -29,65 +25,22 @@ RESULT_FILES = ("albedo.npy", "albedo.png", "autocorrelation.npy", "report.png",
 """Names of the files of a result; a result without a posterior has no samples.npy."""
 
 
-def read_truth(path: Path) -> np.ndarray:
-    """Read a known albedo, float32 (64, 64), one pixel per lag (cell means). Raises InputError for anything else."""
-    if not path.is_file():
-        raise InputError("--truth", "an albedo, one pixel per lag", f"no {path}", "check the path")
-    check_complete(path.parent)
-    truth, _ = read_image(path)
-    return check_truth(truth, path.name)
-
-
-def check_truth(truth: np.ndarray, name: str = "the array") -> np.ndarray:
-    """Return a truth (64, 64) if it is an albedo on the lag grid. Raises InputError for anything else."""
-    array = np.asarray(truth)
-    is_albedo = array.shape == (OBJECT_SIDE, OBJECT_SIDE) and array.dtype.kind in "uifb"
-    if not is_albedo or not np.isfinite(array).all() or (array < 0).any():
-        expected = f"a {OBJECT_SIDE} x {OBJECT_SIDE} albedo, one pixel per lag, zero or more"
-        raise InputError("--truth", expected, f"shape {array.shape} in {name}", "resample it to the lag pitch")
-    return array.astype(np.float32)
-
-
-def check_truth_pitch(path: Path, pitches_m: tuple[float, float] | None) -> None:
-    """Refuse a truth whose pitch, read from the sim.json in its folder, differs from that of the estimate."""
-    record = path.with_name("sim.json")
-    if pitches_m is None or not record.is_file():
-        return
-    try:
-        content = json.loads(record.read_text())
-        if not isinstance(content, dict) or "lag_pitch_m" not in content:
-            return  # the file of another program
-        down, right = map(float, content.get("lag_pitches_m", [content["lag_pitch_m"]] * 2))
-    except (OSError, ValueError, TypeError, RecursionError) as error:
-        found = f"{type(error).__name__} in {record}"
-        raise InputError("--truth", "a capture's record beside it that can be read", found, "remove or repair it") from None
-    for own, pitch_m in zip((down, right), pitches_m, strict=True):
-        if abs(own - pitch_m) > 0.01 * pitch_m:
-            raise InputError(
-                "--truth",
-                f"a pitch of {pitch_m * 1e6:.4g} um, as the estimate has",
-                f"{own * 1e6:.4g} um in {record}",
-                "set --patch to auto or resample the truth",
-            )
-
-
-def write_result(folder: Path, result: Result, truth: np.ndarray | None, request_sha256: str | None) -> dict[str, Any]:
+def write_result(folder: Path, result: Result, truth: Truth | np.ndarray | None, request_sha256: str | None) -> dict[str, Any]:
     """Write the arrays, the figures and, last, result.json; return the content of result.json.
 
     With a truth, the report shows the registered albedo, and the floor over the peak is read by a fit of the known r*r to all
     lags instead of an extrapolation to zero lag. The saved albedo is not registered.
     """
-    if truth is not None:
-        truth = check_truth(truth)
+    known = result.truth_on_lags(truth)
     (folder / "result.json").unlink(missing_ok=True)  # no earlier result.json may describe a partially written result
-    summary = summarise(result, truth, request_sha256)
+    summary = summarise(result, known, request_sha256)
     save_array(folder / "albedo.npy", np.ascontiguousarray(result.albedo, np.float32))
     save_array(folder / "autocorrelation.npy", result.estimate.lags)
     (folder / "samples.npy").unlink(missing_ok=True)
     if result.samples is not None:
         save_array(folder / "samples.npy", result.samples.samples)
     save_image(folder / "albedo.png", result.albedo)
-    save_figure(folder / "report.png", draw_report(result, truth))
+    save_figure(folder / "report.png", draw_report(result, known))
     save_json(folder / "result.json", summary)
     return summary
 

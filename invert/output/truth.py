@@ -1,0 +1,91 @@
+"""Known albedo to compare a reconstruction with, resampled to the lags of the reconstruction."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from correlograph.errors import InputError
+from correlograph.files.capture import Capture
+from correlograph.files.capture_folder import check_complete
+from correlograph.files.images import read_image
+
+SAME_PITCH = 0.01
+"""Relative difference up to which two pitches count as equal."""
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A known albedo, square, zero or more, and the distance of its pixels along rows and columns; None if unknown."""
+
+    albedo: np.ndarray
+    pitches_m: tuple[float, float] | None = None
+    name: str = "the array"
+
+    def __post_init__(self) -> None:
+        """Raise InputError for anything else than a square albedo."""
+        array = np.asarray(self.albedo)
+        is_square = array.ndim == 2 and array.shape[0] == array.shape[1] and array.size > 0 and array.dtype.kind in "uifb"
+        if not is_square or not np.isfinite(array).all() or (array < 0).any():
+            expected = "a square albedo, one pixel per lag, zero or more"
+            found = f"shape {array.shape} in {self.name}" if not is_square else f"negative or infinite values in {self.name}"
+            raise InputError("--truth", expected, found, "resample it to the lag pitch")
+        object.__setattr__(self, "albedo", array.astype(np.float32))
+
+    @classmethod
+    def read(cls, path: Path) -> Truth:
+        """Read a truth; its pitch is in the sim.json beside it, if there is one. Raises InputError for anything else."""
+        if not path.is_file():
+            raise InputError("--truth", "an albedo, one pixel per lag", f"no {path}", "check the path")
+        check_complete(path.parent)
+        return cls(read_image(path)[0], _recorded_pitches(path.with_name("sim.json")), path.name)
+
+    @classmethod
+    def of(cls, capture: Capture) -> Truth:
+        """Return the truth of a rendered capture. Raises InputError for other captures."""
+        if capture.truth is None:
+            raise InputError("capture", "a rendered capture", "one without truth", "provide the albedo as an array")
+        return cls(capture.truth, tuple(capture.record["lag_pitches_m"]) if "lag_pitches_m" in capture.record else None)
+
+    def on_lags(self, side: int, pitches_m: tuple[float, float] | None) -> np.ndarray:
+        """Return the albedo as means over the cells of a grid (side, side), both centred. Raises InputError without a pitch."""
+        known = self.pitches_m is not None and pitches_m is not None
+        same = known and all(abs(ours - own) <= SAME_PITCH * own for ours, own in zip(pitches_m, self.pitches_m, strict=True))
+        if self.albedo.shape == (side, side) and (same or not known):
+            return self.albedo
+        if not known:
+            found = f"shape {self.albedo.shape} in {self.name}"
+            remedy = "give its pitch (correlograph.Truth), or resample it to the lag pitch"
+            raise InputError("--truth", f"a {side} x {side} albedo, one pixel per lag", found, remedy)
+        rows, columns = (
+            _overlap(side, pitch, len(self.albedo), own) for pitch, own in zip(pitches_m, self.pitches_m, strict=True)
+        )
+        return (rows @ self.albedo @ columns.T).astype(np.float32)
+
+
+def _overlap(side: int, pitch_m: float, own_side: int, own_pitch_m: float) -> np.ndarray:
+    """Return the share of each own cell in each cell of a grid along one axis, (side, own_side)."""
+    edges = (np.arange(side + 1) - side / 2) * pitch_m
+    own = (np.arange(own_side + 1) - own_side / 2) * own_pitch_m
+    low, high = np.maximum(edges[:-1, None], own[None, :-1]), np.minimum(edges[1:, None], own[None, 1:])
+    return (high - low).clip(0.0) / pitch_m
+
+
+def _recorded_pitches(record: Path) -> tuple[float, float] | None:
+    """Return the pitches of a truth from the record of its capture; None without one."""
+    if not record.is_file():
+        return None
+    try:
+        content = json.loads(record.read_text())
+        if not isinstance(content, dict) or "lag_pitch_m" not in content:
+            return None  # the file of another program
+        down, right = map(float, content.get("lag_pitches_m", [content["lag_pitch_m"]] * 2))
+        if not (np.isfinite([down, right]).all() and min(down, right) > 0.0):
+            raise ValueError(f"pitches {down}, {right}")
+    except (OSError, ValueError, TypeError, RecursionError) as error:
+        found = f"{type(error).__name__} in {record}"
+        raise InputError("--truth", "a capture's record beside it that can be read", found, "remove or repair it") from None
+    return down, right
