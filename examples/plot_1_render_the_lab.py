@@ -25,9 +25,10 @@ result = cg.reconstruct(capture, quality="fast")
 result
 
 # %%
-pearson, registered = cg.aligned_pearson(result.albedo, capture.truth)
+truth = result.truth_on_lags(cg.Truth.of(capture))
+pearson, registered = cg.aligned_pearson(result.albedo, truth)
 figure, axes = plt.subplots(1, 2, figsize=(6, 3), layout="constrained")
-for panel, (title, albedo) in zip(axes, {"registered": registered, "true albedo": capture.truth}.items(), strict=True):
+for panel, (title, albedo) in zip(axes, {"registered": registered, "true albedo": truth}.items(), strict=True):
     panel.imshow(albedo, cmap="gray")
     panel.set(title=title, xticks=[], yticks=[])
 print(f"correlation {pearson:.2f}, one pixel is {result.estimate.pitches_m[0] * 1e6:.0f} um")

@@ -15,6 +15,7 @@ from itertools import chain
 import numpy as np
 import torch
 
+from correlograph.lags import LAGS
 from invert.likelihood.gamma import NoiseLikelihood
 from invert.measure.estimate import Estimate, apply_blur_transfer
 from invert.measure.spectrum import Measurement, read_measurement
@@ -52,7 +53,8 @@ def estimate_blur(
         reconstruct: reconstruction of a measurement; each number selects another seed.
     """
     undivided = read_measurement(estimate.lags, estimate.quantisation)
-    is_searchable = estimate.blur_pixels is None and estimate.record is not None
+    # More lags are chosen where the upper frequencies hold signal, which a blur removes.
+    is_searchable = estimate.blur_pixels is None and estimate.record is not None and estimate.lag_grid.lags <= LAGS
     if not is_searchable or not undivided.detectable or not undivided.noise.dof:
         return estimate, None
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from correlograph.lags import LAGS
 from invert.albedo.posterior import Samples, register_samples
 from invert.albedo.registration import consensus, crop_centred, normalise_peak
 from invert.choices import CLASSICAL, FAST, Method, Quality
@@ -98,6 +99,7 @@ def _reconstruct_by_network(
     output = reconstruct_by_network(network, measurement, quality, seed, device, progress)
     calibration = metadata.get("calibration", {})
     predicted = float(confidence(calibration.get(quality.name, DEFAULT_COEFFICIENTS), output.features))
+    predicted = min(predicted, output.most_confident)
     albedo = _postprocess_image(output.image, measurement, quality)
     samples = None
     if output.samples is not None and albedo.any():
@@ -115,11 +117,13 @@ def _reject(found: Reconstruction) -> Reconstruction:
 
 
 def _postprocess_image(image: torch.Tensor, measurement: Measurement, quality: Quality) -> torch.Tensor:
-    """Crop the image (128, 128) of a network to an albedo (64, 64); except for `fast`, refine it and subtract its background."""
+    """Crop the image (128, 128) of a network to an albedo (64, 64); except for `fast`, refine it (on more
+    lags the samples have been refined) and subtract its background."""
     albedo = _crop_to_window(image, measurement.lag_grid.object_side)
     if quality == FAST or not albedo.any():
         return albedo
-    return normalise_peak((refine_by_likelihood(albedo, measurement) - BACKGROUND).clamp_min(0.0))
+    refined = refine_by_likelihood(albedo, measurement) if measurement.lag_grid.lags <= LAGS else albedo
+    return normalise_peak((refined - BACKGROUND).clamp_min(0.0))
 
 
 def _crop_to_window(image: torch.Tensor, side: int) -> torch.Tensor:

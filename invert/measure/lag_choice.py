@@ -1,18 +1,20 @@
 """Number of lags and lag pitch for an object: as wide as the object and as fine as the signal-to-noise ratio permits.
 
 The choice begins with 64 lags of 300 um. A wider object gets more lags of this pitch; an object of a few lags, lags of a finer
-pitch. The pitch is halved and the number of lags doubled while the upper half of the spatial frequencies holds more power of the
-object than noise, because finer lags then show more of it.
+pitch. The pitch is halved while the upper half of the spatial frequencies holds more power of the object than noise, because
+finer lags then show more of it; their number follows from the extent of the object.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from correlograph.errors import InputError
+from correlograph.lags import OBJECT_SIDE
 from correlograph.ranges import LAG_COUNT
 from invert.measure.patch_fit import MIN_EXTENT_LAGS, is_wider_than_lags, signal_extent_lags
 from invert.measure.spectrum import Measurement
@@ -23,6 +25,13 @@ MAX_ZOOMED_EXTENT_LAGS = 12
 
 MIN_UPPER_SNR = 1.0
 """Minimum ratio of signal to noise in the upper half of the spatial frequencies for finer lags: the usual limit of resolution."""
+
+
+WINDOW_EXTENT = 1.3
+"""Window of the lags in units of the extent of the object; the noise level is read from the lags beyond the object."""
+
+SIDE_STEP = 8
+"""The sides of albedos are multiples of this number, because the U-net halves them three times."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +59,7 @@ def choose_lags(grid: PatchGrid, measured: Callable[[PatchGrid], Measurement]) -
     if not reasons and extent <= MAX_ZOOMED_EXTENT_LAGS and (larger := _magnified(grid, MIN_EXTENT_LAGS / extent)) is not None:
         grid, measurement = larger, measured(larger)
         reasons.append("the object is small")
-    while upper_snr(measurement) >= MIN_UPPER_SNR and (finer := _finer(grid)) is not None:
+    while upper_snr(measurement) >= MIN_UPPER_SNR and (finer := _finer(grid, signal_extent_lags(measurement))) is not None:
         grid, measurement = finer, measured(finer)
         reasons.append("the signal-to-noise ratio permits finer lags")
     return LagChoice(grid, " and ".join(dict.fromkeys(reasons)) or "default, which suits the object")
@@ -87,12 +96,13 @@ def _magnified(grid: PatchGrid, factor: float) -> PatchGrid | None:
     return _valid(grid, (sizes[0], sizes[1]), grid.lags) if sizes[0] > grid.patch_shape[0] else None
 
 
-def _finer(grid: PatchGrid) -> PatchGrid | None:
-    """Return the grid with twice the lags of half the pitch, or None if the frame or the largest number of lags ends it."""
+def _finer(grid: PatchGrid, extent: int) -> PatchGrid | None:
+    """Return the grid of half the pitch for an object of an extent, or None if the frame or the largest number of lags ends it."""
     rows, columns = grid.patch_shape
     if 2 * rows > grid.frame_shape[0] // 2 or 2 * columns > grid.frame_shape[1] // 2:
         return None
-    return _valid(grid, (2 * rows, 2 * columns), 2 * grid.lags + 1)
+    side = max(OBJECT_SIDE, SIDE_STEP * math.ceil(2 * WINDOW_EXTENT * extent / SIDE_STEP))
+    return _valid(grid, (2 * rows, 2 * columns), min(side - 1, 2 * grid.lags + 1))
 
 
 def _valid(grid: PatchGrid, patch: tuple[int, int], lags: int) -> PatchGrid | None:

@@ -44,11 +44,6 @@ class Annealing:
         """Return the schedule of a quality."""
         return cls(quality.samples, quality.rounds)
 
-    @classmethod
-    def on_finer_lags(cls, quality: Quality) -> Annealing:
-        """Return the schedule that continues with the samples of a coarser grid."""
-        return cls(quality.finer_samples, quality.finer_rounds)
-
     def levels(self) -> torch.Tensor:
         """Return the noise level of each step, (steps,)."""
         return noise_level_at(torch.linspace(0.0, 1.0, self.steps), self.first, self.last)
@@ -105,7 +100,6 @@ def sample_posterior(
     options: Annealing,
     rng: torch.Generator,
     progress: Progress = no_progress,
-    starts: torch.Tensor | None = None,
 ) -> AnnealingResult:
     """Sample the posterior of one observation.
 
@@ -113,19 +107,15 @@ def sample_posterior(
         inflation: variance inflation of sums over lags; K is divided by it.
         candidates: albedos (m, 64, 64) that replace unlikely samples before the first round.
         progress: called after each denoising step.
-        starts: albedos (samples, 64, 64) that the first round begins with; None to begin with noise.
     """
     observation = _repeat(observation, options.samples)
     data, denoised_means = replace(observation, dof=observation.dof / inflation), []
-    if len(candidates):
-        sigma = observation.dof.new_full((len(candidates),), CANDIDATE_SIGMA)
-        candidates = apply_shrunken_data_step(_repeat(data, len(candidates)), candidates, sigma, options.ascent)
-    if starts is None:
-        side = lag_grid_of(observation.estimate).object_side
-        zeros = torch.zeros(options.samples, side, side, device=observation.estimate.device)
-        samples, _ = run_annealing(sampler, observation, data, zeros, replace(options, **INITIAL_SCHEDULE), rng, progress)
-    else:
-        samples = starts
+    sigma = observation.dof.new_full((len(candidates),), CANDIDATE_SIGMA)
+    candidates = apply_shrunken_data_step(_repeat(data, len(candidates)), candidates, sigma, options.ascent)
+    side = lag_grid_of(observation.estimate).object_side
+    zeros = torch.zeros(options.samples, side, side, device=observation.estimate.device)
+    first = replace(options, **INITIAL_SCHEDULE)
+    samples, _ = run_annealing(sampler, observation, data, zeros, first, rng, progress)
     for number in range(options.rounds):
         others = candidates[:0] if number else candidates
         samples = torch.stack([crop_centred(one) for one in zero_pad(replace_unlikely_samples(data, samples, others))])

@@ -13,17 +13,18 @@ from typing import Any
 import numpy as np
 import torch
 from torch import nn
-from torch.nn import functional
 
 from correlograph.errors import InputError
 from correlograph.lags import LAGS, OBJECT_SIDE
 from invert.albedo.registration import Consensus, consensus, crop_centred, normalise_peak, register_images, zero_pad
 from invert.choices import Quality
 from invert.measure.coarsen import coarsen, pad
+from invert.measure.lag_choice import SIDE_STEP
 from invert.measure.spectrum import Measurement, denoised_modulus, fourier_modulus
 from invert.network.annealing import INITIAL_SCHEDULE, Annealing, sample_posterior
 from invert.network.confidence import ConfidenceFeatures, logit_correlation_with_new_sample
 from invert.network.features import Observation
+from invert.network.finer_lags import enlarge, sample_on_finer_lags
 from invert.network.model import CorrelographyNet
 from invert.network.retrieval_summary import summarise_retrievals
 from invert.solvers.base import Candidates, Progress, no_progress
@@ -52,9 +53,6 @@ SAMPLER_STEP = 20
 DENOISED_MEAN_WEIGHT = 0.7
 """Weight of the mean denoiser output in the reconstruction; the rest is the mean of the samples. Evidence: docs/research.md."""
 
-SIDE_STEP = 8
-"""The sides of albedos are multiples of this number, because the U-net halves them three times."""
-
 UNBOUNDED_DOF = 1e6
 """K of an estimate without measurable noise."""
 
@@ -68,12 +66,14 @@ class NetworkOutput:
         features: inputs of the confidence.
         transfer: phase retrieval transfer function of the samples or augmentations; empty for a single one.
         samples: equally likely samples of the posterior, (n, 64, 64); None without a sampler.
+        most_confident: upper limit of the confidence: on finer lags, the mean correlation of the samples.
     """
 
     image: torch.Tensor
     features: ConfidenceFeatures
     transfer: tuple[float, ...]
     samples: torch.Tensor | None = None
+    most_confident: float = 1.0
 
 
 def network_progress_steps(quality: Quality) -> int:
@@ -194,28 +194,22 @@ def _continue_on_finer_lags(
     progress: Progress,
 ) -> NetworkOutput:
     """Enlarge the samples of a coarser grid (without samples, its image), and continue to sample with them."""
-    options = Annealing.on_finer_lags(quality)
     shown = crop_centred(coarse.image)[None] if coarse.samples is None else coarse.samples
-    side = measurement.lag_grid.object_side
-    starts = functional.interpolate(shown[:, None], size=(side, side), mode="bicubic")[:, 0].clamp_min(0.0)
-    candidates = normalise_peak(starts)
-    sampled = sample_posterior(
+    starts = enlarge(shown[: quality.finer_samples], measurement.lag_grid.object_side)
+    found = sample_on_finer_lags(
         network.sampler,
-        make_observation([measurement]).part(slice(None), device),
-        measurement.noise.inflation,
-        candidates[options.samples :],
-        options,
+        measurement,
+        make_observation([measurement] * len(starts)).part(slice(None), device),
+        starts,
+        quality,
         torch.Generator().manual_seed(seed),
         lambda steps=1: progress(SAMPLER_STEP * steps),
-        candidates[: options.samples],
     )
-    together = _registered_mean(sampled.samples, 0.0)
-    image = _blend_denoised_means(together.image, sampled.denoised_means)
     if coarse.samples is None:
-        return replace(coarse, image=image)
-    agreement = logit_correlation_with_new_sample(together.agreement, len(sampled.samples))
+        return replace(coarse, image=found.image)
+    agreement = logit_correlation_with_new_sample(found.together.agreement, len(starts))
     features = coarse.features._replace(agreement=agreement)
-    return NetworkOutput(image, features, together.transfer, sampled.samples)
+    return NetworkOutput(found.image, features, found.together.transfer, found.samples, found.together.agreement)
 
 
 def _reconstruct_on_first_lags(

@@ -26,6 +26,21 @@ def frames() -> np.ndarray:
     return np.random.default_rng(2).exponential(size=(2, 180, 200)).astype(np.float32)
 
 
+ARGUMENTS = (
+    "method",
+    "quality",
+    "patch",
+    "lags",
+    "pitch_m",
+    "camera",
+    "corrections",
+    "blur_pixels",
+    "mean_model",
+    "weights",
+    "seed",
+)
+
+
 @pytest.fixture(scope="module")
 def result(frames):
     return cg.reconstruct(frames, method="er", quality="fast")
@@ -39,7 +54,7 @@ def calls(scene, frames, result, folder) -> dict[str, Callable[[object], object]
     return {
         **{
             f"reconstruct {name}": reconstruct(name)
-            for name in ("method", "quality", "patch", "camera", "corrections", "blur_pixels", "mean_model", "weights", "seed")
+            for name in ARGUMENTS
         },
         "reconstruct device": reconstruct("device"),
         "reconstruct progress": reconstruct("progress"),

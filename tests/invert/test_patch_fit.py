@@ -61,5 +61,5 @@ def test_patches_that_suit_the_object_are_left_alone():
 
 @pytest.mark.parametrize("patch", ["large", 126, 129.0, True])
 def test_other_patches_are_refused(rng, patch):
-    with pytest.raises(InputError, match=r"patch: expected a (whole )?number"):
+    with pytest.raises(InputError, match="patch: expected a"):
         reconstruct(rng.poisson(3.0, (1, 300, 300)), patch=patch, quality="fast")

@@ -1,0 +1,58 @@
+"""Text as a test: character error rate of an ordinary OCR program on an albedo.
+
+`tesseract` (Debian and conda package of this name) is optional; it reads Latin script, which the training data do not contain.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from PIL import Image
+
+from correlograph.errors import InputError
+
+ENLARGEMENT = 8
+"""Pixels of the picture per lag; OCR expects letters of 20 to 40 pixels."""
+
+MARGIN_LAGS = 4
+BRIGHT_QUANTILE, TEXT_LEVEL = 0.995, 0.3
+"""Quantile of the albedo that is black in the picture, and level above which there is text."""
+
+
+def character_error_rate(reference: str, found: str) -> float:
+    """Return the edit distance (Levenshtein) of two texts over the length of the reference, spaces and line ends included."""
+    row = list(range(len(found) + 1))
+    for number, expected in enumerate(reference, 1):
+        before, row[0] = row[0], number
+        for place, character in enumerate(found, 1):
+            before, row[place] = row[place], min(row[place] + 1, row[place - 1] + 1, before + (expected != character))
+    return row[-1] / max(len(reference), 1)
+
+
+def read_text(albedo: np.ndarray) -> str:
+    """Return the text that tesseract reads in an upright albedo. Raises InputError if it is not installed."""
+    program = shutil.which("tesseract")
+    if program is None:
+        raise InputError("tesseract", "the program for optical character recognition", "none", "install tesseract-ocr")
+    with TemporaryDirectory() as folder:
+        picture = Path(folder) / "page.png"
+        _dark_on_bright(albedo).save(picture)
+        done = subprocess.run([program, picture, "-", "--psm", "6"], capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+def _dark_on_bright(albedo: np.ndarray) -> Image.Image:
+    """Return an enlarged picture of the text in an albedo, dark on bright."""
+    shown = np.clip(albedo / max(float(np.quantile(albedo, BRIGHT_QUANTILE)), 1e-12), 0.0, 1.0)
+    rows, columns = np.nonzero(shown > TEXT_LEVEL)
+    if rows.size:
+        shown = shown[
+            max(rows.min() - MARGIN_LAGS, 0) : rows.max() + MARGIN_LAGS + 1,
+            max(columns.min() - MARGIN_LAGS, 0) : columns.max() + MARGIN_LAGS + 1,
+        ]
+    grey = Image.fromarray(np.round(255.0 * (1.0 - shown)).astype(np.uint8))
+    return grey.resize((grey.width * ENLARGEMENT, grey.height * ENLARGEMENT), Image.Resampling.BICUBIC)
