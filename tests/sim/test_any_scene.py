@@ -52,7 +52,7 @@ def test_a_whole_frame_as_one_patch_shows_the_window_smoothed_autocorrelation(sc
     estimate, dof = estimate_autocorrelation((simulation.expected_frame(4, number) for number in range(frames)), grid)
     pitches = grid.lag_pitches_m(geometry.wavelength_m, geometry.distance_m, geometry.seen_pitch_m)
     albedo = geometry.hidden_object.sample((pitches[0] / 4, pitches[1] / 4), (512, 512)).albedo
-    known = smooth_by_window(autocorrelate(albedo), 4)
+    known = smooth_by_window(autocorrelate(albedo), 4, LAGS)
     shown = HALF_PLANE & (RING > 2) & (RING < LAGS) & (known > 0.05 * known.max())
     ratio = estimate[shown] / known[shown]
     gain = np.median(ratio)

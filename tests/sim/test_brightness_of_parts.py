@@ -133,7 +133,7 @@ def known_autocorrelation(geometry: Geometry, surface: Surface, *, shaded: bool 
         for row in rows
         for column in columns
     ]
-    return smooth_by_window(np.mean(lags, axis=0), CELLS)
+    return smooth_by_window(np.mean(lags, axis=0), CELLS, LAGS)
 
 
 def _known_in_patch(
