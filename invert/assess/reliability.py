@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import torch
 
+from correlograph.lags import OBJECT_SIDE
 from invert.albedo.posterior import Samples
 from invert.assess.speckle_test import SpeckleTest
 from invert.likelihood.gamma import NoiseLikelihood
@@ -53,8 +54,15 @@ def assess_reliability(
     doubts = [] if test is None or test.third_moment_ratio is None else _check_speckle(test, record.frames if record else 0)
     if found.posterior is not None:
         doubts += _check_samples(found.posterior, likelihood())
-    warnings = doubts + ([] if record is None else _describe_frames(record, measurement))
+    warnings = doubts + _describe_size(found, measurement) + ([] if record is None else _describe_frames(record, measurement))
     return (replace(found, confidence=min(found.confidence, MAX_UNVERIFIED_CONFIDENCE)) if doubts else found), warnings
+
+
+def _describe_size(found: Reconstruction, measurement: Measurement) -> list[str]:
+    side = measurement.lag_grid.object_side
+    if not found.object_found or found.features is None or side <= OBJECT_SIDE:
+        return []
+    return [f"the confidence is calibrated for {OBJECT_SIDE} lags; for {side} lags it can exceed the correlation by 0.2"]
 
 
 def _check_speckle(test: SpeckleTest, frames: int) -> list[str]:
