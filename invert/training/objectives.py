@@ -68,7 +68,7 @@ class Picture:
 
     def measure_progress(self, module: nn.Module, batch: Batch) -> float:
         answer = predict(module, batch.seen)
-        albedo = answer[0] if self._judged else answer
+        albedo = answer[0] if isinstance(answer, tuple) else answer
         shown = batch.truth.amax((-2, -1)) > 0.0
         return float(registered_pearson(albedo[shown], batch.truth[shown]).mean())
 

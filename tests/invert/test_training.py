@@ -107,6 +107,28 @@ def test_training_learns_and_warm_starts_are_used(tmp_path, dataset, command):
         again.with_suffix(".checkpoint.safetensors").unlink()
 
 
+@pytest.fixture(scope="module")
+def wider_dataset(tmp_path_factory) -> Path:
+    from data_gen.__main__ import main
+
+    store = tmp_path_factory.mktemp("targets") / "wider.zarr"
+    main([str(store), "--source", "pages", "--count", "1600", "--workers", "1", "--lags", "71"])
+    return store
+
+
+@pytest.mark.parametrize(
+    "chosen",
+    [["--network", "paper"], ["--network", "paper-modulus"], *(["--part", part] for part in ("denoiser", "sketch", "sampler"))],
+)
+def test_every_network_trains_to_the_end(tmp_path, dataset, wider_dataset, chosen):
+    """The parts of the default network train on two numbers of lags in turn."""
+    stores = [dataset] if "--network" in chosen else [dataset, wider_dataset]
+    output = tmp_path / "w.safetensors"
+    train([*map(str, stores), "-o", str(output), "--width", "8", "--steps", "2", "--batch", "4", *chosen])
+    assert read_weights(output)[1]["validation"]
+    assert len(json.loads(output.with_suffix(".json").read_text())["validation"]) == 5 * len(stores)
+
+
 def test_bad_training_arguments(tmp_path, command):
     for extra, text in (
         (["--steps", 0], "--steps"),
