@@ -15,7 +15,15 @@ from typing import Any
 import numpy as np
 
 from correlograph.errors import InputError
-from correlograph.files.ownership import PARTIAL, claim, digest_of, record, record_temporary, remove_temporary
+from correlograph.files.ownership import (
+    PARTIAL,
+    claim,
+    digest_of,
+    record,
+    record_temporary,
+    remove_temporary,
+    remove_unused_manifest,
+)
 
 LOCK = ".correlograph-lock"
 """Name of the lock in an output folder; prefix of the name of a lock next to a file."""
@@ -48,6 +56,8 @@ def output_folder(path: str | Path) -> Path:
 def sole_writer(output: str | Path, name: str = "output folder") -> Iterator[None]:
     """Exclude other processes from writing the same folder or file, and remove what killed runs left there.
 
+    At the end, a folder with no files of this program keeps no manifest.
+
     The lock lies in the folder, or next to the file or store, so it holds for other users, temporary folders and machines that
     share the file system. A lock of a dead process of this machine is broken. Remote addresses have no lock.
 
@@ -79,7 +89,11 @@ def sole_writer(output: str | Path, name: str = "output folder") -> Iterator[Non
             remove_temporary(path)
         else:
             remove_temporary(path.parent, f"-{path.stem}.")
-        yield
+        try:
+            yield
+        finally:
+            if is_folder:
+                remove_unused_manifest(path, LOCK)
     finally:
         lock.release()
 

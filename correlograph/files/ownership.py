@@ -110,12 +110,10 @@ def remove_temporary(folder: Path, part_of_name: str = "") -> None:
             path.unlink(missing_ok=True)
 
 
-def remove_if_unused(folder: Path) -> None:
-    """Remove a folder that holds nothing but a manifest."""
-    if [path.name for path in folder.iterdir()] == [MANIFEST]:
+def remove_unused_manifest(folder: Path, lock: str) -> None:
+    """Remove the manifest of a folder that holds nothing else but a lock of this name."""
+    if {path.name for path in folder.iterdir()} == {MANIFEST, lock}:
         (folder / MANIFEST).unlink()
-    if not any(folder.iterdir()):
-        folder.rmdir()
 
 
 def digest_of(path: Path) -> str:

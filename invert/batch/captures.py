@@ -12,7 +12,7 @@ from correlograph.files.capture import CameraMetadata
 from correlograph.files.capture_folder import check_complete
 from correlograph.files.corrections import Corrections
 from correlograph.files.output import output_folder, sole_writer
-from correlograph.files.ownership import claim, remove_if_unused
+from correlograph.files.ownership import claim
 from correlograph.version import version
 from invert.choices import BALANCED, UNET, Method, Quality
 from invert.measure.capture import CONTACT_SHEET, find_frames, frames_inside, printable
@@ -186,5 +186,5 @@ def invert_capture(
             result = request.reconstruct(files, progress)
             return result, result.save(folder, truth, digest)
     finally:
-        if is_new and folder.is_dir():
-            remove_if_unused(folder)  # nothing was reconstructed
+        if is_new and folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()  # nothing was reconstructed

@@ -12,6 +12,7 @@ import pytest
 
 import correlograph as cg
 from correlograph.cli import COMMANDS, dispatch
+from correlograph.files.capture_folder import stage_capture
 from correlograph.files.output import LOCK, atomic, save_json, sole_writer
 from correlograph.files.ownership import MANIFEST, are_intact, claim, is_own, own_files
 
@@ -175,6 +176,17 @@ def test_the_lock_of_a_killed_process_does_not_last(tmp_path):
     with sole_writer(tmp_path):
         pass
     assert not (tmp_path / LOCK).exists()
+
+
+def test_an_interrupted_run_leaves_no_manifest(tmp_path):
+    with pytest.raises(KeyboardInterrupt), stage_capture(tmp_path / "new", 2):
+        raise KeyboardInterrupt
+    assert not any((tmp_path / "new").iterdir())
+    with sole_writer(tmp_path / "kept"):
+        save_json(tmp_path / "kept" / "a.json", {})
+    with pytest.raises(KeyboardInterrupt), stage_capture(tmp_path / "kept", 2):
+        raise KeyboardInterrupt
+    assert is_own(tmp_path / "kept" / "a.json")
 
 
 def test_a_capture_cannot_lead_out_of_the_output_folder(tmp_path, command):
