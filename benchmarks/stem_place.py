@@ -20,7 +20,7 @@ from scipy.optimize import brentq
 from tqdm import tqdm
 
 from invert.albedo.registration import on_grid, register_images
-from invert.likelihood.gamma import log_likelihoods
+from invert.likelihood.gamma import Likelihood
 from invert.measure.estimate import Estimate, estimate_from_frames, published_estimate
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.pipeline import reconstruct
@@ -59,7 +59,7 @@ def signal() -> torch.Tensor:
 def divergences(floor: float) -> tuple[float, float]:
     """Mean log-likelihood ratios of the object to the bar alone and to the stem in the nearest other place."""
     expected = Measurement((floor + signal()).float().numpy(), NoiseLevel(floor, DOF, 40), 1.0, 0.0, 100.0, ())
-    nats = log_likelihoods(CANDIDATES, expected)
+    nats = Likelihood.of(expected)(CANDIDATES)
     return float(nats[0] - nats[-1]), float(nats[0] - nats[1:-1].max())
 
 
@@ -112,7 +112,7 @@ def _read_measurement(file: Path) -> Measurement:
 
 def observe(file: Path) -> str:
     """Nats of each place of the stem over the bar alone in a published autocorrelation, as a table row."""
-    *places, none = log_likelihoods(CANDIDATES, _read_measurement(file)).tolist()
+    *places, none = Likelihood.of(_read_measurement(file))(CANDIDATES).tolist()
     return f"| {file.stem} | {' | '.join(f'{place - none:.1f}' for place in places)} |"
 
 
@@ -141,7 +141,7 @@ def main() -> None:
         estimates = (render_estimates if options.rendered else simulate_estimates)(floor, count)
         for number, estimate in enumerate(tqdm(estimates, total=count, desc=f"floor {floor:g}", disable=None)):
             result = reconstruct(estimate, quality=options.quality, seed=number)
-            observed.append(int(log_likelihoods(CANDIDATES[:-1], result.measurement).argmax()))
+            observed.append(int(Likelihood.of(result.measurement)(CANDIDATES[:-1]).argmax()))
             if result.object_found:
                 likeness.append(register_images(candidates, on_grid(result.albedo))[1])
             if result.samples is not None:

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from correlograph.lags import LAGS
-from invert.likelihood.gamma import NoiseLikelihood
+from invert.likelihood.gamma import Likelihood
 from invert.measure.estimate import Estimate, apply_blur_transfer
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction
@@ -35,9 +35,9 @@ RECONSTRUCTIONS_PER_BLUR = 2
 """Reconstructions per blur; the one with the lower misfit counts."""
 
 
-def likelihood_before_division(estimate: Estimate) -> NoiseLikelihood:
+def likelihood_before_division(estimate: Estimate) -> Likelihood:
     """Return the likelihood of an estimate that is not divided by its transfer, so that its noise is uniform over the lags."""
-    return NoiseLikelihood(read_measurement(estimate.lags, estimate.quantisation), transfer=estimate.transfer)
+    return Likelihood.of(read_measurement(estimate.lags, estimate.quantisation), transfer=estimate.transfer)
 
 
 def estimate_blur(
@@ -59,7 +59,7 @@ def estimate_blur(
         return estimate, None
 
     def misfit(tried: Estimate, made: Sequence[Reconstruction]) -> float:
-        likelihood = NoiseLikelihood(undivided, transfer=tried.transfer)
+        likelihood = Likelihood.of(undivided, transfer=tried.transfer)
         return min((likelihood.misfit(torch.from_numpy(one.albedo)) for one in made if one.object_found), default=np.inf)
 
     def attempts(tried: Estimate) -> list[Reconstruction]:

@@ -10,7 +10,7 @@ import torch
 from correlograph.lags import OBJECT_SIDE
 from invert.albedo.posterior import Samples
 from invert.assess.speckle_test import SpeckleTest
-from invert.likelihood.gamma import NoiseLikelihood
+from invert.likelihood.gamma import Likelihood
 from invert.measure.estimate import EstimateRecord
 from invert.measure.patch_fit import is_wider_than_lags
 from invert.measure.spectrum import Measurement
@@ -42,7 +42,7 @@ def assess_reliability(
     found: Reconstruction,
     test: SpeckleTest | None,
     measurement: Measurement,
-    likelihood: Callable[[], NoiseLikelihood],
+    likelihood: Callable[[], Likelihood],
     record: EstimateRecord | None,
 ) -> tuple[Reconstruction, list[str]]:
     """Lower the confidence of a reconstruction that the data do not support; return it and the warnings.
@@ -86,7 +86,7 @@ def _check_speckle(test: SpeckleTest, frames: int) -> list[str]:
     return []
 
 
-def _check_samples(samples: Samples, likelihood: NoiseLikelihood) -> list[str]:
+def _check_samples(samples: Samples, likelihood: Likelihood) -> list[str]:
     lowest = min(likelihood.misfit(torch.from_numpy(sample)) for sample in samples.samples)
     without_object = likelihood.misfit(torch.zeros(samples.samples.shape[1:]))
     if lowest <= max(MAX_DEFICIT_NATS, MAX_DEFICIT_FRACTION * without_object):

@@ -1,107 +1,152 @@
-"""Log-likelihood of albedos under the Gamma noise model."""
+"""Log-likelihood of albedos under the Gamma noise model, with its gradient and its Fisher information."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
 import torch
 from scipy.special import digamma
 
-from correlograph.lags import lag_grid
+from correlograph.lags import lag_grid_of
+from invert.likelihood.forward_model import ForwardModel, fit_gains, half_of, lags_used, pedestal_profile
 from invert.measure.spectrum import Measurement
-from radiometry.noise.model import autocorrelate_windowed
-
-PEDESTAL_SIGMA = 0.5
-"""Standard deviation of the pedestal of an estimate in units of the window of the object. Lab estimates contain such
-an excess, 1 to 4 % of the maximum lag, of unknown origin. A model without it favours smeared albedos."""
 
 MIN_FLOOR = 1e-3
 """Minimum floor in units of the maximum lag; model errors of this size occur with any albedo."""
 
+MIN_ESTIMATE = 1e-6
+"""Minimum of an estimate, in units of its maximum, for which the perfect fit is computed; estimates can be zero."""
 
-@lru_cache(maxsize=8)
-def lags_used(lags: int) -> torch.Tensor:
-    """Return a mask of the lags used, bool (127, 127); those adjacent to zero lag carry little information."""
-    grid = lag_grid(lags)
-    return torch.from_numpy((grid.ring > 1) & grid.half_plane)
-
-
-@lru_cache(maxsize=8)
-def pedestal_profile(lags: int) -> torch.Tensor:
-    """Return the pedestal at every lag, float64 (127, 127), 1 at zero lag."""
-    grid = lag_grid(lags)
-    profile = torch.exp(-0.5 * (torch.from_numpy(grid.steps).double() / (PEDESTAL_SIGMA * grid.object_side)).square())
-    return torch.outer(profile, profile)
+ROUNDS, FAST_ROUNDS = 8, 3
+"""Rounds of the fit of the gains."""
 
 
-class NoiseLikelihood:
-    """Log-likelihood of one measurement as a function of its object; differentiable.
+class Likelihood:
+    """Log-likelihood of n estimates as a function of one albedo each, or of one estimate as a function of many albedos.
 
-    The noise model is Gamma of shape K with mean S = a H (r*r) + c p + b. Floor b (at least `MIN_FLOOR`) and K (1 without noise, which
-    keeps the order) are read from the estimate, and p is a wide pedestal. The gains a and c, zero or more, are fitted for each albedo
-    (weighted least squares, weights 1 / S^2, repeated). For correlated lags, K is divided by the variance inflation of their sums.
+    The noise model is Gamma of shape K with mean S = a H (r*r) + c p + b; see `invert.likelihood.forward_model`. The gains a and c, zero
+    or more, are fitted for each albedo. For correlated lags, K is divided by the variance inflation of their sums.
 
     Args:
-        kind: dtype of the computation.
-        transfer: H per lag (127, 127) of a measurement that was not divided by it.
+        estimate: (n, 127, 127), zero lag in the middle; sets the device and the type of the computation.
+        floor: b of each, (n,); at least `MIN_FLOOR` of the maximum is assumed.
+        dof: K of each, (n,).
+        inflation: variance inflation of sums over lags.
+        exact: whether albedos may fill the window; see `ForwardModel`.
+        transfer: H per lag (127, 127) of an estimate that was not divided by it.
     """
 
     def __init__(
         self,
+        estimate: torch.Tensor,
+        floor: torch.Tensor,
+        dof: torch.Tensor,
+        *,
+        inflation: float = 1.0,
+        exact: bool = False,
+        transfer: np.ndarray | None = None,
+    ) -> None:
+        lags = lag_grid_of(estimate).lags
+        half = half_of(estimate).clone()
+        half[:, 0, 0] = 0.0  # zero lag holds the mean brightness
+        height = half.abs().amax((-2, -1)).clamp_min(torch.finfo(half.dtype).tiny)
+        self.estimate = half / height[:, None, None]
+        self.floor = (floor / height).clamp_min(MIN_FLOOR)[:, None, None]
+        self.dof, self.inflation = dof[:, None, None] / inflation, inflation
+        self.used, self.pedestal = lags_used(lags).to(half), pedestal_profile(lags).to(half)
+        self.model = ForwardModel(lags, half, exact=exact, transfer=transfer)
+        self.rounds = ROUNDS if exact else FAST_ROUNDS
+
+    @classmethod
+    def of(
+        cls,
         measurement: Measurement,
         device: torch.device | str = "cpu",
         kind: torch.dtype = torch.float64,
         transfer: np.ndarray | None = None,
-    ) -> None:
-        lags = measurement.lag_grid.lags
-        self._used, self._pedestal = lags_used(lags).to(device), pedestal_profile(lags)[lags_used(lags)].to(device, kind)
-        estimate = torch.from_numpy(measurement.estimate).to(device, kind)[self._used]
-        tiny = torch.finfo(kind).tiny
-        height = estimate.abs().amax().clamp_min(tiny)
-        self._estimate, self._floor = estimate / height, max(measurement.noise.floor / float(height), MIN_FLOOR)
-        self.inflation = measurement.noise.inflation
-        self._dof = (measurement.noise.dof or 1.0) / self.inflation
-        self._transfer = 1.0 if transfer is None else torch.from_numpy(transfer).to(device, kind)[self._used]
+    ) -> Likelihood:
+        """Return the likelihood of one measurement. Without noise, K is 1, which keeps the order of albedos."""
+        noise = measurement.noise
+        estimate = torch.from_numpy(measurement.estimate).to(device, kind)[None]
+        floor, dof = (torch.tensor([value]).to(estimate) for value in (noise.floor, noise.dof or 1.0))
+        return cls(estimate, floor, dof, inflation=noise.inflation, exact=True, transfer=transfer)
 
     @property
     def lags(self) -> int:
-        """Number of lags used: one of every pair."""
-        return len(self._estimate)
+        """Number of lags used: one of each pair."""
+        return int(self.used.sum())
 
     def __call__(self, albedo: torch.Tensor) -> torch.Tensor:
-        """Return the log-likelihood of each albedo (n, 64, 64), up to an additive constant; (n,)."""
-        return self.by_lag(albedo).sum(1)
+        """Return the log-likelihood of albedos (n, 64, 64) minus that of a perfect fit, (n,); differentiable."""
+        return self.at(albedo).log_likelihood()
 
-    def misfit(self, albedo: torch.Tensor) -> float:
-        """Return the log-likelihood deficit (nats) of an albedo (64, 64) against the saturated model, minus its
-        expectation under noise."""
-        likeliest = self._estimate.clamp_min(self._floor)
-        best = -self._dof * float((likeliest.log() + self._estimate / likeliest).sum())
-        dof = self._dof * self.inflation
-        by_noise = self._dof * (math.log(dof) - float(digamma(dof))) * int((self._estimate > self._floor).sum())
-        return best - by_noise - float(self(albedo[None])[0])
-
-    def by_lag(self, albedo: torch.Tensor, weight: torch.Tensor | None = None) -> torch.Tensor:
-        """Return the contribution of each lag to the log-likelihood of each albedo, (n, lags).
+    def at(self, albedo: torch.Tensor, weight: torch.Tensor | None = None) -> LikelihoodPoint:
+        """Evaluate the likelihood at albedos (n, 64, 64).
 
         Args:
-            weight: weight of each lag, (lags,) or (n, lags), in the fit of the gains.
+            weight: weight of each lag in the fit of the gains, (n, 64, 128); 1 for the lags used by default.
         """
-        weight = torch.ones_like(self._estimate) if weight is None else weight
-        signal = autocorrelate_windowed(albedo.to(self._estimate.dtype))[:, self._used] * self._transfer
-        signal = signal / signal.detach().amax(1, keepdim=True).clamp_min(torch.finfo(signal.dtype).tiny)
-        bright, faint = fit_brightnesses(signal, self._pedestal, self._estimate, self._floor, weight, 8)
-        expected = self._floor + bright[:, None] * signal + faint[:, None] * self._pedestal
-        return -self._dof * (expected.log() + self._estimate / expected)
+        return LikelihoodPoint(self, albedo, self.used if weight is None else weight)
+
+    def by_lag(self, expected: torch.Tensor) -> torch.Tensor:
+        """Return the contribution of each lag to the log-likelihood of expectations, (n, 64, 128), at most 0."""
+        perfect = (self.estimate.clamp_min(MIN_ESTIMATE) / expected).log()
+        return self.used * self.dof * (1.0 - self.estimate / expected + perfect)
+
+    def misfit(self, albedo: torch.Tensor) -> float:
+        """Return the log-likelihood deficit (nats) of an albedo (64, 64) against the best expectation above the floor, minus
+        its mean under noise; for one estimate."""
+        best = float(self.by_lag(self.estimate.clamp_min(self.floor)).sum())
+        dof = float(self.dof) * self.inflation
+        above = int((self.used * (self.estimate > self.floor)).sum())
+        by_noise = float(self.dof) * (math.log(dof) - float(digamma(dof))) * above
+        return best - by_noise - float(self(albedo[None]))
 
 
-@torch.no_grad()
-def log_likelihoods(albedo: torch.Tensor, measurement: Measurement) -> torch.Tensor:
-    """Return the log-likelihood of a measurement for each albedo (n, 64, 64), up to an additive constant; (n,)."""
-    return NoiseLikelihood(measurement, albedo.device)(albedo)
+class LikelihoodPoint:
+    """A likelihood at albedos (n, 64, 64), with its derivatives; the gradient is zero at an albedo of zeros.
+
+    Attributes:
+        by_lag: contribution of each lag to the log-likelihood, (n, 64, 128); differentiable.
+    """
+
+    def __init__(self, likelihood: Likelihood, albedo: torch.Tensor, weight: torch.Tensor) -> None:
+        estimate, floor, used, pedestal = likelihood.estimate, likelihood.floor, likelihood.used, likelihood.pedestal
+        self._likelihood, self._model, self._albedo = likelihood, likelihood.model, albedo.to(estimate.dtype)
+        self._spectrum = self._model.spectrum(self._albedo)
+        signal = self._model.signal(self._spectrum.abs().square())
+        scale = (signal.detach() * used).amax((-2, -1)).clamp_min(1e-6)[:, None, None]
+        signal = signal / scale
+        flat = (one.flatten(1) for one in (signal, pedestal, estimate, floor, weight))
+        bright, faint = (gain[:, None, None] for gain in fit_gains(*flat, likelihood.rounds))
+        expected = floor + bright * signal + faint * pedestal
+        self.by_lag = likelihood.by_lag(expected)
+        self._gain, self._excess = bright / scale, estimate - expected
+        self._weight = used * likelihood.dof * self._gain / expected.square()
+
+    def log_likelihood(self) -> torch.Tensor:
+        """Return the log-likelihood of the albedos minus that of a perfect fit, (n,), in nats."""
+        return self.by_lag.sum((-2, -1))
+
+    def deviance(self) -> torch.Tensor:
+        """Return the reduced deviance per lag, (n,): 1 at the truth, more if signal is unexplained."""
+        return -2.0 * self.log_likelihood() / self._likelihood.lags
+
+    def gradient(self) -> torch.Tensor:
+        """Return the gradient of the log-likelihood, (n, 64, 64)."""
+        return self._model.slope(self._weight * self._excess, self._spectrum)
+
+    def information(self) -> torch.Tensor:
+        """Return the Fisher information of each pixel, (n, 64, 64), at fixed gains; accurate to a factor of two, because
+        the correlation of opposite lags is neglected."""
+        return self._model.slope(self._weight * self._gain, self._model.spectrum(self._albedo.square())).clamp_min(1e-6)
+
+    def curvature(self, change: torch.Tensor) -> torch.Tensor:
+        """Return the Fisher information matrix at fixed gains times a change of the albedo, (n, 64, 64)."""
+        of_signal = self._model.signal(2.0 * (self._spectrum.conj() * self._model.spectrum(change)).real)
+        return self._model.slope(self._weight * self._gain * of_signal, self._spectrum)
 
 
 def log_likelihood_leads(reference: np.ndarray, albedo: np.ndarray, captures: Sequence[Measurement]) -> list[float]:
@@ -110,40 +155,5 @@ def log_likelihood_leads(reference: np.ndarray, albedo: np.ndarray, captures: Se
     The captures must not be those of the reconstructions; their noise is then fitted by neither.
     """
     both = torch.from_numpy(np.stack((albedo, reference)))
-    likelihoods = [log_likelihoods(both, capture) for capture in captures]
+    likelihoods = [Likelihood.of(capture)(both) for capture in captures]
     return [float(ours - theirs) for ours, theirs in likelihoods]
-
-
-@torch.no_grad()  # the likelihood is stationary at the fitted gains
-def fit_brightnesses(
-    signal: torch.Tensor,
-    pedestal: torch.Tensor,
-    estimate: torch.Tensor,
-    floor: torch.Tensor | float,
-    weight: torch.Tensor,
-    rounds: int,
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Fit the gains a and c (n,) of object and pedestal by weighted least squares, repeated with weights over the squared expectation.
-
-    Args:
-        signal: r*r of each object, (n, lags); the other arguments broadcast to this shape.
-    """
-    expected = torch.zeros_like(signal) + floor
-    for _ in range(rounds):
-        bright, faint = _least_squares_brightnesses(signal, pedestal, estimate - floor, weight * expected.square().reciprocal())
-        expected = floor + bright[:, None] * signal + faint[:, None] * pedestal
-    return bright, faint
-
-
-def _least_squares_brightnesses(
-    signal: torch.Tensor, pedestal: torch.Tensor, excess: torch.Tensor, weight: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return gains a, c (n,), zero or more, that fit a * signal (n, lags) + c * pedestal to an excess by weighted least
-    squares."""
-    limits = torch.finfo(signal.dtype)
-    ss, pp = (weight * signal.square()).sum(1).clamp_min(limits.tiny), (weight * pedestal.square()).sum(1)
-    sp, se, pe = ((weight * one * other).sum(1) for one, other in ((signal, pedestal), (signal, excess), (pedestal, excess)))
-    faint = (pe - sp * (se / ss)) / (pp - sp * (sp / ss)).clamp_min(16.0 * limits.eps * pp)
-    # if the best signal would be negative, the pedestal is fitted alone
-    faint = torch.minimum(faint, pe / pp).clamp_min(0.0)
-    return ((se - sp * faint) / ss).clamp_min(0.0), faint

@@ -12,7 +12,7 @@ from itertools import islice
 
 import torch
 
-from invert.likelihood.gamma import NoiseLikelihood
+from invert.likelihood.gamma import Likelihood
 from invert.measure.spectrum import Measurement
 
 MAX_STEPS = 120
@@ -33,23 +33,24 @@ def refine_by_likelihood(albedo: torch.Tensor, measurement: Measurement) -> torc
     """Refine a reconstruction (64, 64), maximum 1, by gradient ascent of its log-likelihood.
 
     It remains unchanged if the log-likelihood of held-out lags does not rise significantly."""
-    likelihood = NoiseLikelihood(measurement, albedo.device, torch.float32)
-    half = (torch.rand(likelihood.lags, generator=torch.Generator().manual_seed(0)) < 0.5).float().to(albedo.device)
-    steps = _validated_steps(albedo, likelihood, torch.stack((half, 1.0 - half)))
+    likelihood = Likelihood.of(measurement, albedo.device, torch.float32)
+    drawn = torch.rand(likelihood.used.shape, generator=torch.Generator().manual_seed(0)).to(albedo.device)
+    half = likelihood.used * (drawn < 0.5)
+    steps = _validated_steps(albedo, likelihood, torch.cat((half, likelihood.used - half)))
     if steps == 0:
         return albedo
-    image = next(islice(_ascent(albedo[None], likelihood, torch.ones_like(half)), steps, None))[0]
+    image = next(islice(_ascent(albedo[None], likelihood, likelihood.used), steps, None))[0]
     return image / image.amax().clamp_min(1e-30)
 
 
 @torch.no_grad()
-def _validated_steps(albedo: torch.Tensor, likelihood: NoiseLikelihood, halves: torch.Tensor) -> int:
-    """Return the number of steps with the highest held-out log-likelihood, of copies with one half (2, lags) each; 0 if
-    it is not significant."""
+def _validated_steps(albedo: torch.Tensor, likelihood: Likelihood, halves: torch.Tensor) -> int:
+    """Return the number of steps with the highest held-out log-likelihood, of copies with one half (2, 64, 128) of the lags
+    each; 0 if it is not significant."""
     held_out = []
     best, most = 0, 0.0
     for step, copies in enumerate(islice(_ascent(albedo.expand(2, -1, -1), likelihood, halves), MAX_STEPS)):
-        held_out.append(((1.0 - halves) * likelihood.by_lag(copies, halves)).sum(0))
+        held_out.append((halves.flip(0) * likelihood.at(copies, halves).by_lag).sum(0)[likelihood.used[0] > 0.0])
         gain = float((held_out[-1] - held_out[0]).sum())
         if gain > most:
             best, most = step, gain
@@ -59,14 +60,14 @@ def _validated_steps(albedo: torch.Tensor, likelihood: NoiseLikelihood, halves: 
     return best if most > MIN_GAIN_SIGMA * error else 0
 
 
-def _ascent(albedo: torch.Tensor, likelihood: NoiseLikelihood, weight: torch.Tensor) -> Iterator[torch.Tensor]:
+def _ascent(albedo: torch.Tensor, likelihood: Likelihood, weight: torch.Tensor) -> Iterator[torch.Tensor]:
     """Yield albedos (n, 64, 64) before each step, without limit."""
     root = (albedo.clamp_min(0.0) + MIN_ALBEDO).sqrt().requires_grad_()
     adam = torch.optim.Adam([root], lr=LEARNING_RATE)
     while True:
         with torch.enable_grad():
             image = root.square()
-            loss = -(weight * likelihood.by_lag(image, weight)).sum()
+            loss = -(weight * likelihood.at(image, weight).by_lag).sum()
         yield image.detach()
         adam.zero_grad()
         loss.backward()

@@ -7,7 +7,6 @@ paper_unet.py         U-net of Metzler et al. 2020, the baseline
 retrieval_summary.py  classical reconstructions as input of the fusion
 sampler.py            diffusion posterior sampler
 annealing.py          posterior sampling
-fisher_scoring.py     data-consistency steps
 inference.py          reconstruction by the network
 confidence.py         features and calibration of the confidence
 checkpoints.py        weights files

@@ -14,8 +14,8 @@ import torch
 from correlograph.lags import lag_grid_of
 from invert.albedo.registration import crop_centred, normalise_peak, zero_pad
 from invert.choices import Quality
+from invert.likelihood.data_consistency import MAX_ALBEDO, run_data_consistency_steps
 from invert.network.features import Observation, fill_zero_lag_by_neighbours, mean_near_zero_lag
-from invert.network.fisher_scoring import MAX_ALBEDO, Likelihood, run_data_consistency_steps
 from invert.network.sampler import Sampler, posterior_variance
 from invert.solvers.base import Progress, no_progress
 
@@ -122,7 +122,7 @@ def sample_posterior(
         samples, denoised = run_annealing(sampler, observation, data, samples, options, rng, progress)
         denoised_means.append(denoised)
     variance = PRIOR_VARIANCE_FACTOR * posterior_variance(torch.full_like(observation.dof, options.last))
-    samples = run_data_consistency_steps(data, normalise_peak(samples), variance, MAX_FINAL_STEPS, 1.0 / inflation)
+    samples = run_data_consistency_steps(data.likelihood(), normalise_peak(samples), variance, MAX_FINAL_STEPS, 1.0 / inflation)
     return AnnealingResult(normalise_peak(samples), torch.cat(denoised_means))
 
 
@@ -167,8 +167,8 @@ def apply_shrunken_data_step(data: Observation, denoised: torch.Tensor, sigma: t
     (B. Efron, C. Morris, J. Am. Stat. Assoc. 68, 117, 1973, doi:10.1080/01621459.1973.10481350).
     """
     variance = PRIOR_VARIANCE_FACTOR * posterior_variance(sigma)
-    moved = run_data_consistency_steps(data, denoised, variance, steps)
-    likelihood = Likelihood(data)
+    likelihood = data.likelihood()
+    moved = run_data_consistency_steps(likelihood, denoised, variance, steps)
     before, change = likelihood.at(denoised), moved - denoised
     gain = likelihood.at(moved).log_likelihood() - before.log_likelihood()
     information = before.information()
@@ -198,7 +198,7 @@ def replace_unlikely_samples(data: Observation, samples: torch.Tensor, others: t
     Later rounds would correct them as well. However, an object that is mostly right converges faster than one that is not.
     """
     pool = torch.cat((samples, others))
-    likelihood = Likelihood(_repeat(data, len(pool))).at(pool).log_likelihood()
+    likelihood = _repeat(data, len(pool)).likelihood()(pool)
     best = likelihood.argsort(descending=True, stable=True)
     worst = likelihood[: len(samples)].argsort(stable=True)[: int(MAX_REPLACED_FRACTION * len(samples))]
     best = best[: len(worst)]

@@ -8,6 +8,8 @@ import torch
 from torch.nn import functional
 
 from correlograph.lags import lag_grid_of
+from invert.likelihood.forward_model import zero_lag_first
+from invert.likelihood.gamma import Likelihood
 
 LAG_CHANNELS = 2 * 2 * 4 + 2 + 2
 """Two maps and their mirror images, 2 x 2 lags to 4 channels; two numbers; two coordinates."""
@@ -48,6 +50,10 @@ class Observation:
 
     def __len__(self) -> int:
         return len(self.estimate)
+
+    def likelihood(self) -> Likelihood:
+        """Return the likelihood of the estimates."""
+        return Likelihood(self.estimate, self.floor, self.dof.clamp(*DOF_RANGE))
 
     def part(self, which: slice, device: str | torch.device) -> Observation:
         """Return some of the objects on a device."""
@@ -145,12 +151,6 @@ def modulus_picture(estimate: torch.Tensor, floor: torch.Tensor) -> torch.Tensor
     excess = fill_zero_lag_by_neighbours(estimate) - floor[:, None, None]
     spectrum = torch.fft.fft2(zero_lag_first(excess)).real.clamp_min(0.0).sqrt()
     return torch.fft.fftshift(spectrum / spectrum.amax((-2, -1), keepdim=True).clamp_min(1e-30), (-2, -1))[:, None]
-
-
-def zero_lag_first(lags: torch.Tensor) -> torch.Tensor:
-    """Move lags (n, 127, 127) to the periodic grid (n, 128, 128), zero lag from the middle to [0, 0]."""
-    middle = lag_grid_of(lags).lags
-    return torch.roll(functional.pad(lags, (0, 1, 0, 1)), (-middle, -middle), (-2, -1))
 
 
 def fill_zero_lag_by_neighbours(estimate: torch.Tensor) -> torch.Tensor:

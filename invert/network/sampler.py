@@ -12,7 +12,6 @@ from torch.nn import functional
 
 from invert.network.blocks import Decoder, Unet
 from invert.network.features import SKETCH_CHANNELS, Observation, sketch_features
-from invert.network.fisher_scoring import Likelihood
 
 ALBEDO_STD = 0.25
 """Approximate standard deviation of albedos (sigma_data in Karras et al.)."""
@@ -44,7 +43,7 @@ class Sampler(nn.Module):
             guess: previous estimate of the albedos (self-conditioning input), (n, 64, 64), registered; zeros without one.
         """
         with torch.no_grad():
-            at = Likelihood(seen).at(guess)
+            at = seen.likelihood().at(guess)
             gradient, information = at.gradient(), at.information()
         significance, step = gradient / information.sqrt(), (gradient / (information + _MIN_INFORMATION)).clamp(-2.0, 2.0)
         spread = sigma[:, None, None]

@@ -12,9 +12,9 @@ import torch
 from correlograph.lags import OBJECT_SIDE
 from invert.albedo.registration import register_groups
 from invert.choices import BALANCED
+from invert.likelihood.data_consistency import MAX_ALBEDO
 from invert.network.annealing import Annealing, apply_shrunken_data_step, noise_level_at, renoise
 from invert.network.features import Observation
-from invert.network.fisher_scoring import MAX_ALBEDO
 from invert.network.sampler import ALBEDO_STD
 from invert.training.data import Batch
 from invert.training.denoising import MAX_SIGMA, Task, scale_dof_for_sums

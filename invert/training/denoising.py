@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import torch
 
+from invert.likelihood.data_consistency import MAX_ALBEDO, run_data_consistency_steps
 from invert.network.features import Observation
-from invert.network.fisher_scoring import MAX_ALBEDO, run_data_consistency_steps
 from invert.network.sampler import ALBEDO_STD, Sampler, posterior_variance
 
 MEDIAN_SIGMA, MIN_SIGMA, MAX_SIGMA = 0.3, 0.02, 4.0
@@ -85,7 +85,8 @@ def run_self_conditioning(sampler: Sampler, seen: Observation, truth: torch.Tens
         sigma = (draws.sigma * ratio).clamp_max(MAX_SIGMA)
         guess = sampler(seen, truth + sigma[:, None, None] * noise, sigma, guess).clamp(0.0, MAX_ALBEDO)
         if ascends:
-            guess = run_data_consistency_steps(data, guess, PRIOR_VARIANCE_FACTOR * posterior_variance(sigma), ASCENT)
+            variance = PRIOR_VARIANCE_FACTOR * posterior_variance(sigma)
+            guess = run_data_consistency_steps(data.likelihood(), guess, variance, ASCENT)
     return guess
 
 

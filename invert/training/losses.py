@@ -9,7 +9,7 @@ from __future__ import annotations
 import torch
 
 from correlograph.lags import lag_grid_of
-from invert.network.features import zero_lag_first
+from invert.likelihood.forward_model import zero_lag_first
 
 
 def spectrum(albedo: torch.Tensor) -> torch.Tensor:

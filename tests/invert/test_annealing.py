@@ -4,7 +4,8 @@ import pytest
 import torch
 
 from invert.albedo.registration import register_images, zero_pad
-from invert.likelihood.gamma import log_likelihoods
+from invert.likelihood.data_consistency import run_data_consistency_steps
+from invert.likelihood.gamma import Likelihood
 from invert.network.annealing import (
     PRIOR_VARIANCE_FACTOR,
     REPLACEMENT_MARGIN_NATS,
@@ -17,7 +18,6 @@ from invert.network.annealing import (
 )
 from invert.network.checkpoints import DEFAULT_WEIGHTS, load_network
 from invert.network.features import Observation
-from invert.network.fisher_scoring import run_data_consistency_steps
 from invert.network.inference import make_observation
 from invert.network.sampler import posterior_variance
 from invert.training.data import at_noise, hidden_in_noise
@@ -52,8 +52,8 @@ def test_samples_come_from_noise_to_the_object(sampler):
     likeness = register_images(zero_pad(found.samples), zero_pad(RIGHT))[1]
     assert float(likeness.min()) > 0.6
     assert float(likeness.median()) > 0.7
-    blurred = torch.nn.functional.avg_pool2d(RIGHT[None], 7, 1, 3)
-    assert float((log_likelihoods(found.samples, noisy()) - log_likelihoods(blurred, noisy())).min()) > 100.0
+    blurred, likelihood = torch.nn.functional.avg_pool2d(RIGHT[None], 7, 1, 3), Likelihood.of(noisy())
+    assert float((likelihood(found.samples) - likelihood(blurred)).min()) > 100.0
     torch.testing.assert_close(drawn(sampler, 1).samples, found.samples)
     assert float((drawn(sampler, 2).samples - found.samples).abs().max()) > 0.01
 
@@ -75,11 +75,11 @@ def test_resampling_replaces_the_least_likely():
     data = Observation(*(one.expand(6, *one.shape[1:]) for one in vars(seen).values()))
     faint = torch.nn.functional.avg_pool2d(RIGHT[None], 3, 1, 1)[0]
     drawn = torch.stack((MIRRORED_STEM.mT, faint, RIGHT.mT, faint.roll(1, 0), MIRRORED_STEM, faint.roll(2, 0)))
-    nats = log_likelihoods(drawn, measurement)
+    nats = Likelihood.of(measurement)(drawn)
     worst = nats.argsort()[:2].tolist()
     assert float(nats[worst].max()) < float(nats.max()) - 2.0 * REPLACEMENT_MARGIN_NATS
     kept = replace_unlikely_samples(data, drawn, drawn[:0])
-    after = log_likelihoods(kept, measurement)
+    after = Likelihood.of(measurement)(kept)
     for number in range(6):
         torch.testing.assert_close(after[number], nats.max() if number in worst else nats[number], atol=1.0, rtol=0.0)
     kept = replace_unlikely_samples(data, drawn, RIGHT[None])
@@ -93,7 +93,9 @@ def test_steps_that_follow_noise_are_taken_back(seed):
     data, sigma = at_noise(RIGHT[None], 0.3, 64.0, torch.Generator().manual_seed(seed)).seen, torch.tensor([0.8])
     kept = []
     for begun in (RIGHT[None], MIRRORED_STEM[None]):
-        all_of_them = run_data_consistency_steps(data, begun, PRIOR_VARIANCE_FACTOR * posterior_variance(sigma), 8) - begun
+        all_of_them = (
+            run_data_consistency_steps(data.likelihood(), begun, PRIOR_VARIANCE_FACTOR * posterior_variance(sigma), 8) - begun
+        )
         kept.append(
             float(((apply_shrunken_data_step(data, begun, sigma, 8) - begun) * all_of_them).sum() / all_of_them.square().sum())
         )

@@ -9,7 +9,7 @@ from itertools import combinations
 import pytest
 import torch
 
-from invert.likelihood.gamma import log_likelihoods
+from invert.likelihood.gamma import Likelihood
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.network import annealing
 from invert.network.annealing import Annealing, run_annealing
@@ -41,7 +41,7 @@ class ExactExpectation:
     """E[albedo | noisy picture, estimate] over all toys."""
 
     def __init__(self, measurement: Measurement) -> None:
-        self.log_posterior = log_likelihoods(ALL, measurement).float().log_softmax(0)
+        self.log_posterior = Likelihood.of(measurement)(ALL).float().log_softmax(0)
 
     def __call__(self, seen: Observation, noisy: torch.Tensor, sigma: torch.Tensor, guess: torch.Tensor) -> torch.Tensor:
         overlap = noisy[_NEAR].flatten(1) @ _TOYS.T - 0.5 * _TOYS.square().sum(1)

@@ -10,7 +10,8 @@ from scipy.optimize import minimize, nnls
 from correlograph.lags import LAGS, lag_grid
 from invert.albedo.posterior import Samples
 from invert.assess.reliability import assess_reliability
-from invert.likelihood.gamma import NoiseLikelihood, _least_squares_brightnesses, log_likelihood_leads, log_likelihoods
+from invert.likelihood.forward_model import _least_squares_gains
+from invert.likelihood.gamma import Likelihood, log_likelihood_leads
 from invert.measure.spectrum import read_measurement
 from invert.methods import Reconstruction
 from invert.training.data import at_noise
@@ -47,7 +48,7 @@ def test_likelihoods_are_those_of_the_noise_model():
             options={"xatol": 1e-9, "fatol": 1e-6, "maxiter": 2000},
         ).fun
 
-    found, wanted = log_likelihoods(albedos, noisy()), torch.tensor([at_best(one) for one in albedos])
+    found, wanted = Likelihood.of(noisy())(albedos), torch.tensor([at_best(one) for one in albedos])
     torch.testing.assert_close(found - found[0], wanted - wanted[0], rtol=1e-3, atol=0.05, check_dtype=False)
     assert float(found[0] - found[1]) > 20.0
 
@@ -57,17 +58,17 @@ def test_likelihood_knows_no_shift_turn_brightness_or_unit(unit):
     same = torch.stack((RIGHT, 7.0 * RIGHT, torch.roll(RIGHT, (5, -3), (0, 1)), RIGHT.flip((0, 1))))
     noise = replace(noisy().noise, floor=unit * noisy().noise.floor)
     scaled = replace(noisy(), estimate=np.float32(unit) * noisy().estimate, noise=noise)
-    found = log_likelihoods(same, scaled)
-    assert float((found - log_likelihoods(RIGHT[None], noisy())).abs().max()) < 0.02
+    found = Likelihood.of(scaled)(same)
+    assert float((found - Likelihood.of(noisy())(RIGHT[None])).abs().max()) < 0.02
 
 
 def test_likelihood_of_an_empty_candidate_and_without_noise():
     """An empty candidate is less likely than a wrong one; without noise the truth is the likeliest."""
-    blank = log_likelihoods(torch.stack((torch.zeros(64, 64), MIRRORED_STEM)), noisy())
+    blank = Likelihood.of(noisy())(torch.stack((torch.zeros(64, 64), MIRRORED_STEM)))
     assert torch.isfinite(blank).all()
     assert blank[1] > blank[0]
     silent = read_measurement(autocorrelate_windowed(RIGHT).numpy())
-    found = log_likelihoods(torch.stack((MIRRORED_STEM, RIGHT)), silent)
+    found = Likelihood.of(silent)(torch.stack((MIRRORED_STEM, RIGHT)))
     assert torch.isfinite(found).all()
     assert found[1] > found[0]
 
@@ -80,7 +81,7 @@ def test_a_pedestal_is_not_taken_for_the_object(lags, light):
     spectrum = 0.1 + spectrum / spectrum.max() + 0.03 * pedestal(lags)
     drawn = draw_estimate(spectrum, 256.0, torch.Generator().manual_seed(3))
     shown = replace(read_measurement(drawn.float().numpy()), noise=NoiseLevel(0.1, 256.0, 40))
-    right, wrong = log_likelihoods(torch.stack((RIGHT, smeared)), shown).tolist()
+    right, wrong = Likelihood.of(shown)(torch.stack((RIGHT, smeared))).tolist()
     assert right - wrong > 5.0
 
 
@@ -89,7 +90,7 @@ def test_misfit_is_that_of_noise_for_the_object_and_more_for_others():
     misfits = []
     for seed in range(6):
         estimate = at_noise(RIGHT[None], 0.3, 64.0, torch.Generator().manual_seed(seed)).seen.estimate[0]
-        likelihood = NoiseLikelihood(read_measurement(estimate.numpy()))
+        likelihood = Likelihood.of(read_measurement(estimate.numpy()))
         misfits.append([likelihood.misfit(one) for one in (RIGHT, MIRRORED_STEM, torch.zeros(64, 64))])
     right, wrong, nothing = np.mean(misfits, 0)
     assert abs(right) < 4.0 * (likelihood.lags / 2.0 / len(misfits)) ** 0.5
@@ -104,7 +105,7 @@ def test_samples_that_leave_the_estimate_unexplained_are_doubted():
     for sample, doubted in ((RIGHT, False), (without_stem, True)):
         drawn = Samples(np.stack([sample.numpy()] * 3).astype(np.float32))
         answer, warnings = assess_reliability(
-            replace(found, posterior=drawn), None, measurement, lambda: NoiseLikelihood(measurement), None
+            replace(found, posterior=drawn), None, measurement, lambda: Likelihood.of(measurement), None
         )
         assert any("no sample explains" in warning for warning in warnings) is doubted
         assert answer.confidence == (0.5 if doubted else 0.9)
@@ -117,7 +118,7 @@ def test_brightnesses_are_those_of_non_negative_least_squares():
         signal, pedestal, weight = rng.random(9), rng.random(9), rng.random(9)
         excess = rng.normal(size=2) @ (signal, pedestal) + 0.3 * rng.normal(size=9)
         wanted, _ = nnls(np.sqrt(weight)[:, None] * np.stack((signal, pedestal), 1), np.sqrt(weight) * excess)
-        found = _least_squares_brightnesses(*map(torch.from_numpy, (signal[None], pedestal, excess, weight[None])))
+        found = _least_squares_gains(*map(torch.from_numpy, (signal[None], pedestal, excess, weight[None])))
         np.testing.assert_allclose([float(one) for one in found], wanted, atol=1e-9)
         zeros.add(tuple(wanted > 0.0))
     assert len(zeros) == 4
@@ -134,4 +135,4 @@ def test_other_captures_judge_a_picture():
     ahead = log_likelihood_leads(MIRRORED_STEM.numpy(), RIGHT.numpy(), captures)
     assert min(ahead) > 20.0
     both = torch.stack((RIGHT, MIRRORED_STEM))
-    assert ahead == [pytest.approx(float(torch.sub(*log_likelihoods(both, capture)))) for capture in captures]
+    assert ahead == [pytest.approx(float(torch.sub(*Likelihood.of(capture)(both)))) for capture in captures]

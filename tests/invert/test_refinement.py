@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from invert.albedo.registration import on_grid, register_images
-from invert.likelihood.gamma import NoiseLikelihood, log_likelihood_leads
+from invert.likelihood.gamma import Likelihood, log_likelihood_leads
 from invert.likelihood.refinement import refine_by_likelihood
 from invert.measure.spectrum import Measurement, read_measurement
 from radiometry.noise.model import autocorrelate_windowed, draw_estimate
@@ -44,7 +44,7 @@ def test_where_noise_is_high_it_stays(seed):
 
 def test_slope_of_the_likelihood():
     """The gradient agrees with finite differences, with gains fitted again."""
-    likelihood = NoiseLikelihood(make_measurement(0.2, 64.0, 2))
+    likelihood = Likelihood.of(make_measurement(0.2, 64.0, 2))
     rng = torch.Generator().manual_seed(3)
     albedo = (RIGHT.double() + 0.3 * torch.rand(64, 64, generator=rng, dtype=torch.float64)).requires_grad_()
     way = torch.randn(64, 64, generator=rng, dtype=torch.float64)
