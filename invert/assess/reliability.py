@@ -25,6 +25,10 @@ MIN_MOMENT_RATIO, MAX_MOMENT_RATIO = 0.25, 1.8
 MAX_PART_CHANCE, MAX_PART_DIFFERENCES = 1e-6, 0.25
 """Speckle does not differ between parts of a frame. Illumination that remains uneven explains differences up to the second number."""
 
+MAX_FRAME_CHANCE, MAX_FRAME_DIFFERENCES = 1e-4, 0.1
+"""Frames of one object at rest do not differ. Errors of the noise model and changes of focus explain differences up to the second
+number."""
+
 MAX_UNEXPLAINED_FRACTION = 0.35
 """Maximum fraction of the signal that a reconstruction may leave unexplained."""
 
@@ -74,6 +78,11 @@ def _check_speckle(test: SpeckleTest, frames: int) -> list[str]:
         ]
     if moment + error < MIN_MOMENT_RATIO:
         return [f"frames are inconsistent with speckle ({found}); check for texture of the relay wall and for saturated frames"]
+    if test.frame_chance < MAX_FRAME_CHANCE and test.frame_differences > MAX_FRAME_DIFFERENCES:
+        return [
+            f"the frames' autocorrelations differ by {100.0 * test.frame_differences:.0f} %, which those of one object do not; "
+            "check that all frames show the same object"
+        ]
     if test.part_chance < MAX_PART_CHANCE and test.part_differences > MAX_PART_DIFFERENCES:
         return [
             f"the signal's power differs by {100.0 * test.part_differences:.0f} % between parts of a frame, which speckle does not; check "

@@ -3,7 +3,7 @@ unexplained."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from scipy.ndimage import uniform_filter
@@ -11,6 +11,7 @@ from scipy.ndimage import uniform_filter
 from invert.measure.estimate import Estimate
 from invert.measure.spectrum import Measurement
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
+from radiometry.estimation.frame_differences import frame_differences
 from radiometry.estimation.third_moment import MIN_SIGNAL_FRACTION
 
 
@@ -26,6 +27,8 @@ class SpeckleTest:
         part_differences: standard deviation of the signal's power between parts of a frame, relative to its mean and in excess of
             chance; 0 for speckle.
         part_chance: probability that speckle differs as much between parts.
+        frame_differences: standard deviation of the power at a lag between frames, relative to its mean and in excess of noise.
+        frame_chance: probability that frames of one object differ as much.
     """
 
     third_moment_ratio: float | None
@@ -33,12 +36,12 @@ class SpeckleTest:
     unexplained: float
     part_differences: float = 0.0
     part_chance: float = 1.0
+    frame_differences: float = 0.0
+    frame_chance: float = 1.0
 
     def as_dict(self) -> dict[str, float | None]:
         """Return the numbers for JSON, None for values that are not finite; `third_moment` is the old name of the ratio."""
-        values = {"third_moment_ratio": self.third_moment_ratio, "third_moment": self.third_moment_ratio}
-        values |= {"error": self.error, "unexplained": self.unexplained}
-        values |= {"part_differences": self.part_differences, "part_chance": self.part_chance}
+        values = asdict(self) | {"third_moment": self.third_moment_ratio}
         return {name: value if value is not None and np.isfinite(value) else None for name, value in values.items()}
 
     @classmethod
@@ -46,8 +49,9 @@ class SpeckleTest:
         """Return the test that `as_dict` described."""
         if values is None:
             return None
-        parts = values.get("part_differences") or 0.0, values.get("part_chance", 1.0) or 0.0
-        return cls(values["third_moment_ratio"], values["error"], values["unexplained"] or 0.0, *parts)
+        chances = {name: values.get(name, 1.0) or 0.0 for name in ("part_chance", "frame_chance")}
+        differences = {name: values.get(name) or 0.0 for name in ("unexplained", "part_differences", "frame_differences")}
+        return cls(values["third_moment_ratio"], values["error"], **differences, **chances)
 
 
 def speckle_test(estimate: Estimate, measurement: Measurement, albedo: np.ndarray) -> SpeckleTest:
@@ -65,8 +69,11 @@ def speckle_test(estimate: Estimate, measurement: Measurement, albedo: np.ndarra
     unexplained = _unexplained_fraction(signal, expected, measurement, (ring >= rings) & (rings > 1))
     if estimate.filtered_frames is None or not weight.any() or power <= 0.0:
         return SpeckleTest(None, None, unexplained)
-    likeness, error = estimate.filtered_frames.likeness(albedo, weight, np.sqrt(transfer), signal, floor, power)
-    return SpeckleTest(likeness, error, unexplained, *estimate.filtered_frames.power_differences(weight))
+    frames, noise = estimate.filtered_frames, measurement.noise
+    likeness, error = frames.likeness(albedo, weight, np.sqrt(transfer), signal, floor, power)
+    used = (ring >= rings) & (rings > 1) & measurement.lag_grid.half_plane
+    between = frame_differences(frames, used, noise.inflation)
+    return SpeckleTest(likeness, error, unexplained, *frames.power_differences(weight), *between)
 
 
 def _unexplained_fraction(signal: np.ndarray, expected: np.ndarray, measurement: Measurement, used: np.ndarray) -> float:

@@ -205,8 +205,8 @@ class AutocorrelationEstimator:
         """Return the lags (127, 127) of the power spectrum of padded frames (rows, columns // 2 + 1), weighted by the
         patch window."""
         (height, width), (rows, columns) = self.grid.frame_shape, self._padded
-        down = _spectral_window(height, self._patch[0], rows, self.grid.lags)
-        right = _spectral_window(width, self._patch[1], columns, self.grid.lags)[:, : columns // 2 + 1].copy()
+        down = spectral_window(height, self._patch[0], rows, self.grid.lags)
+        right = spectral_window(width, self._patch[1], columns, self.grid.lags)[:, : columns // 2 + 1].copy()
         right[:, 0] *= 0.5  # column zero holds both halves of the plane
         if columns % 2 == 0:
             right[:, -1] *= 0.5
@@ -216,7 +216,7 @@ class AutocorrelationEstimator:
 
 
 @lru_cache(maxsize=8)
-def _spectral_window(length: int, size: int, padded: int, lags: int) -> np.ndarray:
+def spectral_window(length: int, size: int, padded: int, lags: int) -> np.ndarray:
     """Return weights (2 lags + 1, padded) that convert the power along a padded axis to lags: the transform of the patch
     triangle over the fraction of the frame that has pairs at each distance."""
     apart = np.arange(1 - size, size)
