@@ -70,7 +70,7 @@ def begin(address: str, schema: Schema, arguments: dict[str, Any], count: int) -
     found = {key: value for key, value in group.attrs.asdict().items() if key not in schema.mark}
     if not found:
         _create_arrays(group, address, schema, count)
-        group.attrs.update(arguments)  # last, because a store without arguments counts as not created
+        group.attrs.put(schema.mark | arguments)  # at once and last; a store without arguments counts as not created
         return group
     for key, value in arguments.items():
         if found.get(key) != value:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
 import torch
+from scipy.special import expit
 
 from correlograph.lags import OBJECT_SIDE
 from invert.albedo.posterior import Samples
@@ -21,6 +23,9 @@ MAX_UNVERIFIED_CONFIDENCE = 0.5
 
 MIN_MOMENT_RATIO, MAX_MOMENT_RATIO = 0.25, 1.8
 """Range of the third moment, in units of that of speckle. Texture lies below it; specular highlights lie above it."""
+
+PRIOR_TEXTURE = 0.05
+"""Probability, before its third moment is known, that the signal of a single frame comes from texture of the relay wall."""
 
 MAX_PART_CHANCE, MAX_PART_DIFFERENCES = 1e-6, 0.25
 """Speckle does not differ between parts of a frame. Illumination that remains uneven explains differences up to the second number."""
@@ -90,9 +95,17 @@ def _check_speckle(test: SpeckleTest, frames: int) -> list[str]:
         ]
     if test.unexplained > MAX_UNEXPLAINED_FRACTION:
         return [f"the reconstruction leaves {100.0 * test.unexplained:.0f} % of the estimate's signal unexplained"]
-    if frames == 1 and moment - error < MIN_MOMENT_RATIO:
-        return [f"one frame cannot distinguish object and texture of the relay wall ({found}); add a frame with the spot moved"]
+    if frames == 1 and _texture_probability(moment, test.error or 0.0) > 0.5:
+        return [f"one frame may show texture of the relay wall instead of an object ({found}); add a frame with the spot moved"]
     return []
+
+
+def _texture_probability(moment: float, error: float) -> float:
+    """Return the probability that one frame shows texture of the wall, whose third moment is 0, and not speckle, whose moment is 1."""
+    if not 0.0 < error < math.inf:
+        return PRIOR_TEXTURE if error else float(abs(moment) < 0.5)
+    lead = 0.5 * ((moment - 1.0) ** 2 - moment**2) / error**2 + math.log(PRIOR_TEXTURE / (1.0 - PRIOR_TEXTURE))
+    return float(expit(lead))
 
 
 def _check_samples(samples: Samples, likelihood: Likelihood) -> list[str]:

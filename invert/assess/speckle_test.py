@@ -73,7 +73,7 @@ def speckle_test(estimate: Estimate, measurement: Measurement, albedo: np.ndarra
     likeness, error = frames.likeness(albedo, weight, np.sqrt(transfer), signal, floor, power)
     used = (ring >= rings) & (rings > 1) & measurement.lag_grid.half_plane
     between = frame_differences(frames, used, noise.inflation)
-    return SpeckleTest(likeness, error, unexplained, *frames.power_differences(weight), *between)
+    return SpeckleTest(likeness, error, unexplained, *frames.power_differences(weight, estimate.lags), *between)
 
 
 def _unexplained_fraction(signal: np.ndarray, expected: np.ndarray, measurement: Measurement, used: np.ndarray) -> float:

@@ -57,7 +57,7 @@ def shift_between(first: torch.Tensor, other: torch.Tensor, shape: tuple[int, in
     """Return the shift (rows, columns) of the shared pattern from one frame to another, in fractions of a pixel.
 
     The shift is zero unless the peak of the cross-correlation exceeds what independent frames reach by chance with a
-    probability of `SHIFT_FALSE_ALARMS`. Their cross-correlation is Gaussian, with the variance found beyond the largest shift.
+    probability of `SHIFT_FALSE_ALARMS`. The variance and the skewness of their cross-correlation are those beyond the largest shift.
 
     Args:
         first, other: spectra of the frames (rows, columns // 2 + 1) on a grid of `shape`.
@@ -71,7 +71,11 @@ def shift_between(first: torch.Tensor, other: torch.Tensor, shape: tuple[int, in
     beyond = np.ones(around.shape, bool)
     beyond[reach : 3 * reach + 1, reach : 3 * reach + 1] = False
     level = float(around[beyond].mean())
-    if near.max() - level < norm.isf(SHIFT_FALSE_ALARMS / near.size) * float(around[beyond].std()):
+    apart = around[beyond] - level
+    variance, sigma = float((apart**2).mean()), norm.isf(SHIFT_FALSE_ALARMS / near.size)
+    # In dim frames the correlation counts coincidences; kappa_3 / kappa_2 is the size of one in Bernstein's inequality.
+    by_count = sigma**2 * max(float((apart**3).mean()), 0.0) / max(variance, np.finfo(np.float64).tiny) / 6.0
+    if near.max() - level < by_count + math.hypot(by_count, sigma * math.sqrt(variance)):
         return 0.0, 0.0
     peak = np.array(np.unravel_index(near.argmax(), near.shape))
     finer = []

@@ -62,15 +62,26 @@ def _subsample(image: torch.Tensor) -> np.ndarray:
     return image.flatten()[:: max(1, image.numel() // MAX_SAMPLED_PIXELS)].cpu().numpy()
 
 
+def _smallest_step(sampled: np.ndarray) -> float:
+    """Return the smallest difference of pixels that differ: that of one count in a dark frame; 0 if all are equal."""
+    steps = np.diff(np.unique(sampled))
+    return float(steps.min()) if len(steps) else 0.0
+
+
 def _replace_hot_pixels(image: torch.Tensor) -> tuple[torch.Tensor, int]:
     """Replace pixels beyond the exponential tail of the speckle, which is extrapolated from its last decade."""
-    sampled = _subsample(image)
-    places = [int(share * len(sampled)) for share in (0.5, 0.99, 0.999)]
-    middle, hundredth, thousandth = (float(value) for value in np.partition(sampled, places)[places])
-    decade = max(thousandth - hundredth, (thousandth - middle) / 3.0)
-    if decade <= 0.0:
+    sampled = np.sort(_subsample(image))
+    middle, hundredth, thousandth = (float(sampled[int(share * len(sampled))]) for share in (0.5, 0.99, 0.999))
+    # Counts of a few photons have few values, so the fraction that reaches one of them is not that of the quantile.
+    decades = [-math.log10(1.0 - np.searchsorted(sampled, value) / len(sampled)) for value in (middle, hundredth, thousandth)]
+    rises = [
+        (thousandth - value) / (decades[2] - above)
+        for value, above in zip((middle, hundredth), decades, strict=False)
+        if thousandth > value
+    ]
+    if not rises:
         return image, 0
-    limit = thousandth + decade * (np.log10(image.numel()) - 3.0 + TAIL_DECADES)
+    limit = thousandth + max(rises) * (math.log10(image.numel()) - decades[2] + TAIL_DECADES)
     if float(image.max()) <= limit:
         return image, 0
     hot = image > limit
@@ -109,13 +120,17 @@ def _replace_highlights(image: torch.Tensor, hot: torch.Tensor, bright: float) -
 
 def _replace_lines(image: torch.Tensor) -> tuple[torch.Tensor, int]:
     """Replace rows and columns whose mean differs from that of their neighbours by far more than such means do."""
-    replaced = 0
+    replaced, step = 0, _smallest_step(_subsample(image))
     for axis in (0, 1):
         means = image.mean(1 - axis).cpu().numpy().astype(np.float64)
         apart = means - median_filter(means, 9, mode="nearest")
         spread = float(np.quantile(np.abs(apart), 0.95)) / 1.96
         spread = max(spread, float(np.median(np.abs(means - np.median(means)))) / 12.0)
-        bad = np.abs(apart) > LINE_SIGMA * spread if spread > 0.0 else np.zeros(len(means), bool)
+        # Sums of few counts have a wider tail than a Gaussian (Bernstein's inequality).
+        by_count = LINE_SIGMA**2 * step / image.shape[1 - axis] / 6.0
+        bad = (
+            np.abs(apart) > by_count + math.hypot(by_count, LINE_SIGMA * spread) if spread > 0.0 else np.zeros(len(means), bool)
+        )
         if not bad.any() or bad.mean() > 0.02:
             continue
         good = np.flatnonzero(~bad)

@@ -7,7 +7,8 @@ Frames are filtered to J = w A, where w is the fraction of signal at each lag. T
 
     E[J^3] = 2 sum over x, y, z of r_x r_y r_z w(y - x) w(z - y) w(x - z) = 2 tr((D M)^3),   D = diag(r),  M_xy = w(x - y),
 
-while E[J^2] is the sum over lags of w^2 (r*r). The contribution of shot noise is subtracted.
+while E[J^2] is the sum over lags of w^2 (r*r). The contribution of shot noise is subtracted; the gain of the camera is measured
+(`radiometry.estimation.photon_transfer`), because read noise contributes nothing.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from scipy.stats import f as f_distribution
 
 from correlograph.lags import LAGS, lag_grid_of
 from radiometry.autocorrelation import autocorrelate
+from radiometry.estimation.photon_transfer import PhotonTransfer, shot_noise
 
 _BLOCKS = 8
 """Blocks along each side of a frame; their scatter gives the standard error."""
@@ -49,6 +51,7 @@ class FilteredFrames:
         spectra: spectrum of each frame from `narrow`, complex64 (rows, columns).
         padded, frame, patch: sizes in pixels, rows and columns.
         level: mean of the frames.
+        noise: noise of the pixels.
         lags: largest lag.
     """
 
@@ -57,6 +60,7 @@ class FilteredFrames:
     frame: tuple[int, int]
     patch: tuple[int, int]
     level: float
+    noise: PhotonTransfer
     lags: int = LAGS
 
     def likeness(
@@ -68,9 +72,10 @@ class FilteredFrames:
             weight: w (127, 127). amplitude: amplitude transfer of the camera, the root of H (127, 127).
             signal, floor: signal and noise floor of the estimate before division by H. power: scale of the albedo's r*r.
         """
-        pixels = math.prod(self.patch)
+        pixels, noise = math.prod(self.patch), shot_noise(self.noise, self.level, floor)
         measured, error = self.third_moment(weight)
-        measured -= shot_noise_part(weight, signal, floor, self.level, pixels)
+        by_noise = shot_noise_part(weight, signal, noise.variance, pixels)
+        measured, error = measured - noise.gain * by_noise, math.hypot(error, noise.error * by_noise)
         expected = expected_third_moment(albedo, weight * amplitude, power, pixels)
         return (measured / expected, error / expected) if expected > 0.0 else (0.0, np.inf)
 
@@ -83,11 +88,15 @@ class FilteredFrames:
         every = self._block_means(weight, 3).flatten()
         return float(every.mean()), float(every.std() / len(every) ** 0.5)
 
-    def power_differences(self, weight: np.ndarray) -> tuple[float, float]:
+    def power_differences(self, weight: np.ndarray, lags: np.ndarray) -> tuple[float, float]:
         """Return how much the mean of J^2 differs between parts of a frame, relative to its mean, and the probability of this.
 
         Speckle has the same statistics everywhere, so parts of 2 x 2 blocks differ no more than the blocks within them let
-        expect (analysis of variance).
+        expect (analysis of variance), and the spectrum: the power of a Gaussian J over an area A has the relative variance
+        2 sum P^2 / (sum P)^2 a / A, with P = w^2 S and a the area of a patch. The larger of the two counts.
+
+        Args:
+            weight: w (127, 127). lags: the estimate S (127, 127).
 
         Returns:
             the standard deviation between parts in excess of chance, and the probability of one at least as large.
@@ -99,6 +108,9 @@ class FilteredFrames:
         count = math.prod(means.shape[1:])
         between = 4.0 * float(((means - 1.0) ** 2).sum()) / (len(power) * (count - 1))
         within = float(((parts - means[..., None]) ** 2).sum()) / (len(power) * count * 3)
+        spectrum = weight**2 * lags
+        share = 2.0 * float((spectrum**2).sum()) / max(float(spectrum.sum()) ** 2, 1e-300)
+        within = max(within, 4.0 * share * count * math.prod(self.patch) / math.prod(self.frame))
         if within <= 0.0:
             return 0.0, 1.0
         chance = float(f_distribution.sf(between / within, len(power) * (count - 1), len(power) * count * 3))
@@ -135,17 +147,16 @@ class FilteredFrames:
         return torch.stack(means)
 
 
-def shot_noise_part(weight: np.ndarray, signal: np.ndarray, floor: float, level: float, patch_pixels: int) -> Any:
-    """Return the contribution of shot noise to the mean of J^3, in frame units cubed.
+def shot_noise_part(weight: np.ndarray, signal: np.ndarray, variance: float, patch_pixels: int) -> Any:
+    """Return the contribution of shot noise to the mean of J^3 for a gain of 1, in frame units squared.
 
     Args:
-        weight: w (127, 127). signal, floor: of the estimate; leading axes of the signal (..., 127, 127) are those of the result.
-        level: mean of the frames. patch_pixels: pixels per patch.
+        weight: w (127, 127). signal: of the estimate; leading axes (..., 127, 127) are those of the result.
+        variance: variance of the shot noise per pixel. patch_pixels: pixels per patch.
     """
     lags = lag_grid_of(weight).lags
     pairs = autocorrelate(weight)[lags:-lags, lags:-lags]
-    gain = floor / level if level > 0.0 else 0.0
-    return gain * (weight * pairs * (3.0 * signal + floor)).sum((-2, -1)) / patch_pixels**2
+    return (weight * pairs * (3.0 * signal + variance)).sum((-2, -1)) / patch_pixels**2
 
 
 def expected_third_moment(albedo: np.ndarray, weight: np.ndarray, power: float, patch_pixels: int) -> float:
@@ -200,7 +211,7 @@ def drawn_third_moment(
     spectra = torch.fft.fft2(counts - level)
     cubes = (torch.fft.ifft2(spectra * seen).real.double() ** 3).mean((1, 2)).numpy()
     powers = (spectra.abs().square() / pixels)[:, places[:, None], places].double().numpy() - (level + read)
-    moments = cubes - shot_noise_part(weight, powers, level, level, pixels)
+    moments = cubes - shot_noise_part(weight, powers, level, pixels)
     strength = (weight**2 * powers).sum((1, 2))
     slope = 1.5 * moments.mean() / strength.mean()
     return float(moments.mean()) / binned**3, float((moments - slope * strength).std(ddof=1)) / binned**3

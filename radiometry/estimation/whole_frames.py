@@ -29,6 +29,7 @@ from radiometry.autocorrelation import PatchGrid
 from radiometry.estimation.background import BackgroundRecord, MeanModel
 from radiometry.estimation.fixed_pattern import shared_lags, shift_between
 from radiometry.estimation.illumination import flatten_illumination, is_uneven
+from radiometry.estimation.photon_transfer import PhotonTransfer, combine, photon_transfer
 from radiometry.estimation.pixel_faults import PixelFaults, repair
 from radiometry.estimation.published import PublishedEstimator
 from radiometry.estimation.spectral_lines import MIN_PATCHES, find_lines, lower_lines, subtract_waves
@@ -77,6 +78,7 @@ class AutocorrelationEstimator:
         self._narrow: list[torch.Tensor] = []
         self._faults: list[PixelFaults] = []
         self._lines = 0
+        self._noise: list[PhotonTransfer] = []
 
     def add(self, frame: np.ndarray | torch.Tensor) -> None:
         """Add one frame, shape (H, W), any real dtype."""
@@ -84,6 +86,9 @@ class AutocorrelationEstimator:
         if self.mean == "auto":
             image, faults = repair(image)
             self._faults.append(faults)
+        if len(self._noise) < MAX_FRAMES:
+            self._noise.append(photon_transfer(image))
+        if self.mean == "auto":
             if self._uneven is None:  # All frames are treated alike; otherwise their shared part would not cancel.
                 self._uneven = is_uneven(image, self._patch)
             if self._uneven:
@@ -116,7 +121,10 @@ class AutocorrelationEstimator:
     def filtered_frames(self) -> FilteredFrames:
         """Return the band-limited frames for the third moment."""
         level = float(np.mean(self._levels))
-        return FilteredFrames(tuple(self._narrow), self._padded, self.grid.frame_shape, self._patch, level, self.grid.lags)
+        noise = combine(self._noise)
+        return FilteredFrames(
+            tuple(self._narrow), self._padded, self.grid.frame_shape, self._patch, level, noise, self.grid.lags
+        )
 
     @property
     def dof(self) -> float:

@@ -27,12 +27,12 @@ def light(letter: str, rng) -> np.ndarray:
 
 @pytest.mark.parametrize("levels", [(0.5, 0.5), (0.3, 1.5), (2.0, 3.0, 0.4)])
 def test_frames_of_one_object_agree(levels):
-    """Whatever their brightness and shot noise; among eight captures, a chance below 0.01 occurs at most twice."""
+    """Whatever their brightness and shot noise; among five captures, a chance below 0.01 occurs at most twice."""
     found = []
-    for seed in range(8):
+    for seed in range(5):
         rng = np.random.default_rng(seed)
         found.append(differences([rng.poisson(level * light("F", rng)) for level in levels]))
-    assert sum(one.chance < 0.01 for one in found) <= 2
+    assert sum(one.chance < 0.01 for one in found) <= 1
     assert max(one.relative for one in found) < 0.15
 
 
