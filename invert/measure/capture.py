@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,9 @@ MIN_PIXEL = 1e-9
 
 RESULT_NAMES = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "plan.png", "samples.npy", "truth.npy"}
 """Names of output files of this program, which are no frames."""
+
+OTHER_PICTURES = {".jpg", ".jpeg", ".bmp", ".gif", ".webp", ".jp2", ".raw", ".dng", ".fits", ".h5", ".hdf5"}
+"""Types of pictures that are not read; they are named where they lie among frames."""
 
 CONTACT_SHEET = "contact_sheet"
 """Prefix of the names of contact sheets."""
@@ -45,6 +49,13 @@ def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
         else:
             raise InputError("frames", "a file or folder", f"no {item}", "check the path")
     return files
+
+
+def _name_other_pictures(folder: Path) -> None:
+    skipped = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in OTHER_PICTURES)
+    if skipped:
+        others = f" and {len(skipped) - 1} more" if len(skipped) > 1 else ""
+        print(f"skipped {skipped[0]}{others} in {folder}; frames are {', '.join(FRAME_KINDS)}", file=sys.stderr)
 
 
 def frames_inside(folder: Path) -> list[Path]:
@@ -79,6 +90,8 @@ def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture
     that is given twice.
     """
     files = find_frames(inputs)
+    for folder in (path for path in map(Path, inputs) if path.is_dir()):
+        _name_other_pictures(folder)
     frames: list[np.ndarray] = []
     seen: set[bytes] = set()
     first: FrameHeader | None = None

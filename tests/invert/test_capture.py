@@ -236,3 +236,12 @@ def test_entries_that_are_no_files_are_refused(tmp_path, rng, make):
     make(tmp_path / "b.npy")
     with pytest.raises(InputError, match=r"b\.npy"):
         find_frames([tmp_path])
+
+
+def test_pictures_of_other_types_are_named(tmp_path, rng, capsys):
+    for name in ("a", "b"):
+        np.save(tmp_path / f"{name}.npy", rng.poisson(3.0, (300, 300)).astype(np.float32))
+    for name in ("c.jpg", "d.BMP"):
+        (tmp_path / name).touch()
+    assert len(read_capture([tmp_path], CameraMetadata()).frames) == 2
+    assert capsys.readouterr().err.startswith("skipped c.jpg and 1 more in ")
