@@ -23,6 +23,7 @@ from sim.geometry import Geometry
 from sim.plan import Plan, Settings
 from sim.plan_report import as_json
 from sim.scene import Scene, load
+from sim.scene_drawing import draw_scene
 
 
 def render(
@@ -135,6 +136,7 @@ def record(
         "frames": frames,
         "saturated_fraction": saturated,
         "plan": content,
+        "drawing": draw_scene(scene.mitsuba, scene.geometry).as_json(),
         "seconds": seconds,
     }
 

@@ -86,7 +86,7 @@ class Scene:
         """Return the scene as a matplotlib figure, from above and from the side, to scale."""
         from sim.scene_drawing import draw_scene
 
-        return draw_scene(self.mitsuba, self.geometry, self.name)
+        return draw_scene(self.mitsuba, self.geometry).plot(self.name or "scene")
 
     def show(self) -> None:
         """Open the drawing of the scene in a window, or below a notebook cell."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +28,9 @@ RESULT_NAMES = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png",
 
 OTHER_PICTURES = {".jpg", ".jpeg", ".bmp", ".gif", ".webp", ".jp2", ".raw", ".dng", ".fits", ".h5", ".hdf5"}
 """Types of pictures that are not read; they are named where they lie among frames."""
+
+MAX_RECORD_BYTES = 2**22
+"""Maximum size of a sim.json whose drawing is read."""
 
 CONTACT_SHEET = "contact_sheet"
 """Prefix of the names of contact sheets."""
@@ -124,7 +129,20 @@ def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture
     if "pixel_pitch_m" in given:  # the angles of the header belong to its own pitch
         given = {"row_pitch_m": None, "column_pitch_m": None, **given}
     metadata = replace(CameraMetadata.of(first), **given)
-    return Capture(frames, metadata, tuple(printable(file.name) for file in files))
+    return Capture(frames, metadata, tuple(printable(file.name) for file in files), record=_read_drawing(files[0], first))
+
+
+def _read_drawing(file: Path, header: FrameHeader | None) -> dict[str, Any]:
+    """Return the drawing of the scene in the sim.json beside a rendered frame, if it is that of the same scene."""
+    path = file.with_name("sim.json")
+    if header is None or not path.is_file() or path.stat().st_size > MAX_RECORD_BYTES:
+        return {}
+    try:
+        content = json.loads(path.read_text())
+    except (OSError, ValueError, RecursionError):
+        return {}
+    is_same = isinstance(content, dict) and content.get("scene_sha256") == header.scene_sha256
+    return {"drawing": content["drawing"]} if is_same and "drawing" in content else {}
 
 
 def printable(name: str) -> str:

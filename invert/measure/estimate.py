@@ -13,6 +13,7 @@ import numpy as np
 from correlograph.errors import InputError, check_positive
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.images import read_autocorrelation
+from correlograph.files.scene_drawing import SceneDrawing
 from correlograph.lags import LAGS, LagGrid, lag_grid_of
 from correlograph.ranges import BLUR, LAG_COUNT, PATCH
 from invert.measure.capture import printable
@@ -80,6 +81,7 @@ class Estimate:
         pitches_m: object distance of one lag along rows and columns; None if the camera is unknown.
         frame: first frame of the capture, for the report; None for published estimates.
         record: origin of the estimate; None for published estimates.
+        drawing: drawing of the scene for the report; None for frames that were not rendered.
         filtered_frames: band-limited first frames for the third moment; None for published estimates.
         seconds: duration of the estimation.
     """
@@ -92,6 +94,7 @@ class Estimate:
     pitches_m: tuple[float, float] | None = None
     frame: np.ndarray | None = None
     record: EstimateRecord | None = None
+    drawing: SceneDrawing | None = None
     filtered_frames: FilteredFrames | None = None
     seconds: float = 0.0
 
@@ -180,6 +183,7 @@ def estimate_from_frames(
         transfer=_camera_transfer(capture.camera, grid),
         pitches_m=grid.lag_pitches_m(*geometry) if geometry else None,
         frame=capture.frames[0],
+        drawing=SceneDrawing.from_json(capture.record.get("drawing")),
         record=EstimateRecord(len(capture.frames), grid, estimator.dof, estimator.background, lags_reason=reason),
         filtered_frames=None if isinstance(estimator, PublishedEstimator) else estimator.filtered_frames(),
         seconds=time.perf_counter() - begin,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from invert.albedo.posterior import Samples
 from radiometry.noise.level import dim_zero_lag
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
     from invert.output.result import Result
 
@@ -70,19 +71,23 @@ def draw_report(result: Result, truth: np.ndarray | None = None) -> Figure:
         rows.append(_posterior_panels(samples, pitch_m))
     lines = [line for text in report_lines(result, pearson) for line in textwrap.wrap(text, LINE_WIDTH)]
     columns = max(map(len, rows))
-    figure = Figure(figsize=(3.7 * columns, 3.5 * len(rows) + 0.3 + 0.17 * len(lines)), layout="constrained")
-    grid = figure.subplots(len(rows), columns, squeeze=False)
-    for axes in grid.ravel():
-        axes.set_axis_off()
-    for row, panels in zip(grid, rows, strict=True):
-        for axes, panel in zip(row, panels, strict=False):
-            _draw_panel(figure, axes, panel)
+    drawing = result.estimate.drawing
+    count = len(rows) + (drawing is not None)
+    figure = Figure(figsize=(3.7 * columns, 3.5 * count + 0.3 + 0.17 * len(lines)), layout="constrained")
+    parts = figure.subfigures(count, 1, squeeze=False)[:, 0]
+    for part, panels in zip(parts, rows, strict=False):
+        for axes, panel in zip_longest(part.subplots(1, columns), panels):
+            if panel is None:
+                axes.set_axis_off()
+            else:
+                _draw_panel(part, axes, panel)
+    if drawing is not None:
+        drawing.draw(parts[-1], "scene")
     figure.supxlabel("\n".join(lines), fontsize=9, parse_math=False, ha="left", x=0.02)  # file names may contain any sign
     return figure
 
 
-def _draw_panel(figure: Figure, axes, panel: _Panel) -> None:  # type: ignore[no-untyped-def]
-    axes.set_axis_on()
+def _draw_panel(figure: SubFigure, axes, panel: _Panel) -> None:  # type: ignore[no-untyped-def]
     image = axes.imshow(panel.image, cmap="gray", interpolation="nearest", vmin=panel.low, vmax=panel.high, extent=panel.extent)
     axes.set_title("\n".join(textwrap.wrap(panel.title, 34)), fontsize=10)
     axes.tick_params(labelsize=7)
