@@ -32,8 +32,18 @@ LINE = {"x": [0, 1], "y": [0, 1], "label": "a", "colour": "k", "style": "-", "wi
 
 @pytest.mark.parametrize(
     "drawing",
-    [None, 3, [], [[LINE]], [[LINE], [{**LINE, "x": "ab"}]], [[{**LINE, "x": [0, float("nan")]}], []]]
-    + [[[{**LINE, "style": "x"}], []], [[{**LINE, "colour": "file:///etc"}], []], [[{**LINE, "label": 3}], []], [[{"x": 1}], []]],
+    [
+        None,
+        3,
+        [],
+        [[LINE]],
+        [[LINE], [{**LINE, "x": "ab"}]],
+        [[{**LINE, "x": [0, float("nan")]}], []],
+        [[{**LINE, "style": "x"}], []],
+        [[{**LINE, "colour": "file:///etc"}], []],
+        [[{**LINE, "label": 3}], []],
+        [[{"x": 1}], []],
+    ],
 )
 def test_other_content_is_no_drawing(drawing):
     assert SceneDrawing.from_json(drawing) is None
