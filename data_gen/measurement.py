@@ -39,7 +39,7 @@ def draw_noise_levels(
 
 
 class SceneMeasurement:
-    """Measurements of targets in place of a scene's object, rendered or from the noise model.
+    """Measurements of targets that replace the hidden object of a scene, rendered or from the noise model.
 
     Args:
         scene_path: scene whose hidden object the targets replace, one cell per lag.

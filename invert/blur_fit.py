@@ -46,8 +46,8 @@ def estimate_blur(
     """Search for a blur that explains the estimate.
 
     Returns:
-        the estimate, with the blur in its `transfer` and `record` if one was found, and the first reconstruction from it;
-        None if the blur is known and no reconstruction was made.
+        the estimate, with the blur in its `transfer` and `record` if one was found, and the reconstruction of seed number 0 from it.
+        The reconstruction is None if no search was made, for instance because the user gave the blur.
 
     Args:
         reconstruct: reconstruction of a measurement; each number selects another seed.

@@ -39,7 +39,7 @@ class Division:
 
 
 def error_of(prediction: Prediction, frames: int, floor: float) -> float:
-    """Return the predicted relative error over all lags."""
+    """Return the predicted relative error of the estimate's signal, root mean square over all lags."""
     signal = prediction.signal
     return estimate_error(float(signal.sum()), float((signal**2).sum()), signal.size, floor, prediction.dof(frames))
 

@@ -52,7 +52,7 @@ class Motion:
         return (row_m * self.object_way_m[0] + column_m * self.object_way_m[1]) * self.fringes_per_m2
 
     def transfer(self, row_m: np.ndarray, column_m: np.ndarray) -> np.ndarray:
-        """Return M at lags given in metres on the object (broadcast); 1 without motion."""
+        """Return the factor by which motion during the exposure lowers the estimate, at lags in metres on the object (broadcast)."""
         waves = self.waves(row_m, column_m)
         weight = 2.0 * (1.0 - _SHARES) * self.correlation(_SHARES) / len(_SHARES)
         found, index = np.unique(np.abs(waves), return_inverse=True)

@@ -29,7 +29,7 @@ def grain_area(
     Args:
         albedo: power reflectance r on a grid, any shape.
         cell_area_m2: area of one grid cell on the object.
-        square_sum: sum of r^2 before averaging over cells, which lowers it at edges; the sum of `albedo`^2 if None.
+        square_sum: sum of r^2 on a finer grid, per cell; averaging over cells lowers the sum at edges. None: the sum of `albedo`^2.
     """
     power = float(albedo.sum(dtype=np.float64)) * cell_area_m2
     if power == 0.0:

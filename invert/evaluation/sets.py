@@ -188,9 +188,10 @@ def _rendered_levels(
 
 
 def load_measured_set(folder: Path) -> Iterator[Level]:
-    """Published captures: the exposure series of a 7, and letters over the patches of two frames.
+    """Captures of Metzler et al. 2020: a hidden digit 7 at several exposures, and hidden letters, estimated from 1 to 25 patches.
 
-    There is no truth. Its substitute is the classical reconstruction, from many starts, of the longest exposure or of fifty frames.
+    There is no truth. Its substitute is the classical reconstruction, from many starts, of the longest exposure of the 7, and of
+    fifty frames of a letter.
     The other long exposures score each reconstruction of the 7 by their likelihood as well.
     """
     files = sorted(folder.glob("*.png"))

@@ -175,7 +175,10 @@ def reconstruct_by_network(
 
 
 def _finer_sides(side: int) -> list[int]:
-    """Return the sides of the grids above 64 lags, up to `side` rounded up to what the U-net divides; each is at most doubled."""
+    """Return the sides of the grids on which sampling continues after the grid of 64 lags, smallest first.
+
+    Each is at most twice the one before. The last is `side`, rounded up to a multiple of `SIDE_STEP`, which the U-net can halve.
+    """
     last = -(-side // SIDE_STEP) * SIDE_STEP
     sides = []
     while last > OBJECT_SIDE:

@@ -29,7 +29,7 @@ def posterior_variance(sigma: torch.Tensor) -> torch.Tensor:
 
 
 class Sampler(nn.Module):
-    """Expected albedo given a noisy image of it."""
+    """Denoising network of the posterior sampler: it predicts the albedo from a noisy image, the noise level and the estimate."""
 
     def __init__(self, width: int) -> None:
         super().__init__()

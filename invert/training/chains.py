@@ -39,12 +39,16 @@ WEIGHT = 0.3
 
 
 class Chains:
-    """Objects in the middle of annealing.
+    """Unfinished sampling of some objects, kept between the steps of a training.
+
+    The sampler is trained on images that it meets when it samples. One chain samples one object in several rounds. Each round adds
+    noise to the albedo, and lowers it in several steps.
 
     Attributes:
         count: number of chains.
-        state: for each chain its estimate, floor and K, the truth, the noisy image and the present albedo; the initial noise of
-            the round, its number of steps and of finished steps; and the remaining rounds, including the present one.
+        state: arrays with one entry for each chain: `estimate`, `floor`, `dof` and `truth` of its object; `noisy` image and `albedo`
+            after the last step; `first`, the noise at the start of the round; `steps` of the round and how many are `done`; `left`,
+            the remaining rounds including this one.
     """
 
     def __init__(self, side: int = OBJECT_SIDE) -> None:

@@ -43,7 +43,7 @@ def registered_loss(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
 
 
 def autocorrelation_l1(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-    """Return ||r^*r^ - r*r||_1 over ||r*r||_1, the choice of Metzler et al. 2020; (n,)."""
+    """Return the L1 error of the reconstruction's autocorrelation relative to the true one, as in Metzler et al. 2020; (n,)."""
     ours, theirs = _lags(spectrum(albedo)), _lags(spectrum(truth))
     return (ours - theirs).abs().sum((-2, -1)) / theirs.sum((-2, -1))
 

@@ -73,7 +73,7 @@ def subtract_waves(image: torch.Tensor, lines: list[Line], padded: tuple[int, in
 
 
 def lower_lines(spectrum: torch.Tensor, power: torch.Tensor, lines: list[Line]) -> None:
-    """Lower the remainder of lines in the spectrum and the power of a frame to the level around them, in place."""
+    """Reduce what is left of subtracted waves in the spectrum of a frame to the level of the neighbouring frequencies, in place."""
     for line in lines:
         (rows, columns), level, inner = _around(power, line)
         around = power[rows, columns]

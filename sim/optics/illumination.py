@@ -18,7 +18,8 @@ _MIN_SPOT_SAMPLES = 32
 
 
 def grain_m(geometry: Geometry) -> float:
-    """Return the size of a speckle grain on the object, lambda d1 / D (van Cittert-Zernike)."""
+    """Return the size of a speckle grain on the object, lambda d / D: d from the laser spot to the object, D the diameter of the spot (van
+    Cittert-Zernike)."""
     return geometry.wavelength_m * geometry.source_distance_m / geometry.spot.diameter_m
 
 

@@ -266,7 +266,12 @@ def _object_basis(position: np.ndarray) -> _Basis:
 
 
 def _at_scatterers(at_nodes: np.ndarray, values: list[np.ndarray], chunk: int = 4096) -> np.ndarray:
-    """Interpolate (terms, N) from the object's nodes to its scatterers, (terms, n)."""
+    """Interpolate fields at the N Chebyshev nodes of the object, (terms, N), to its n scatterers, (terms, n).
+
+    Args:
+        at_nodes: one row for each term of the low-rank expansion.
+        values: the interpolation polynomials at the scatterers, for each axis.
+    """
     cube = at_nodes.reshape(len(at_nodes), *(value.shape[1] for value in values))
     parts = []
     for start in range(0, len(values[0]), chunk):

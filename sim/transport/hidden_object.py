@@ -52,9 +52,9 @@ class ObjectTotals:
 
 
 class HiddenObject:
-    """All shapes whose id starts with `hidden_object`, seen from the frame's centre.
+    """All shapes whose id starts with `hidden_object`, seen from the point of the virtual detector in the centre of the frame.
 
-    Rays leave the frame's centre through a grid in the plane across the line of sight that holds the object's centre; rows
+    Rays leave this point through a grid in the plane across the line of sight that holds the object's centre; rows
     run along `axes.down`, columns along `axes.right`. Each ray stands for the solid angle of its cell.
     """
 
