@@ -86,6 +86,8 @@ def main() -> None:
         correlation = cg.aligned_pearson(result.albedo, result.truth_on_lags(truth))[0] if result.object_found else 0.0
         row = {"number": number} | drawn | {"lags": result.estimate.lag_grid.lags, "found": result.object_found}
         row |= {"confidence": round(float(result.confidence), 3), "correlation": round(float(correlation), 3)}
+        test = result.speckle_test
+        row["third_moment"] = None if test is None else [test.third_moment_ratio, test.error]
         rows.append(row | {"warnings": list(result.warnings)})
         kinds.update("".join(c for c in warning if not c.isdigit())[:50] for warning in result.warnings)
         if result.warnings:

@@ -14,8 +14,9 @@ import numpy as np
 from correlograph.errors import InputError, check_device
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.corrections import Corrections
-from correlograph.files.images import check_symmetry, read_image
+from correlograph.files.images import check_symmetry
 from correlograph.files.output import path_of
+from correlograph.files.stacks import FileFrames, open_stack
 from correlograph.lags import LAG_SIDE
 from correlograph.ranges import LAG_COUNT, SEED
 from invert.assess.reliability import assess_reliability
@@ -122,7 +123,8 @@ def reconstruct(
 def read_source(source: Source, camera: CameraMetadata, autocorrelation: bool | None = None) -> Capture | Estimate:
     """Read a source as a capture, or as an estimate if it is an autocorrelation. Arguments as of `reconstruct`."""
     if isinstance(source, Capture):
-        for number, frame in enumerate(source.frames):
+        in_memory = () if isinstance(source.frames, FileFrames) else source.frames
+        for number, frame in enumerate(in_memory):
             check_frame(np.asarray(frame), Path(f"frame {number}"))
         return source
     if isinstance(source, Estimate):
@@ -174,7 +176,10 @@ def _is_of_lags(array: np.ndarray) -> bool:
 
 
 def _has_published_shape(path: Path) -> bool:
-    return path.is_file() and read_image(path)[0].shape in ((LAG_SIDE, LAG_SIDE), (LAG_SIDE, 2 * LAG_SIDE))
+    if not path.is_file():
+        return False
+    stack = open_stack(path)
+    return stack.count == 1 and stack.read(0)[0].shape in ((LAG_SIDE, LAG_SIDE), (LAG_SIDE, 2 * LAG_SIDE))
 
 
 def _check_types(camera: object, corrections: object) -> None:

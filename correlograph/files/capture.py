@@ -15,6 +15,7 @@ from correlograph.files.capture_folder import check_complete, frame_path, replac
 from correlograph.files.exr_frames import FrameHeader, read_frame, write_frame
 from correlograph.files.figures import add_scale_bar, figure_as_html, show_figure
 from correlograph.files.output import output_folder, path_of, save_array, save_json
+from correlograph.files.stacks import FileFrames
 from correlograph.ranges import FRAMES
 
 if TYPE_CHECKING:
@@ -110,6 +111,9 @@ class Capture:
             raise InputError(
                 "camera", "a CameraMetadata", f"{self.camera!r:.60}", "create one with correlograph.CameraMetadata"
             )
+        self.camera.check_complete()
+        if isinstance(self.frames, FileFrames):  # they are checked when they are read
+            return
         if not isinstance(self.frames, (Sequence, np.ndarray)) or isinstance(self.frames, str):
             raise InputError("frames", "a list or an array of frames", f"{self.frames!r:.60}", "provide frames")
         if len(self.frames) == 0:
@@ -120,7 +124,6 @@ class Capture:
         shapes = list(dict.fromkeys(np.shape(frame) for frame in self.frames))
         if len(shapes) > 1 or len(shapes[0]) != 2:
             raise InputError("frames", "frames (height, width) of one size", f"shapes {shapes}", "provide one camera setting")
-        self.camera.check_complete()
 
     def __repr__(self) -> str:
         height, width = np.shape(self.frames[0])

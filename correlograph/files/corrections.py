@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from correlograph.errors import InputError
 from correlograph.files.capture import Capture
 from correlograph.files.images import read_image
 from correlograph.files.output import path_of
+from correlograph.files.stacks import FileFrames
 
 MAX_UNLIT_FRACTION = 0.01
 """Maximum fraction of pixels without light in the flat-field frame; they take the mean of the others."""
@@ -44,12 +45,16 @@ class Corrections:
         """Return the capture with corrected frames. Raises InputError for unsuitable files."""
         if self == Corrections():
             return capture
-        return replace(capture, frames=self._correct(capture.frames))
+        change = self._correction(capture.frames[0].shape)
+        if isinstance(capture.frames, FileFrames):
+            return replace(capture, frames=capture.frames.changed(change))
+        return replace(capture, frames=[change(frame) for frame in capture.frames])
 
-    def _correct(self, frames: Sequence[np.ndarray]) -> list[np.ndarray]:
-        shape = frames[0].shape
+    def _correction(self, shape: tuple[int, ...]) -> Callable[[np.ndarray], np.ndarray]:
+        """Return the correction of one frame."""
         dark = _read("--dark", self.dark, shape) if self.dark else np.float32(0.0)
-        corrected = [frame - dark for frame in frames]
+        lit = used = None
+        gain = np.float32(1.0)
         if self.flat:
             flat = _read("--flat", self.flat, shape) - dark
             lit = flat > 0.0  # a pixel that is saturated in the dark frame is not
@@ -61,7 +66,6 @@ class Corrections:
                     "use flat and dark frames of one exposure",
                 )
             gain = np.where(lit, flat, flat[lit].mean()) / flat[lit].mean()
-            corrected = [np.where(lit, frame, frame[lit].mean()) / gain for frame in corrected]
         if self.mask:
             used = _read("--mask", self.mask, shape) != 0.0
             if used.mean() < MIN_USED_FRACTION:
@@ -71,8 +75,16 @@ class Corrections:
                     f"{used.mean():.1%} in {Path(self.mask).name}",
                     "zero pixels are left out; turn it round",
                 )
-            corrected = [np.where(used, frame, frame[used].mean()).astype(np.float32) for frame in corrected]
-        return corrected
+
+        def correct(frame: np.ndarray) -> np.ndarray:
+            frame = frame - dark
+            if lit is not None:
+                frame = np.where(lit, frame, frame[lit].mean()) / gain
+            if used is not None:
+                frame = np.where(used, frame, frame[used].mean())
+            return frame.astype(np.float32, copy=False)
+
+        return correct
 
 
 def _read(option: str, name: Path | str, shape: tuple[int, ...]) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,21 @@ MAX_PIXEL = 1e9
 MAX_PIXELS = 2**29
 """Maximum number of pixels of a frame, 2 GB in single precision; no camera has more."""
 
-FRAME_KINDS = {".exr": "EXR", ".tif": "TIFF", ".tiff": "TIFF", ".png": "PNG", ".npy": "NPY"}
+FRAME_KINDS = {
+    ".exr": "EXR",
+    ".tif": "TIFF",
+    ".tiff": "TIFF",
+    ".png": "PNG",
+    ".npy": "NPY",
+    ".npz": "NPZ",
+    ".h5": "HDF5",
+    ".hdf5": "HDF5",
+    ".hdf": "HDF5",
+    ".nxs": "NeXus",
+    ".fits": "FITS",
+    ".fit": "FITS",
+    ".fts": "FITS",
+}
 """File type of a frame by the ending of its name."""
 
 
@@ -27,11 +42,27 @@ def read_image(file: Path, *, booleans: bool = False) -> tuple[np.ndarray, Frame
         booleans: whether the image may consist of true and false, as a mask does.
     """
     pixels, header = _read_pixels(file)
+    return as_frame(pixels, file, booleans=booleans), header
+
+
+def as_frame(pixels: np.ndarray, file: Path, *, booleans: bool = False) -> np.ndarray:
+    """Return the pixels of a file as float32 (H, W). Raises InputError for other shapes, types and sizes."""
+    if pixels.ndim != 2:
+        raise InputError(
+            "frame",
+            "a monochrome picture (height, width)",
+            f"{file.name} of shape {pixels.shape}",
+            "give one channel of intensity, one frame a file",
+        )
+    if pixels.dtype == np.float16:
+        pixels = pixels.astype(np.float32)
+    if pixels.dtype.kind not in "uifb":
+        raise InputError("frame", "numbers", f"{file.name} of type {pixels.dtype}", "convert it to 16-bit integers or floats")
     if not booleans and pixels.dtype.kind == "b":
         raise InputError("frame", "numbers", f"true and false in {file.name}", "convert it to 16-bit integers or floats")
     if pixels.size and not (np.abs(np.nan_to_num(pixels, posinf=0.0, neginf=0.0)) <= MAX_PIXEL).all():
         raise InputError("frame", f"pixels up to {MAX_PIXEL:g}", f"larger ones in {file.name}", "scale the frames down")
-    return pixels.astype(np.float32), header
+    return pixels.astype(np.float32)
 
 
 def _read_pixels(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
@@ -47,27 +78,16 @@ def _read_pixels(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
             pixels = np.array(pixels)
         elif kind == ".png":
             pixels = _read_png(file)
-        elif kind in FRAME_KINDS:
+        elif kind in (".tif", ".tiff"):
             pixels = _read_tiff(file)
         else:
-            raise InputError("frame", f"one of {', '.join(FRAME_KINDS)}", file.name, "convert it")
+            raise InputError("picture", "an EXR, TIFF, PNG or NPY file", file.name, "convert it")
     except InputError:
         raise
     except Exception as error:  # every decoder raises its own exceptions
         raise InputError(
             "frame", "a picture that can be read", f"{file} ({type(error).__name__})", "write it again or leave it out"
         ) from None
-    if pixels.ndim != 2:
-        raise InputError(
-            "frame",
-            "a monochrome picture (height, width)",
-            f"{file.name} of shape {pixels.shape}",
-            "give one channel of intensity, one frame a file",
-        )
-    if pixels.dtype == np.float16:
-        pixels = pixels.astype(np.float32)
-    if pixels.dtype.kind not in "uifb":
-        raise InputError("frame", "numbers", f"{file.name} of type {pixels.dtype}", "convert it to 16-bit integers or floats")
     return pixels, None
 
 
@@ -83,30 +103,43 @@ def _read_png(file: Path) -> np.ndarray:
 
 
 def _read_tiff(file: Path) -> np.ndarray:
-    """Read a TIFF file by tifffile, or by Pillow for compressions that tifffile does not decode itself."""
+    """Read the only page of a TIFF file."""
     import tifffile
-    from PIL import Image
 
     with tifffile.TiffFile(file) as tiff:
-        page = tiff.pages.first
         if len(tiff.pages) > 1:
-            raise InputError("frame", "one frame a file", f"{len(tiff.pages)} in {file.name}", "divide the file")
-        if page.photometric not in (None, tifffile.PHOTOMETRIC.MINISBLACK) and page.samplesperpixel == 1:
-            found = f"{page.photometric.name} in {file.name}"
-            raise InputError("frame", "a TIFF file in which larger numbers are brighter (MINISBLACK)", found, "convert it")
-        if page.tags.valueof("Orientation", 1) != 1:
-            raise InputError("frame", "an upright TIFF file (orientation 1)", f"a turned one {file.name}", "convert it")
-        _check_pixels(page.imagelength * page.imagewidth, file)
+            raise InputError("frame", "one frame", f"{len(tiff.pages)} in {file.name}", "divide the file")
+        check_tiff_page(tiff.pages.first, file)
+        return decode_tiff_page(tiff.pages.first, file)
+
+
+def check_tiff_page(page: Any, file: Path) -> None:
+    """Refuse pages that are inverted, turned or too large."""
+    import tifffile
+
+    if page.photometric not in (None, tifffile.PHOTOMETRIC.MINISBLACK) and page.samplesperpixel == 1:
+        found = f"{page.photometric.name} in {file.name}"
+        raise InputError("frame", "a TIFF file in which larger numbers are brighter (MINISBLACK)", found, "convert it")
+    if page.tags.valueof("Orientation", 1) != 1:
+        raise InputError("frame", "an upright TIFF file (orientation 1)", f"a turned one {file.name}", "convert it")
+    _check_pixels(page.imagelength * page.imagewidth, file)
+
+
+def decode_tiff_page(page: Any, file: Path) -> np.ndarray:
+    """Decode a page by tifffile, or by Pillow for compressions that tifffile does not decode itself."""
+    from PIL import Image
+
+    try:
+        return page.asarray()
+    except Exception as undecoded:  # every codec raises its own exceptions
         try:
-            return page.asarray()
-        except Exception as undecoded:  # every codec raises its own exceptions
-            try:
-                with Image.open(file) as picture:
-                    return np.asarray(picture)
-            except OSError:
-                found = f"{file} ({type(undecoded).__name__}: {undecoded!s:.80})"
-                remedy = "write it again uncompressed, or install imagecodecs"
-                raise InputError("frame", "a TIFF file that tifffile or Pillow can decode", found, remedy) from None
+            with Image.open(file) as picture:
+                picture.seek(page.index)
+                return np.asarray(picture)
+        except (OSError, EOFError):
+            found = f"{file} ({type(undecoded).__name__}: {undecoded!s:.80})"
+            remedy = "write it again uncompressed, or install imagecodecs"
+            raise InputError("frame", "a TIFF file that tifffile or Pillow can decode", found, remedy) from None
 
 
 def _check_pixels(count: int, file: Path) -> None:

@@ -21,11 +21,12 @@ from invert.methods import Reconstruction
 MAX_UNVERIFIED_CONFIDENCE = 0.5
 """Maximum confidence if the light may not be speckle of the object, or if the reconstruction does not explain the estimate."""
 
-MIN_MOMENT_RATIO, MAX_MOMENT_RATIO = 0.25, 1.8
+MIN_MOMENT_RATIO, MAX_MOMENT_RATIO = 0.25, 1.3
 """Range of the third moment, in units of that of speckle. Texture lies below it; specular highlights lie above it."""
 
-PRIOR_TEXTURE = 0.05
-"""Probability, before its third moment is known, that the signal of a single frame comes from texture of the relay wall."""
+PRIOR_TEXTURE, PRIOR_WITH_WAVES = 0.05, 0.5
+"""Probability, before its third moment is known, that the signal of a single frame comes from texture of the relay wall or of the
+sensor; the second number holds if periodic waves were found."""
 
 MAX_PART_CHANCE, MAX_PART_DIFFERENCES = 1e-6, 0.25
 """Speckle does not differ between parts of a frame. Illumination that remains uneven explains differences up to the second number."""
@@ -60,7 +61,7 @@ def assess_reliability(
         likelihood: returns the likelihood of the estimate before division by the camera's transfer.
         record: origin of the estimate; None for a published one.
     """
-    doubts = [] if test is None or test.third_moment_ratio is None else _check_speckle(test, record.frames if record else 0)
+    doubts = [] if test is None or test.third_moment_ratio is None else _check_speckle(test, record)
     if found.posterior is not None:
         doubts += _check_samples(found.posterior, likelihood())
     warnings = doubts + _describe_size(found, measurement) + ([] if record is None else _describe_frames(record, measurement))
@@ -74,7 +75,7 @@ def _describe_size(found: Reconstruction, measurement: Measurement) -> list[str]
     return [f"the confidence is calibrated for {OBJECT_SIDE} lags; for {side} lags it can exceed the correlation by 0.2"]
 
 
-def _check_speckle(test: SpeckleTest, frames: int) -> list[str]:
+def _check_speckle(test: SpeckleTest, record: EstimateRecord | None) -> list[str]:
     moment, error = test.third_moment_ratio or 0.0, 2.0 * (test.error or 0.0)
     found = f"third moment {moment:.2g} +- {0.5 * error:.2g} times that of speckle"
     if moment - error > MAX_MOMENT_RATIO:
@@ -95,16 +96,17 @@ def _check_speckle(test: SpeckleTest, frames: int) -> list[str]:
         ]
     if test.unexplained > MAX_UNEXPLAINED_FRACTION:
         return [f"the reconstruction leaves {100.0 * test.unexplained:.0f} % of the estimate's signal unexplained"]
-    if frames == 1 and _texture_probability(moment, test.error or 0.0) > 0.5:
+    if record is not None and record.frames == 1 and _texture_probability(moment, test.error or 0.0, record) > 0.5:
         return [f"one frame may show texture of the relay wall instead of an object ({found}); add a frame with the spot moved"]
     return []
 
 
-def _texture_probability(moment: float, error: float) -> float:
+def _texture_probability(moment: float, error: float, record: EstimateRecord) -> float:
     """Return the probability that one frame shows texture of the wall, whose third moment is 0, and not speckle, whose moment is 1."""
+    prior = PRIOR_WITH_WAVES if record.background.spectral_lines else PRIOR_TEXTURE
     if not 0.0 < error < math.inf:
-        return PRIOR_TEXTURE if error else float(abs(moment) < 0.5)
-    lead = 0.5 * ((moment - 1.0) ** 2 - moment**2) / error**2 + math.log(PRIOR_TEXTURE / (1.0 - PRIOR_TEXTURE))
+        return prior if error else float(abs(moment) < 0.5)
+    lead = 0.5 * ((moment - 1.0) ** 2 - moment**2) / error**2 + math.log(prior / (1.0 - prior))
     return float(expit(lead))
 
 

@@ -12,7 +12,8 @@ from correlograph.files.capture import CameraMetadata
 from correlograph.files.capture_folder import check_complete
 from correlograph.files.corrections import Corrections
 from correlograph.files.output import output_folder, sole_writer
-from correlograph.files.ownership import claim
+from correlograph.files.ownership import claim, digest_of
+from correlograph.files.stacks import file_of
 from correlograph.version import version
 from invert.choices import BALANCED, UNET, Method, Quality
 from invert.measure.capture import CONTACT_SHEET, find_frames, frames_inside, printable
@@ -25,7 +26,7 @@ from invert.pipeline import Blur, reconstruct
 from invert.solvers.base import Progress, no_progress
 from radiometry.estimation.background import MeanModel
 
-REVISION = 9
+REVISION = 10
 """Number to raise whenever the same request gives another result."""
 
 RESERVED_NAMES = {"table.md", "captures.json"}
@@ -60,10 +61,11 @@ class Request:
         weights = self.weights or DEFAULT_WEIGHTS if self.method.is_network else None
         content = hashlib.sha256()
         for file in (*files, corrections.dark, corrections.flat, corrections.mask, weights, self.truth):
-            content.update(hashlib.sha256(file.read_bytes()).digest() if file else b"none")
+            content.update(bytes.fromhex(digest_of(file_of(file))) if file else b"none")
         options = replace(self, corrections=Corrections(), weights=None, truth=None, device="any")
+        datasets = [str(file).removeprefix(str(file_of(file))) for file in files]
         text = ", ".join(f"{name}={value}" for name, value in vars(options).items())
-        return hashlib.sha256(f"{version()} {REVISION} {text}".encode() + content.digest()).hexdigest()
+        return hashlib.sha256(f"{version()} {REVISION} {text} {datasets}".encode() + content.digest()).hexdigest()
 
     def reconstruct(self, files: Sequence[Path], progress: Progress = no_progress) -> Result:
         """Reconstruct one capture."""
@@ -94,7 +96,7 @@ def find_captures(inputs: Sequence[str], autocorrelation: bool) -> Captures:
     """
     paths = [Path(item) for item in inputs]
     for path in paths:
-        if not path.exists():
+        if not file_of(path).exists():
             raise InputError("inputs", "files or folders", f"no {path}", "check the path")
     folders = [path for path in paths if path.is_dir()]
     if autocorrelation:

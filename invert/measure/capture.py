@@ -18,6 +18,7 @@ from correlograph.files.capture_folder import check_complete
 from correlograph.files.exr_frames import FrameHeader
 from correlograph.files.images import FRAME_KINDS, MAX_PIXEL, read_image
 from correlograph.files.ownership import is_own
+from correlograph.files.stacks import FileFrames, file_of, open_stack
 from correlograph.lags import LAG_SIDE
 
 MIN_PIXEL = 1e-9
@@ -26,7 +27,10 @@ MIN_PIXEL = 1e-9
 RESULT_NAMES = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "plan.png", "samples.npy", "truth.npy"}
 """Names of output files of this program, which are no frames."""
 
-OTHER_PICTURES = {".jpg", ".jpeg", ".bmp", ".gif", ".webp", ".jp2", ".raw", ".dng", ".fits", ".h5", ".hdf5"}
+MAX_KEPT_BYTES = 2**30
+"""Size of the frames up to which they are kept in memory; larger captures are read again when they are needed."""
+
+OTHER_PICTURES = {".jpg", ".jpeg", ".bmp", ".gif", ".webp", ".jp2", ".raw", ".dng"}
 """Types of pictures that are not read; they are named where they lie among frames."""
 
 MAX_RECORD_BYTES = 2**22
@@ -48,8 +52,8 @@ def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
                     "frames", f"a folder with frames ({', '.join(FRAME_KINDS)})", f"none in {item}", "check the folder"
                 )
             files.extend(found)
-        elif item.is_file():
-            check_complete(item.parent)
+        elif file_of(item).is_file():
+            check_complete(file_of(item).parent)
             files.append(item)
         else:
             raise InputError("frames", "a file or folder", f"no {item}", "check the path")
@@ -97,39 +101,45 @@ def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture
     files = find_frames(inputs)
     for folder in (path for path in map(Path, inputs) if path.is_dir()):
         _name_other_pictures(folder)
-    frames: list[np.ndarray] = []
-    seen: set[bytes] = set()
-    first: FrameHeader | None = None
-    for file in files:
-        pixels, header = read_image(file)
+    frames = FileFrames([open_stack(file) for file in files], _CaptureCheck())
+    pixels, first = frames.read(0)
+    given = {name: value for name, value in vars(known).items() if value is not None}
+    if "pixel_pitch_m" in given:  # the angles of the header belong to its own pitch
+        given = {"row_pitch_m": None, "column_pitch_m": None, **given}
+    metadata = replace(CameraMetadata.of(first), **given)
+    kept = list(frames) if len(frames) * pixels.nbytes <= MAX_KEPT_BYTES else frames
+    return Capture(kept, metadata, tuple(printable(file.name) for file in files), record=_read_drawing(files[0], first))
+
+
+class _CaptureCheck:
+    """Refuses frames that differ from the first one in size or header, and copies of earlier frames."""
+
+    def __init__(self) -> None:
+        self._first: tuple[tuple[int, ...], FrameHeader | None, Path] | None = None
+        self._numbers: dict[bytes, int] = {}
+
+    def __call__(self, pixels: np.ndarray, header: FrameHeader | None, number: int, file: Path) -> None:
         check_frame(pixels, file)
-        if frames and pixels.shape != frames[0].shape:
+        shape, first, first_file = self._first = self._first or (pixels.shape, header, file)
+        if pixels.shape != shape:
             raise InputError(
                 "frames",
-                f"frames of one size ({frames[0].shape[1]} x {frames[0].shape[0]}, as {files[0].name})",
+                f"frames of one size ({shape[1]} x {shape[0]}, as {first_file.name})",
                 f"{pixels.shape[1]} x {pixels.shape[0]} in {file.name}",
                 "give frames of one camera setting",
             )
         digest = hashlib.sha256(np.ascontiguousarray(pixels)).digest()
-        if digest in seen and pixels.any():
+        if self._numbers.setdefault(digest, number) != number and pixels.any():
             raise InputError(
                 "frames", "independent frames", f"{file.name} repeats an earlier frame pixel for pixel", "leave the copy out"
             )
-        seen.add(digest)
-        if frames and _capture_of(header) != _capture_of(first):
+        if _capture_of(header) != _capture_of(first):
             raise InputError(
                 "frames",
                 "frames of one capture (same scene, exposure, wavelength, pitch and distance)",
                 f"another header in {file.name}",
                 "invert the captures one by one",
             )
-        first = header if not frames else first
-        frames.append(pixels)
-    given = {name: value for name, value in vars(known).items() if value is not None}
-    if "pixel_pitch_m" in given:  # the angles of the header belong to its own pitch
-        given = {"row_pitch_m": None, "column_pitch_m": None, **given}
-    metadata = replace(CameraMetadata.of(first), **given)
-    return Capture(frames, metadata, tuple(printable(file.name) for file in files), record=_read_drawing(files[0], first))
 
 
 def _read_drawing(file: Path, header: FrameHeader | None) -> dict[str, Any]:

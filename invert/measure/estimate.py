@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from tqdm import tqdm
 
 from correlograph.errors import InputError, check_positive
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.images import read_autocorrelation
 from correlograph.files.scene_drawing import SceneDrawing
+from correlograph.files.stacks import FileFrames
 from correlograph.lags import LAGS, LagGrid, lag_grid_of
 from correlograph.ranges import BLUR, LAG_COUNT, PATCH
 from invert.measure.capture import printable
@@ -29,6 +32,9 @@ from radiometry.transfer import gaussian_transfer, lag_transfer
 
 Patch = int | Literal["fit"] | None
 """Patch size in pixels, or the rule that chooses it; see `estimate_from_frames`."""
+
+FRAMES_FOR_CHOICE = 32
+"""Number of frames for which pitch and number of lags are chosen, of a capture that is not kept in memory."""
 
 MIN_BLUR_TRANSFER = 0.05
 """Minimum transfer of a known blur, two lags from zero."""
@@ -131,6 +137,9 @@ def check_power(lags: np.ndarray, name: str) -> None:
         )
 
 
+_Run = tuple[AutocorrelationEstimator | PublishedEstimator, np.ndarray]
+
+
 def estimate_from_frames(
     capture: Capture,
     patch: Patch,
@@ -164,19 +173,24 @@ def estimate_from_frames(
         size = int(PATCH.check("patch", patch))
     grid, reason = patch_grid(shape, size, most), "chosen by the user"
 
-    @cache  # the grid that is chosen has already been tried
-    def run_estimator(tried: PatchGrid) -> tuple[AutocorrelationEstimator | PublishedEstimator, np.ndarray]:
+    few = capture.frames[:FRAMES_FOR_CHOICE] if isinstance(capture.frames, FileFrames) else capture.frames
+
+    def run_over(frames: Iterable[np.ndarray], tried: PatchGrid) -> _Run:
         estimator = estimator_of(tried, mean_model, device)
-        for frame in capture.frames:
+        for frame in tqdm(frames, unit="frame", disable=None if frames is not few else True, leave=False):
             estimator.add(frame)
         return estimator, estimator.estimate()
+
+    @cache  # the grid that is chosen has already been tried
+    def run_estimator(tried: PatchGrid) -> _Run:
+        return run_over(few, tried)
 
     if patch == "fit":
         grid = choose_patch_grid(grid, lambda tried: read_measurement(run_estimator(tried)[1]))
     elif (patch, lags, pitch_m) == (None, None, None):
         choice = choose_lags(grid, lambda tried: read_measurement(run_estimator(tried)[1]))
         grid, reason = choice.grid, choice.reason
-    estimator, lags = run_estimator(grid)
+    estimator, lags = run_estimator(grid) if few is capture.frames else run_over(capture.frames, grid)
     estimate = Estimate(
         name=", ".join(capture.names) or f"{len(capture.frames)} frames",
         lags=lags,

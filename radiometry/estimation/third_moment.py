@@ -32,6 +32,9 @@ _BLOCKS = 8
 MIN_SIGNAL_FRACTION = 0.2
 """Minimum fraction of signal in a lag that is used."""
 
+MAX_SCATTER = 4.0
+"""Maximum variance of the power of blocks of speckle, in units of that of a Gaussian of the same spectrum."""
+
 MAX_FRAMES = 8
 """Maximum number of frames whose spectra are kept."""
 
@@ -93,7 +96,8 @@ class FilteredFrames:
 
         Speckle has the same statistics everywhere, so parts of 2 x 2 blocks differ no more than the blocks within them let
         expect (analysis of variance), and the spectrum: the power of a Gaussian J over an area A has the relative variance
-        2 sum P^2 / (sum P)^2 a / A, with P = w^2 S and a the area of a patch. The larger of the two counts.
+        2 sum P^2 / (sum P)^2 a / A, with P = w^2 S and a the area of a patch. The larger of the two counts. Blocks that differ by
+        more than `MAX_SCATTER` of the second are no speckle either: a specular highlight lies in one block.
 
         Args:
             weight: w (127, 127). lags: the estimate S (127, 127).
@@ -110,7 +114,8 @@ class FilteredFrames:
         within = float(((parts - means[..., None]) ** 2).sum()) / (len(power) * count * 3)
         spectrum = weight**2 * lags
         share = 2.0 * float((spectrum**2).sum()) / max(float(spectrum.sum()) ** 2, 1e-300)
-        within = max(within, 4.0 * share * count * math.prod(self.patch) / math.prod(self.frame))
+        expected = 4.0 * share * count * math.prod(self.patch) / math.prod(self.frame)
+        within = min(max(within, expected), MAX_SCATTER * expected)
         if within <= 0.0:
             return 0.0, 1.0
         chance = float(f_distribution.sf(between / within, len(power) * (count - 1), len(power) * count * 3))

@@ -1,0 +1,261 @@
+"""Frames of files that hold one frame or many, read one by one: any number of frames in the memory of a few.
+
+TIFF stacks (also BigTIFF, OME and ImageJ), NPY and NPZ arrays, HDF5 and NeXus datasets, FITS images, and files of one frame.
+`file.h5::/entry/data` names a dataset inside a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from copy import copy
+from importlib import import_module
+from pathlib import Path
+from typing import Any, overload
+from weakref import finalize
+
+import numpy as np
+
+from correlograph.errors import InputError
+from correlograph.files.exr_frames import FrameHeader
+from correlograph.files.images import MAX_PIXELS, as_frame, check_tiff_page, decode_tiff_page, read_image
+
+DATASET = "::"
+"""Separates the name of a file and that of a dataset inside it."""
+
+HDF5_KINDS = {".h5", ".hdf5", ".hdf", ".nxs"}
+FITS_KINDS = {".fits", ".fit", ".fts"}
+MIN_SIDE = 16
+"""Minimum rows and columns of a dataset that may hold frames, where none is named."""
+
+MAX_CHANNELS = 4
+"""Length of the last axis of an array up to which it counts as colour channels."""
+
+MAX_ARCHIVE_BYTES = 2**31
+"""Maximum size of an NPZ archive, which is read as a whole."""
+
+Frame = tuple[np.ndarray, FrameHeader | None]
+
+
+def file_of(path: Path) -> Path:
+    """Return the file of a name that may end in `::dataset`."""
+    return Path(str(path).split(DATASET, 1)[0])
+
+
+class Stack:
+    """Frames of one file.
+
+    Attributes:
+        path: the file, and the dataset in it if one was named.
+        count: number of frames.
+    """
+
+    def __init__(self, path: Path, count: int, read: Callable[[int], Frame], close: Callable[[], object] | None = None) -> None:
+        """Raise InputError for no frames; `close` is called when the stack is no longer used."""
+        if count == 0:
+            raise InputError("frame", "a file that holds frames", f"none in {path.name}", "leave the file out")
+        self.path, self.count, self._read = path, count, read
+        if close is not None:
+            finalize(self, close)
+
+    def read(self, number: int) -> Frame:
+        """Return a frame, float32 (H, W), with its header if the simulator wrote it. Raises InputError if it is damaged."""
+        return self._read(number)
+
+
+def open_stack(path: Path) -> Stack:
+    """Open a file of frames. Raises InputError for files that hold none, and for formats whose package is missing."""
+    file, _, dataset = str(path).partition(DATASET)
+    kind, source = Path(file).suffix.lower(), Path(file)
+    if dataset and kind not in HDF5_KINDS:
+        raise InputError("frame", "an HDF5 file before '::'", source.name, "name the file only")
+    try:
+        if kind in (".tif", ".tiff"):
+            return _open_tiff(source)
+        if kind in (".npy", ".npz"):
+            return _open_numpy(source)
+        if kind in HDF5_KINDS:
+            return _open_hdf5(path, source, dataset)
+        if kind in FITS_KINDS:
+            return _open_fits(source)
+    except InputError:
+        raise
+    except Exception as error:  # every decoder raises its own exceptions
+        raise _unreadable(source, error) from None
+    return Stack(path, 1, lambda _: read_image(source))
+
+
+def _open_tiff(file: Path) -> Stack:
+    import tifffile
+
+    tiff = tifffile.TiffFile(file)
+    series = tiff.series[0] if tiff.series else None
+    pages = len(tiff.pages)
+    if series is not None and pages == 1 and len(series.shape) > 2 and tiff.pages.first.samplesperpixel == 1:
+        check_tiff_page(tiff.pages.first, file)
+        tiff.close()
+        return _stack_of_array(file, tifffile.memmap(file, mode="r"))  # ImageJ describes all frames by one page
+    if pages == 1:
+        tiff.close()
+        return Stack(file, 1, lambda _: read_image(file))
+
+    def read(number: int) -> Frame:
+        page = tiff.pages[number]
+        check_tiff_page(page.keyframe, file)
+        return as_frame(decode_tiff_page(page, file), Path(f"page {number} of {file.name}")), None
+
+    return Stack(file, pages, read, tiff.close)
+
+
+def _open_numpy(file: Path) -> Stack:
+    if file.suffix.lower() == ".npz":
+        if file.stat().st_size > MAX_ARCHIVE_BYTES:
+            raise InputError("frame", f"an archive up to {MAX_ARCHIVE_BYTES:.2g} bytes", file.name, "save the frames as .npy")
+        with np.load(file, allow_pickle=False) as archive:
+            names = list(archive)
+            if len(names) != 1:
+                raise InputError("frame", "an archive of one array", f"{len(names)} in {file.name}", "save the frames as .npy")
+            return _stack_of_array(file, archive[names[0]])
+    array = np.load(file, allow_pickle=False, mmap_mode="r")
+    if not isinstance(array, np.ndarray):
+        raise InputError("frame", "one array", f"an archive of several in {file.name}", "save it as .npy")
+    return _stack_of_array(file, array)
+
+
+def _open_hdf5(path: Path, file: Path, dataset: str) -> Stack:
+    h5py = _require("h5py", file)
+    opened = h5py.File(file, "r")
+    if dataset:
+        found = opened.get(dataset)
+        if not isinstance(found, h5py.Dataset):
+            raise InputError("frame", f"a dataset {dataset}", f"none in {file.name}", f"name one of {_image_datasets(opened)}")
+        return _stack_of_array(path, found, opened.close)
+    names = _image_datasets(opened)
+    if len(names) != 1:
+        found = f"{len(names)} in {file.name}"
+        named = f", such as {file.name}{DATASET}/{names[0]}" if names else ""
+        raise InputError("frame", "one dataset of frames", found, f"name the dataset{named}")
+    return _stack_of_array(path, opened[names[0]], opened.close)
+
+
+def _image_datasets(opened: Any) -> list[str]:
+    """Return the names of the datasets of an HDF5 file that may hold frames."""
+    names: list[str] = []
+
+    def visit(name: str, item: Any) -> None:
+        shape = getattr(item, "shape", None)
+        if shape is not None and len(shape) in (2, 3) and min(shape[-2:]) >= MIN_SIDE and item.dtype.kind in "uif":
+            names.append(name)
+
+    opened.visititems(visit)
+    return names
+
+
+def _open_fits(file: Path) -> Stack:
+    fits = _require("astropy.io.fits", file)
+    opened = fits.open(file)
+    images = [unit for unit in opened if unit.is_image and len(unit.shape) > 1]
+    if len(images) != 1:
+        opened.close()
+        raise InputError("frame", "one image or cube", f"{len(images)} in {file.name}", "save one in a file of its own")
+    return _stack_of_array(file, _FitsImage(images[0]), opened.close)
+
+
+class _FitsImage:
+    """A FITS image of which parts can be read, with its scale and offset applied."""
+
+    def __init__(self, unit: Any) -> None:
+        self._unit, self.shape = unit, unit.shape
+
+    def __getitem__(self, place: tuple[int, ...]) -> np.ndarray:
+        return self._unit.section[(*place, slice(None), slice(None))]
+
+
+def _stack_of_array(path: Path, array: Any, close: Callable[[], object] | None = None) -> Stack:
+    """Return the frames of an array (H, W) or (frames, H, W), which may lie in a file; other axes of length 1 are dropped."""
+    shape = array.shape
+    has_channels = len(shape) > 2 and shape[-1] <= MAX_CHANNELS
+    if len(shape) < 2 or has_channels or int(np.prod(shape[:-2])) != max(shape[:-2], default=1) or 0 in shape:
+        found = f"shape {tuple(shape)} in {path.name}"
+        raise InputError("frame", "monochrome frames (height, width) or (frames, height, width)", found, "give one channel")
+    if shape[-1] * shape[-2] > MAX_PIXELS:
+        raise InputError("frame", f"at most {MAX_PIXELS:.3g} pixels", f"{shape[-1] * shape[-2]:.3g} in {path.name}", "crop it")
+    count = int(np.prod(shape[:-2]))
+    axis = int(np.argmax(shape[:-2])) if count > 1 else 0
+
+    def read(number: int) -> Frame:
+        place = tuple(number if one == axis else 0 for one in range(len(shape) - 2))
+        try:
+            pixels = np.array(array[place])
+        except OSError as error:
+            raise _unreadable(path, error) from None
+        return as_frame(pixels, path), None
+
+    return Stack(path, count, read, close)
+
+
+def _require(package: str, file: Path) -> Any:
+    try:
+        return import_module(package)
+    except ImportError:
+        name = package.split(".")[0]
+        found = f"no package {name}, which reads {file.name}"
+        raise InputError("frame", "a file that can be read", found, f"pip install {name}, or correlograph[files]") from None
+
+
+def _unreadable(file: Path, error: Exception) -> InputError:
+    return InputError("frame", "a file that can be read", f"{file} ({type(error).__name__})", "write it again or leave it out")
+
+
+class FileFrames(Sequence[np.ndarray]):
+    """Frames of several files in order, read when they are needed; iteration reads one ahead.
+
+    Args:
+        check: called with each frame, its header, its number, and its file.
+        change: correction of each frame; its result counts.
+    """
+
+    def __init__(
+        self,
+        stacks: Sequence[Stack],
+        check: Callable[[np.ndarray, FrameHeader | None, int, Path], None],
+        change: Callable[[np.ndarray], np.ndarray] | None = None,
+    ) -> None:
+        self._check, self._change = check, change
+        self._places = [(stack, number) for stack in stacks for number in range(stack.count)]
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    @overload
+    def __getitem__(self, number: int) -> np.ndarray: ...
+    @overload
+    def __getitem__(self, number: slice) -> FileFrames: ...
+    def __getitem__(self, number: int | slice) -> np.ndarray | FileFrames:
+        if isinstance(number, slice):
+            part = copy(self)
+            part._places = self._places[number]
+            return part
+        return self.read(range(len(self))[number])[0]
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        with ThreadPoolExecutor(1) as reader:
+            following = reader.submit(self.read, 0)
+            for number in range(1, len(self) + 1):
+                frame, _ = following.result()
+                if number < len(self):
+                    following = reader.submit(self.read, number)
+                yield frame
+
+    def read(self, number: int) -> Frame:
+        """Return a frame after checks and correction, and its header."""
+        stack, place = self._places[number]
+        pixels, header = stack.read(place)
+        self._check(pixels, header, number, stack.path)
+        return (pixels if self._change is None else self._change(pixels)), header
+
+    def changed(self, change: Callable[[np.ndarray], np.ndarray]) -> FileFrames:
+        """Return the frames with a correction, which is applied when they are read."""
+        changed = copy(self)
+        changed._change = change
+        return changed
