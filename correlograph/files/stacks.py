@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from copy import copy
 from importlib import import_module
 from pathlib import Path
@@ -50,13 +51,11 @@ class Stack:
         count: number of frames.
     """
 
-    def __init__(self, path: Path, count: int, read: Callable[[int], Frame], close: Callable[[], object] | None = None) -> None:
-        """Raise InputError for no frames; `close` is called when the stack is no longer used."""
+    def __init__(self, path: Path, count: int, read: Callable[[int], Frame]) -> None:
+        """Raise InputError for no frames."""
         if count == 0:
             raise InputError("frame", "a file that holds frames", f"none in {path.name}", "leave the file out")
         self.path, self.count, self._read = path, count, read
-        if close is not None:
-            finalize(self, close)
 
     def read(self, number: int) -> Frame:
         """Return a frame, float32 (H, W), with its header if the simulator wrote it. Raises InputError if it is damaged."""
@@ -69,34 +68,38 @@ def open_stack(path: Path) -> Stack:
     kind, source = Path(file).suffix.lower(), Path(file)
     if dataset and kind not in HDF5_KINDS:
         raise InputError("frame", "an HDF5 file before '::'", source.name, "name the file only")
-    try:
-        if kind in (".tif", ".tiff"):
-            return _open_tiff(source)
-        if kind in (".npy", ".npz"):
-            return _open_numpy(source)
-        if kind in HDF5_KINDS:
-            return _open_hdf5(path, source, dataset)
-        if kind in FITS_KINDS:
-            return _open_fits(source)
-    except InputError:
-        raise
-    except Exception as error:  # every decoder raises its own exceptions
-        raise _unreadable(source, error) from None
-    return Stack(path, 1, lambda _: read_image(source))
+    with ExitStack() as files:  # closes them on an error, otherwise when the stack is no longer used
+        try:
+            if kind in (".tif", ".tiff"):
+                stack = _open_tiff(source, files)
+            elif kind in (".npy", ".npz"):
+                stack = _open_numpy(source)
+            elif kind in HDF5_KINDS:
+                stack = _open_hdf5(path, source, dataset, files)
+            elif kind in FITS_KINDS:
+                stack = _open_fits(source, files)
+            else:
+                stack = Stack(path, 1, lambda _: read_image(source))
+        except InputError:
+            raise
+        except Exception as error:  # every decoder raises its own exceptions
+            raise _unreadable(source, error) from None
+        finalize(stack, files.pop_all().close)
+        return stack
 
 
-def _open_tiff(file: Path) -> Stack:
+def _open_tiff(file: Path, files: ExitStack) -> Stack:
     import tifffile
 
-    tiff = tifffile.TiffFile(file)
+    tiff = files.enter_context(tifffile.TiffFile(file))
     series = tiff.series[0] if tiff.series else None
     pages = len(tiff.pages)
     if series is not None and pages == 1 and len(series.shape) > 2 and tiff.pages.first.samplesperpixel == 1:
         check_tiff_page(tiff.pages.first, file)
-        tiff.close()
+        files.close()
         return _stack_of_array(file, tifffile.memmap(file, mode="r"))  # ImageJ describes all frames by one page
     if pages == 1:
-        tiff.close()
+        files.close()
         return Stack(file, 1, lambda _: read_image(file))
 
     def read(number: int) -> Frame:
@@ -104,14 +107,14 @@ def _open_tiff(file: Path) -> Stack:
         check_tiff_page(page.keyframe, file)
         return as_frame(decode_tiff_page(page, file), Path(f"page {number} of {file.name}")), None
 
-    return Stack(file, pages, read, tiff.close)
+    return Stack(file, pages, read)
 
 
 def _open_numpy(file: Path) -> Stack:
     if file.suffix.lower() == ".npz":
         if file.stat().st_size > MAX_ARCHIVE_BYTES:
             raise InputError("frame", f"an archive up to {MAX_ARCHIVE_BYTES:.2g} bytes", file.name, "save the frames as .npy")
-        with np.load(file, allow_pickle=False) as archive:
+        with file.open("rb") as opened, np.load(opened, allow_pickle=False) as archive:
             names = list(archive)
             if len(names) != 1:
                 raise InputError("frame", "an archive of one array", f"{len(names)} in {file.name}", "save the frames as .npy")
@@ -122,20 +125,20 @@ def _open_numpy(file: Path) -> Stack:
     return _stack_of_array(file, array)
 
 
-def _open_hdf5(path: Path, file: Path, dataset: str) -> Stack:
+def _open_hdf5(path: Path, file: Path, dataset: str, files: ExitStack) -> Stack:
     h5py = _require("h5py", file)
-    opened = h5py.File(file, "r")
+    opened = files.enter_context(h5py.File(file, "r"))
     if dataset:
         found = opened.get(dataset)
         if not isinstance(found, h5py.Dataset):
             raise InputError("frame", f"a dataset {dataset}", f"none in {file.name}", f"name one of {_image_datasets(opened)}")
-        return _stack_of_array(path, found, opened.close)
+        return _stack_of_array(path, found)
     names = _image_datasets(opened)
     if len(names) != 1:
         found = f"{len(names)} in {file.name}"
         named = f", such as {file.name}{DATASET}/{names[0]}" if names else ""
         raise InputError("frame", "one dataset of frames", found, f"name the dataset{named}")
-    return _stack_of_array(path, opened[names[0]], opened.close)
+    return _stack_of_array(path, opened[names[0]])
 
 
 def _image_datasets(opened: Any) -> list[str]:
@@ -151,14 +154,13 @@ def _image_datasets(opened: Any) -> list[str]:
     return names
 
 
-def _open_fits(file: Path) -> Stack:
+def _open_fits(file: Path, files: ExitStack) -> Stack:
     fits = _require("astropy.io.fits", file)
-    opened = fits.open(file)
+    opened = files.enter_context(fits.open(file))
     images = [unit for unit in opened if unit.is_image and len(unit.shape) > 1]
     if len(images) != 1:
-        opened.close()
         raise InputError("frame", "one image or cube", f"{len(images)} in {file.name}", "save one in a file of its own")
-    return _stack_of_array(file, _FitsImage(images[0]), opened.close)
+    return _stack_of_array(file, _FitsImage(images[0]))
 
 
 class _FitsImage:
@@ -171,7 +173,7 @@ class _FitsImage:
         return self._unit.section[(*place, slice(None), slice(None))]
 
 
-def _stack_of_array(path: Path, array: Any, close: Callable[[], object] | None = None) -> Stack:
+def _stack_of_array(path: Path, array: Any) -> Stack:
     """Return the frames of an array (H, W) or (frames, H, W), which may lie in a file; other axes of length 1 are dropped."""
     shape = array.shape
     has_channels = len(shape) > 2 and shape[-1] <= MAX_CHANNELS
@@ -180,18 +182,22 @@ def _stack_of_array(path: Path, array: Any, close: Callable[[], object] | None =
         raise InputError("frame", "monochrome frames (height, width) or (frames, height, width)", found, "give one channel")
     if shape[-1] * shape[-2] > MAX_PIXELS:
         raise InputError("frame", f"at most {MAX_PIXELS:.3g} pixels", f"{shape[-1] * shape[-2]:.3g} in {path.name}", "crop it")
-    count = int(np.prod(shape[:-2]))
+    count, is_plain = int(np.prod(shape[:-2])), isinstance(array, np.memmap) and array.flags.c_contiguous
     axis = int(np.argmax(shape[:-2])) if count > 1 else 0
 
     def read(number: int) -> Frame:
-        place = tuple(number if one == axis else 0 for one in range(len(shape) - 2))
         try:
-            pixels = np.array(array[place])
-        except OSError as error:
+            if is_plain:  # pages of a memory map that were read would count as memory of the process
+                size = shape[-2] * shape[-1]
+                start = array.offset + number * size * array.itemsize
+                pixels = np.fromfile(array.filename, array.dtype, size, offset=start).reshape(shape[-2:])
+            else:
+                pixels = np.array(array[tuple(number if one == axis else 0 for one in range(len(shape) - 2))])
+        except (OSError, ValueError) as error:
             raise _unreadable(path, error) from None
         return as_frame(pixels, path), None
 
-    return Stack(path, count, read, close)
+    return Stack(path, count, read)
 
 
 def _require(package: str, file: Path) -> Any:

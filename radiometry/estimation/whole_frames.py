@@ -67,7 +67,7 @@ class AutocorrelationEstimator:
         self.background = BackgroundRecord(mean)
         """Background and sensor faults; complete after estimate()."""
         self._patch = grid.patch_shape
-        self._padded = (
+        self.padded = (
             next_fast_len(grid.frame_shape[0] + self._patch[0] - 1),
             next_fast_len(grid.frame_shape[1] + self._patch[1] - 1, real=True),
         )
@@ -98,13 +98,13 @@ class AutocorrelationEstimator:
         self._levels.append(level)
         spectrum, power = self._spectrum(image)
         if self.mean == "auto" and self.grid.count >= MIN_PATCHES:
-            per_lag = self._padded[0] / self._patch[0], self._padded[1] / self._patch[1]
+            per_lag = self.padded[0] / self._patch[0], self.padded[1] / self._patch[1]
             if lines := find_lines(power, per_lag, self.grid.lags):
-                spectrum, power = self._spectrum(subtract_waves(image, lines, self._padded))
+                spectrum, power = self._spectrum(subtract_waves(image, lines, self.padded))
                 lower_lines(spectrum, power, lines)
                 self._lines += len(lines)
         if len(self._narrow) < MAX_FRAMES:
-            self._narrow.append(narrow(spectrum, self._padded, self._patch, self.grid.lags))
+            self._narrow.append(narrow(spectrum, self.padded, self._patch, self.grid.lags))
         if self.frames == 0:
             self._first = self._sum = spectrum
             self._power = power
@@ -115,7 +115,7 @@ class AutocorrelationEstimator:
 
     def _spectrum(self, image: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the spectrum (rows, columns // 2 + 1) of a padded frame, and its power."""
-        spectrum = torch.fft.rfft2(image, s=self._padded)
+        spectrum = torch.fft.rfft2(image, s=self.padded)
         return spectrum, spectrum.real.square().add_(spectrum.imag.square())
 
     def filtered_frames(self) -> FilteredFrames:
@@ -123,7 +123,7 @@ class AutocorrelationEstimator:
         level = float(np.mean(self._levels))
         noise = combine(self._noise)
         return FilteredFrames(
-            tuple(self._narrow), self._padded, self.grid.frame_shape, self._patch, level, noise, self.grid.lags
+            tuple(self._narrow), self.padded, self.grid.frame_shape, self._patch, level, noise, self.grid.lags
         )
 
     @property
@@ -195,10 +195,10 @@ class AutocorrelationEstimator:
         dof = 2.0 * degrees_of_freedom(1, self.grid.frame_shape, self._patch)
         if not shared_lags(self._at_lags(cross), self._first_lags, dof).any():
             return spectrum
-        shift = shift_between(self._first, spectrum, self._padded)
+        shift = shift_between(self._first, spectrum, self.padded)
         largest = max(shift, self.background.shift_pixels or (0.0, 0.0), key=lambda pixels: math.hypot(*pixels))
         self._record(shift_pixels=largest)
-        rows, columns = torch.fft.fftfreq(self._padded[0]), torch.fft.rfftfreq(self._padded[1])
+        rows, columns = torch.fft.fftfreq(self.padded[0]), torch.fft.rfftfreq(self.padded[1])
         turn = 2.0 * math.pi * (rows[:, None] * shift[0] + columns[None] * shift[1]).to(self.device)
         return spectrum * torch.polar(torch.ones_like(turn), turn)
 
@@ -212,7 +212,7 @@ class AutocorrelationEstimator:
     def _at_lags(self, power: torch.Tensor) -> np.ndarray:
         """Return the lags (127, 127) of the power spectrum of padded frames (rows, columns // 2 + 1), weighted by the
         patch window."""
-        (height, width), (rows, columns) = self.grid.frame_shape, self._padded
+        (height, width), (rows, columns) = self.grid.frame_shape, self.padded
         down = spectral_window(height, self._patch[0], rows, self.grid.lags)
         right = spectral_window(width, self._patch[1], columns, self.grid.lags)[:, : columns // 2 + 1].copy()
         right[:, 0] *= 0.5  # column zero holds both halves of the plane
