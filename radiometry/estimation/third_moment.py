@@ -112,7 +112,7 @@ class FilteredFrames:
         count = math.prod(means.shape[1:])
         between = 4.0 * float(((means - 1.0) ** 2).sum()) / (len(power) * (count - 1))
         within = float(((parts - means[..., None]) ** 2).sum()) / (len(power) * count * 3)
-        spectrum = weight**2 * lags
+        spectrum = weight**2 * lags.astype(np.float64)
         share = 2.0 * float((spectrum**2).sum()) / max(float(spectrum.sum()) ** 2, 1e-300)
         expected = 4.0 * share * count * math.prod(self.patch) / math.prod(self.frame)
         within = min(max(within, expected), MAX_SCATTER * expected)
