@@ -88,5 +88,5 @@ def check_mean_model(mean_model: str) -> MeanModel:
 
 def _entry(name: str, found: object, entries: Mapping[str, T]) -> T:
     if not isinstance(found, str) or found not in entries:
-        raise InputError(name, f"one of {', '.join(entries)}", f"{found!r}", f"select a {name} from this list")
+        raise InputError(name, f"one of {', '.join(entries)}", f"{found!r}", "select one of these")
     return entries[found]

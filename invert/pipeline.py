@@ -79,15 +79,11 @@ def reconstruct(
     """
     method, quality, mean_model = method_named(method), quality_named(quality), check_mean_model(mean_model)
     check_device(device)
-    _check_types(camera, corrections)
+    _check_types(source, camera, corrections, progress)
     _check_numbers(patch, blur_pixels)
     seed = SEED.check("seed", seed)
     file = _check_weights(weights, method)
     begin = time.perf_counter()
-    if isinstance(source, Capture) and camera is not None:
-        raise InputError("camera", "no camera together with a capture, which has its own", "both", "create another Capture")
-    if not callable(progress):
-        raise InputError("progress", "a function of a number of steps", f"{progress!r:.60}", "provide a function or omit it")
     capture = read_source(source, camera or CameraMetadata(), autocorrelation)
     if isinstance(capture, Capture):
         capture = (corrections or Corrections()).apply(capture)
@@ -182,7 +178,11 @@ def _has_published_shape(path: Path) -> bool:
     return stack.count == 1 and stack.read(0)[0].shape in ((LAG_SIDE, LAG_SIDE), (LAG_SIDE, 2 * LAG_SIDE))
 
 
-def _check_types(camera: object, corrections: object) -> None:
+def _check_types(source: object, camera: object, corrections: object, progress: object) -> None:
+    if not callable(progress):
+        raise InputError("progress", "a function of a number of steps", f"{progress!r:.60}", "provide a function or omit it")
+    if isinstance(source, Capture) and camera is not None:
+        raise InputError("camera", "no camera together with a capture, which has its own", "both", "create another Capture")
     for name, value, kind in (("camera", camera, CameraMetadata), ("corrections", corrections, Corrections)):
         if value is not None and not isinstance(value, kind):
             raise InputError(name, f"a {kind.__name__}", f"{value!r:.60}", f"create one with correlograph.{kind.__name__}")

@@ -50,9 +50,7 @@ class Settings:
             ("precision", self.precision, (None, *PRECISIONS)),
         ):
             if not (value is None or isinstance(value, str)) or value not in names:
-                raise InputError(
-                    name, f"one of {', '.join(map(str, names))}", f"{value!r:.40}", f"select a {name} from this list"
-                )
+                raise InputError(name, f"one of {', '.join(map(str, names))}", f"{value!r:.40}", "select one of these")
         SI.check("tolerance", self.tolerance)
         is_pairs = isinstance(self.effects, tuple) and all(isinstance(pair, tuple) and len(pair) == 2 for pair in self.effects)
         if not is_pairs or any(name not in FORCEABLE or not isinstance(on, bool) for name, on in self.effects):

@@ -70,9 +70,6 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
     hidden_object = HiddenObject(transport, centre, lag_axes(right, down, line))
     to_source, to_detector = hidden_object.centre - spot_point, detector_centre - hidden_object.centre
     to_pupil = camera.pupil_centre - detector_centre
-    screen = source.bsdf()
-    if not isinstance(screen, PhaseScreen):
-        raise InputError("virtual_source", "a phase_screen BSDF", type(screen).__name__, "wrap its BSDF in a phase_screen")
     path = _light_path(
         laser,
         camera,
@@ -85,20 +82,8 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
         abs(float(np.linalg.norm(np.cross(right, down)))),
         height * width,
     )
-    flat = closed_form(path).per_pixel
-    if flat > 0.0 and hidden_object.throughput > 0.0:
-        path = replace(path, beyond_flat=hidden_object.throughput / flat)
     return Geometry(
-        spot=Spot(
-            spot_point,
-            laser.spot_diameter_m,
-            screen.height_rms_m,
-            screen.correlation_length_m,
-            laser.scan_step_m,
-            laser.scan_speed_m_s,
-            laser.direction,
-            source_normal,
-        ),
+        spot=_spot(laser, source, spot_point, source_normal),
         hidden_object=hidden_object,
         detector_centre=detector_centre,
         pupil_centre=camera.pupil_centre,
@@ -154,6 +139,23 @@ def _find_parts(
     return source, detector, hidden_shapes, laser, camera
 
 
+def _spot(laser: Laser, source: mi.Shape, point: np.ndarray, normal: np.ndarray) -> Spot:
+    """Return the laser spot on the virtual source. Raises InputError for a wall without a phase screen."""
+    screen = source.bsdf()
+    if not isinstance(screen, PhaseScreen):
+        raise InputError("virtual_source", "a phase_screen BSDF", type(screen).__name__, "wrap its BSDF in a phase_screen")
+    return Spot(
+        point,
+        laser.spot_diameter_m,
+        screen.height_rms_m,
+        screen.correlation_length_m,
+        laser.scan_step_m,
+        laser.scan_speed_m_s,
+        laser.direction,
+        normal,
+    )
+
+
 def _light_path(
     laser: Laser,
     camera: SpeckleCamera,
@@ -176,7 +178,7 @@ def _light_path(
     """
     (source_normal, source_albedo), (detector_normal, wall_albedo) = source, detector
     cosines = hidden_object.mean_cosines()
-    return LightPath(
+    path = LightPath(
         wavelength_m=laser.wavelength_m,
         power_w=laser.power_w,
         source_albedo=min(source_albedo, 1.0),
@@ -197,6 +199,10 @@ def _light_path(
         pixel_area_m2=camera.pixel_pitch_m**2 * stretch,
         pixels=pixels,
     )
+    flat = closed_form(path).per_pixel
+    if flat > 0.0 and hidden_object.throughput > 0.0:
+        path = replace(path, beyond_flat=hidden_object.throughput / flat)
+    return path
 
 
 def _is_depolarising(shape: mi.Shape) -> bool:

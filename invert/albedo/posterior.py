@@ -108,7 +108,7 @@ class Samples:
         """
         probability = CONFIDENCE.check("probability", probability)
         if not isinstance(size, str) or size not in SIZES:
-            raise InputError("size", f"one of {', '.join(SIZES)}", f"{size!r:.40}", "select a size from this list")
+            raise InputError("size", f"one of {', '.join(SIZES)}", f"{size!r:.40}", "select one of these")
         tails = 0.5 * (1.0 - probability), 0.5 * (1.0 + probability)
         quantiles = (self.errors or {}).get(size)
         if quantiles is None:
@@ -146,7 +146,7 @@ def measure_size(albedo: np.ndarray, size: str) -> float:
         InputError: a size that is not in `SIZES`.
     """
     if size not in SIZES:
-        raise InputError("size", f"one of {', '.join(SIZES)}", size, "select a size from this list")
+        raise InputError("size", f"one of {', '.join(SIZES)}", size, "select one of these")
     is_bright = albedo > BRIGHT_THRESHOLD * albedo.max()
     if size == "area":
         return float(is_bright.sum())

@@ -16,7 +16,7 @@ from scenes import scene_path
 from sim.frame import Simulation
 from sim.scene_file import load_scene
 from sim.scene_reader import read_geometry
-from tests.invert.steps import RIGHT
+from tests.invert.posterior.steps import RIGHT
 
 RING = lag_grid(LAGS).ring
 

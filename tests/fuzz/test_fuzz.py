@@ -26,6 +26,7 @@ from invert.network.checkpoints import DEFAULT_WEIGHTS, load_network
 from invert.training.train import main as train
 from scenes import scene_path
 from sim.__main__ import main as sim
+from tests.light import speckle
 
 EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "0"))
 SCENES = ("corner_letter", "two_depths", "strong_ambient")
@@ -137,10 +138,8 @@ def _is_number(text: str | None) -> bool:
 
 
 def speckle_of_a_bar(shape: tuple[int, int, int], rng: np.random.Generator) -> np.ndarray:
-    field = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
-    field[:, shape[1] // 5 :], field[:, :, shape[2] // 20 :] = 0.0, 0.0
-    light = np.abs(np.fft.fft2(field)) ** 2
-    return rng.poisson(3.0 * light / light.mean()).astype(np.float64)
+    bar = np.ones((shape[1] // 5, shape[2] // 20))
+    return np.stack([rng.poisson(3.0 * speckle(bar, shape[1:], rng)) for _ in range(shape[0])]).astype(np.float64)
 
 
 def frames_of(kind: str, shape: tuple[int, int, int], scale: float, seed: int) -> np.ndarray:

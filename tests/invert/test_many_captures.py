@@ -9,15 +9,14 @@ from PIL import Image
 from correlograph.errors import InputError
 from invert.__main__ import main
 from invert.batch.captures import find_captures
+from tests.light import speckle
 
 
-def speckle(seed: int) -> np.ndarray:
-    """Frame (384, 320) of a bright L on a wall: |FFT of a random field|^2."""
-    rng = np.random.default_rng(seed)
-    field = np.zeros((384, 320), np.complex128)
-    for rows, columns in ((slice(100, 180), slice(100, 112)), (slice(168, 180), slice(112, 150))):
-        field[rows, columns] = rng.standard_normal((*field[rows, columns].shape, 2)) @ (1.0, 1.0j)
-    return (np.abs(np.fft.fft2(field)) ** 2).astype(np.float32)
+def frame_of_an_l(seed: int) -> np.ndarray:
+    """Frame (384, 320) of a bright L on a wall."""
+    amplitude = np.zeros((80, 50))
+    amplitude[:, :12], amplitude[68:] = 1.0, 1.0
+    return speckle(amplitude, (384, 320), np.random.default_rng(seed)).astype(np.float32)
 
 
 @pytest.fixture
@@ -26,7 +25,7 @@ def captures(tmp_path):
     for number, name in enumerate(("day 1", "day 2")):
         (folder / name).mkdir(parents=True)
         for frame in range(2):
-            np.save(folder / name / f"{frame}.npy", speckle(2 * number + frame))
+            np.save(folder / name / f"{frame}.npy", frame_of_an_l(2 * number + frame))
     return folder
 
 
@@ -56,7 +55,7 @@ def test_any_number_of_workers_and_a_second_run(captures, tmp_path):
     times = [file.stat().st_mtime_ns for file in files]
     main([str(captures), "-o", str(tmp_path / "1"), "--method", "er", "--quality", "fast"])
     assert [file.stat().st_mtime_ns for file in files] == times
-    np.save(captures / "day 2" / "0.npy", speckle(7))
+    np.save(captures / "day 2" / "0.npy", frame_of_an_l(7))
     main([str(captures), "-o", str(tmp_path / "1"), "--method", "er", "--quality", "fast"])
     again = results(tmp_path / "1")
     assert again["day 1"] == one["day 1"]
@@ -92,11 +91,11 @@ def test_capture_discovery(captures, tmp_path):
     assert list(find_captures([str(captures / "day 2")], False)) == [""]
     assert list(find_captures([str(captures / "day 1"), str(captures / "day 2")], False)) == ["day 1", "day 2"]
     (tmp_path / "more" / "day 3").mkdir(parents=True)
-    np.save(tmp_path / "more" / "day 3" / "0.npy", speckle(9))
+    np.save(tmp_path / "more" / "day 3" / "0.npy", frame_of_an_l(9))
     assert list(find_captures([str(tmp_path / "more")], False)) == ["day 3"]
     assert list(find_captures([str(captures), str(tmp_path / "more")], False)) == ["day 1", "day 2", "day 3"]
     (captures / ".correlograph-partial-7").mkdir()  # what a killed run leaves
-    np.save(captures / ".correlograph-partial-7" / "0.npy", speckle(9))
+    np.save(captures / ".correlograph-partial-7" / "0.npy", frame_of_an_l(9))
     assert list(find_captures([str(captures)], False)) == ["day 1", "day 2"]
     files = [str(file) for file in sorted((captures / "day 1").iterdir())]
     assert [len(paths) for paths in find_captures(files, False).values()] == [2]
@@ -109,6 +108,6 @@ def test_capture_discovery(captures, tmp_path):
     ):
         with pytest.raises(InputError, match=words):
             find_captures(inputs, autocorrelation)
-    np.save(captures / "dark.npy", speckle(8))
+    np.save(captures / "dark.npy", frame_of_an_l(8))
     with pytest.raises(InputError, match="both in"):
         find_captures([str(captures)], False)

@@ -11,7 +11,7 @@ from radiometry.estimation.illumination import flatten_illumination, is_uneven
 from radiometry.estimation.pixel_faults import repair
 from radiometry.estimation.spectral_lines import find_lines, subtract_waves
 from radiometry.estimation.whole_frames import AutocorrelationEstimator, estimate_autocorrelation
-from tests.light import wall_texture
+from tests.light import speckle, wall_texture
 
 RING = lag_grid(LAGS).ring
 
@@ -19,26 +19,24 @@ PATCH = 131
 SHAPE = (5 * PATCH, 6 * PATCH)
 
 
-def speckle(rng: np.random.Generator, shape: tuple[int, int] = SHAPE, photons: float = 3.0) -> np.ndarray:
+def frame_of_a_bar(rng: np.random.Generator, shape: tuple[int, int] = SHAPE, photons: float = 3.0) -> np.ndarray:
     """Counted speckle of a rectangle of 9 x 21 lags, cropped from a wider period."""
     rows, columns = shape[0] + 100, shape[1] + 100
-    field = rng.standard_normal((rows, columns)) + 1j * rng.standard_normal((rows, columns))
     lag_rows, lag_columns = np.fft.fftfreq(rows) * PATCH, np.fft.fftfreq(columns) * PATCH
-    field *= (np.abs(lag_rows)[:, None] < 4.5) & (np.abs(lag_columns) < 10.5)
-    light = np.abs(np.fft.fft2(field)[: shape[0], : shape[1]]) ** 2
-    return rng.poisson(photons * light / light.mean()).astype(np.float32)
+    bar = 1.0 * ((np.abs(lag_rows)[:, None] < 4.5) & (np.abs(lag_columns) < 10.5))
+    return rng.poisson(photons * speckle(bar, bar.shape, rng)[: shape[0], : shape[1]]).astype(np.float32)
 
 
 @pytest.mark.parametrize("photons", [0.01, 0.3, 30.0])
 def test_whole_pixels_are_left_alone(rng, photons):
-    frame = torch.from_numpy(speckle(rng, photons=photons))
+    frame = torch.from_numpy(frame_of_a_bar(rng, photons=photons))
     repaired, faults = repair(frame)
     assert (faults.hot_pixels, faults.lines) == (0, 0)
     assert torch.equal(repaired, frame)
 
 
 def test_hot_pixels_are_found_and_replaced(rng):
-    frame = speckle(rng)
+    frame = frame_of_a_bar(rng)
     where = rng.random(SHAPE) < 1e-4
     hot = np.where(where, 300.0, frame).astype(np.float32)
     repaired, faults = repair(torch.from_numpy(hot))
@@ -57,7 +55,7 @@ def test_wide_grains_have_no_faulty_lines(rng):
 
 @pytest.mark.parametrize("value", [0.0, 40.0])
 def test_dead_and_hot_lines_are_found(rng, value):
-    frame = speckle(rng)
+    frame = frame_of_a_bar(rng)
     frame[200], frame[:, 333] = value, value
     repaired, faults = repair(torch.from_numpy(frame))
     assert faults.lines == 2
@@ -66,7 +64,7 @@ def test_dead_and_hot_lines_are_found(rng, value):
 
 
 def test_a_glint_is_taken_out_with_its_margin_and_a_hot_line_is_not_one(rng):
-    frame = speckle(rng)
+    frame = frame_of_a_bar(rng)
     row, column = np.mgrid[: SHAPE[0], : SHAPE[1]]
     glint = 900.0 * np.exp(-((row - 170.0) ** 2 + (column - 400.0) ** 2) / 18.0)
     repaired, faults = repair(torch.from_numpy((frame + glint).astype(np.float32)))
@@ -80,7 +78,7 @@ def test_a_glint_is_taken_out_with_its_margin_and_a_hot_line_is_not_one(rng):
 
 
 def test_saturation_is_seen(rng):
-    frame = speckle(rng, photons=100.0)
+    frame = frame_of_a_bar(rng, photons=100.0)
     assert repair(torch.from_numpy(frame))[1].saturated < 1e-4
     limit = np.quantile(frame, 0.97)
     assert repair(torch.from_numpy(np.minimum(frame, limit)))[1].saturated == pytest.approx(0.03, abs=0.003)
@@ -100,7 +98,7 @@ def test_illumination_is_divided_out(rng, kind, photons):
     """Speckle under an uneven illumination: its mean becomes even, and its lags those of speckle under an even one."""
     row, column = (np.mgrid[: SHAPE[0], : SHAPE[1]] + 0.5) / np.array(SHAPE)[:, None, None] - 0.5
     fall = FALL[kind](row, column)
-    light = speckle(rng, photons=1e4) / 1e4
+    light = frame_of_a_bar(rng, photons=1e4) / 1e4
     frame = torch.from_numpy(rng.poisson(photons * light * fall).astype(np.float32))
     assert is_uneven(frame, (PATCH, PATCH))
     flat = flatten_illumination(frame, (PATCH, PATCH))
@@ -143,7 +141,7 @@ def test_frames_of_one_capture_are_evened_out_alike(rng):
 
 
 def test_even_light_is_left_alone(rng):
-    assert not is_uneven(torch.from_numpy(speckle(rng, photons=0.4)), (PATCH, PATCH))
+    assert not is_uneven(torch.from_numpy(frame_of_a_bar(rng, photons=0.4)), (PATCH, PATCH))
 
 
 def spectrum_power(frame: np.ndarray) -> torch.Tensor:
@@ -156,13 +154,13 @@ PER_LAG = ((SHAPE[0] + PATCH) / PATCH, (SHAPE[1] + PATCH) / PATCH)
 
 def test_speckle_has_no_lines(rng):
     for photons in (0.05, 3.0, 100.0):
-        assert find_lines(spectrum_power(speckle(rng, photons=photons)), PER_LAG) == []
+        assert find_lines(spectrum_power(frame_of_a_bar(rng, photons=photons)), PER_LAG) == []
 
 
 @pytest.mark.parametrize(("down", "right"), [(0.0213, 0.0371), (-0.1, 0.0452), (0.0, 0.031), (0.0291, 0.0)])
 def test_waves_are_found_and_subtracted(rng, down, right):
     """Amplitude, phase and a frequency between those of the frame: what is left is the speckle, to a hundredth."""
-    frame = speckle(rng, photons=30.0)
+    frame = frame_of_a_bar(rng, photons=30.0)
     row, column = np.mgrid[: SHAPE[0], : SHAPE[1]]
     wave = (30.0 * np.sin(2 * np.pi * (down * row + right * column) + 0.7)).astype(np.float32)
     lines = find_lines(spectrum_power(frame + wave), PER_LAG)
@@ -175,7 +173,7 @@ def test_waves_are_found_and_subtracted(rng, down, right):
 def test_fringes_that_move_leave_the_estimate_as_it_is(rng):
     """Lags of two frames with fringes that move, over those without: the same to the estimate's own noise."""
     grid = patch_grid(SHAPE, PATCH)
-    frames = [speckle(rng), speckle(rng)]
+    frames = [frame_of_a_bar(rng), frame_of_a_bar(rng)]
     column = np.arange(SHAPE[1])
     fringed = [frame + 0.6 * np.sin(2 * np.pi * 0.243 * column + 2.0 * n).astype(np.float32) for n, frame in enumerate(frames)]
     clean, _ = estimate_autocorrelation(frames, grid)
@@ -200,7 +198,7 @@ def test_third_moment_tells_speckle_from_texture(rng, photons):
     albedo[28:37, 20:41] = 1.0
     weight = np.where((RING >= 2) & (RING < 24), 1.0, 0.0)
     grid = patch_grid(SHAPE, PATCH)
-    frames = {"speckle": [speckle(rng, photons=photons) for _ in range(4)]}
+    frames = {"speckle": [frame_of_a_bar(rng, photons=photons) for _ in range(4)]}
     level = gaussian_filter(np.abs(np.fft.rfft2(frames["speckle"][0] - photons)) ** 2, 3)
     frames["texture"] = [
         rng.poisson(photons * np.clip(3.0 + 0.3 * textured(rng, level), 0.0, None)).astype(np.float32) for _ in range(4)
@@ -230,7 +228,7 @@ def test_independent_frames_show_no_shift(rng):
         estimator = AutocorrelationEstimator(patch_grid(shape, PATCH))
         photons = float(10.0 ** rng.uniform(-1.0, 2.0))
         for _ in range(2):
-            estimator.add(torch.from_numpy(speckle(rng, shape, photons)))
+            estimator.add(torch.from_numpy(frame_of_a_bar(rng, shape, photons)))
         shift = estimator.background.shift_pixels or (0.0, 0.0)
         assert shift == (0.0, 0.0)
 
@@ -238,7 +236,7 @@ def test_independent_frames_show_no_shift(rng):
 def test_dim_frames_are_not_saturated(rng):
     """Counts of few photoelectrons, of brightness at random. Clipped bright frames are saturated."""
     for photons in 10.0 ** rng.uniform(-2.0, 1.0, 30):
-        frame = speckle(rng, photons=float(photons))
+        frame = frame_of_a_bar(rng, photons=float(photons))
         assert repair(torch.from_numpy(frame))[1].saturated == 0.0
-    frame = np.minimum(speckle(rng, photons=8.0), 20.0)
+    frame = np.minimum(frame_of_a_bar(rng, photons=8.0), 20.0)
     assert repair(torch.from_numpy(frame))[1].saturated > 0.05

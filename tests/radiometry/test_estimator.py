@@ -12,6 +12,7 @@ from radiometry.autocorrelation import patch_grid
 from radiometry.estimation.whole_frames import AutocorrelationEstimator, degrees_of_freedom, estimate_autocorrelation
 from radiometry.noise.level import read_noise_level
 from radiometry.noise.model import lag_correlation
+from tests.light import speckle
 
 OFF_AXIS = lag_grid(LAGS).off_axis
 RING = lag_grid(LAGS).ring
@@ -26,15 +27,13 @@ def estimator_of(frames, size=SIZE, mean="auto") -> tuple[np.ndarray, Autocorrel
     return estimator.estimate(), estimator
 
 
-def speckle(rng, count: int, shape=SHAPE, photons: float = 2.0) -> list[np.ndarray]:
+def grains(rng, count: int, shape=SHAPE, photons: float = 2.0) -> list[np.ndarray]:
     """Frames of grains three pixels wide, new in each, with shot noise; contrast 1."""
     frames = []
     for _ in range(count):
-        field = rng.standard_normal((2, *shape))
-        spectrum = np.fft.fft2(field[0] + 1j * field[1])
         row, column = np.fft.fftfreq(shape[0])[:, None], np.fft.fftfreq(shape[1])[None]
-        intensity = np.abs(np.fft.ifft2(spectrum * ((np.abs(row) < 0.15) & (np.abs(column + 0.02) < 0.12)))) ** 2
-        frames.append(rng.poisson(photons * intensity / intensity.mean()).astype(np.float32))
+        pupil = 1.0 * ((np.abs(row) < 0.15) & (np.abs(column + 0.02) < 0.12))
+        frames.append(rng.poisson(photons * speckle(pupil, shape, rng)).astype(np.float32))
     return frames
 
 
@@ -81,7 +80,7 @@ def test_many_patches_give_nine_quarters_of_their_number_and_one_gives_one():
 
 
 def test_the_expectation_is_that_of_patches_side_by_side(rng):
-    frames = speckle(rng, 12)
+    frames = grains(rng, 12)
     ours, _ = estimator_of(frames)
     published, dof = estimate_autocorrelation(frames, patch_grid(SHAPE, SIZE), "published")
     held = RING > 1
@@ -92,7 +91,7 @@ def test_the_expectation_is_that_of_patches_side_by_side(rng):
 
 
 def test_speckle_that_is_new_in_each_frame_is_left_whole(rng):
-    estimate, estimator = estimator_of(speckle(rng, 2))
+    estimate, estimator = estimator_of(grains(rng, 2))
     assert estimator.background.fixed_pattern_lags == 0.0
     assert not estimator.background.uneven_illumination
     assert abs(estimator.background.frames_correlate) < 0.05
@@ -102,7 +101,7 @@ def test_speckle_that_is_new_in_each_frame_is_left_whole(rng):
 @pytest.mark.parametrize("kind", ["texture", "fringes", "texture and drift", "moved texture", "vignetting"])
 def test_background_is_detected_and_subtracted(rng, kind):
     """Beside the same frames without it: the lags agree within their noise, where a pooled mean is many times off."""
-    frames = speckle(rng, 2, photons=20.0)
+    frames = grains(rng, 2, photons=20.0)
     clean, _ = estimator_of(frames)
     row, column = np.mgrid[: SHAPE[0], : SHAPE[1]]
     white = np.fft.rfft2(rng.standard_normal((SHAPE[0] + 8, SHAPE[1])))
@@ -137,7 +136,7 @@ def test_background_is_detected_and_subtracted(rng, kind):
 
 
 def test_copies_of_a_frame_are_refused_and_one_frame_needs_two_patches(rng):
-    frame = speckle(rng, 1)[0]
+    frame = grains(rng, 1)[0]
     with pytest.raises(InputError, match="copies"):
         estimator_of([frame, frame])
     with pytest.raises(InputError, match="patch"):
@@ -147,7 +146,7 @@ def test_copies_of_a_frame_are_refused_and_one_frame_needs_two_patches(rng):
 
 
 def test_the_frames_unit_scales_the_estimate(rng):
-    frames = [torch.from_numpy(frame) for frame in speckle(rng, 2)]
+    frames = [torch.from_numpy(frame) for frame in grains(rng, 2)]
     plain, scaled = estimator_of(frames)[0], estimator_of([0.02 * frame + 7.0 for frame in frames])[0]
     used = RING > 0
     np.testing.assert_allclose(scaled[used], 4e-4 * plain[used], rtol=2e-3, atol=4e-8 * plain.max())

@@ -22,7 +22,7 @@ from invert.network.inference import make_observation
 from invert.network.sampler import posterior_variance
 from invert.training.data import at_noise, hidden_in_noise
 from invert.training.objectives import DenoisedPicture
-from tests.invert.steps import MIRRORED_STEM, RIGHT, noisy
+from tests.invert.posterior.steps import MIRRORED_STEM, RIGHT, noisy
 
 FEW = Annealing(samples=4, rounds=1, steps=4, ascent=4)
 

@@ -34,7 +34,7 @@ def test_training_resumes_exactly_after_a_kill(tmp_path, dataset, part):
     train([*arguments(dataset, whole), "--part", part])
     process = subprocess.Popen(
         [sys.executable, "-m", "invert.train", *arguments(dataset, killed), "--part", part],
-        cwd=Path(__file__).parents[2],
+        cwd=Path(__file__).parents[3],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )

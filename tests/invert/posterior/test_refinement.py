@@ -8,7 +8,7 @@ from invert.likelihood.gamma import Likelihood, log_likelihood_leads
 from invert.likelihood.refinement import refine_by_likelihood
 from invert.measure.spectrum import Measurement, read_measurement
 from radiometry.noise.model import autocorrelate_windowed, draw_estimate
-from tests.invert.steps import RIGHT
+from tests.invert.posterior.steps import RIGHT
 
 
 def make_measurement(floor: float, dof: float, seed: int) -> Measurement:

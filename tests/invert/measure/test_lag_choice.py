@@ -13,20 +13,18 @@ from invert.measure.lag_choice import choose_lags, upper_snr
 from invert.measure.spectrum import read_measurement
 from radiometry.autocorrelation import autocorrelate, patch_grid, smooth_by_window
 from radiometry.estimation.whole_frames import estimate_autocorrelation
+from tests.light import speckle
 
 SHAPE, PATCH = (1100, 1210), 130
 
 
-def speckle(shown: np.ndarray, lag: float, photons: float, count: int = 2) -> np.ndarray:
+def frames_of(shown: np.ndarray, lag: float, photons: float, count: int = 2) -> np.ndarray:
     """Frames of an object of cells a third of a lag wide; lags of patches of 130 pixels."""
     rng = np.random.default_rng(3)
     row, column = (np.arange(side) * PATCH / side * 3.0 / lag for side in SHAPE)
-    inside = np.ix_(row < len(shown), column < shown.shape[1])
-    field = np.zeros((count, *SHAPE), complex)
-    cells = np.sqrt(shown[row[row < len(shown)].astype(int)][:, column[column < shown.shape[1]].astype(int)])
-    field[:, inside[0], inside[1]] = cells * (rng.normal(size=(count, *cells.shape, 2)) @ (1.0, 1.0j))
-    light = np.abs(np.fft.fft2(field)) ** 2
-    return rng.poisson(photons * light / light.mean()).astype(np.float32)
+    amplitude = np.sqrt(shown[row[row < len(shown)].astype(int)][:, column[column < shown.shape[1]].astype(int)])
+    light = [speckle(amplitude, SHAPE, rng) for _ in range(count)]
+    return rng.poisson(photons * np.stack(light)).astype(np.float32)
 
 
 def letter(side: int) -> np.ndarray:
@@ -38,7 +36,7 @@ def letter(side: int) -> np.ndarray:
 @pytest.mark.parametrize(("size", "lags"), [(260, 127), (195, 95), (227, 111)])
 def test_coarse_lags_follow_from_fine_ones(size, lags):
     """The estimate from smaller patches of the same frames weights the same pixel pairs."""
-    seen = speckle(letter(90), 1.0, 5.0)
+    seen = frames_of(letter(90), 1.0, 5.0)
     fine, coarse = (
         read_measurement(estimate_autocorrelation(seen, patch_grid(SHAPE, each, number))[0])
         for each, number in ((size, lags), (PATCH, 63))
@@ -65,17 +63,17 @@ def choice(seen: np.ndarray):
 
 
 def test_lags_suit_the_object(rng):
-    ordinary = choice(speckle(letter(90), 1.0, 0.3)).grid
+    ordinary = choice(frames_of(letter(90), 1.0, 0.3)).grid
     assert (ordinary.size, ordinary.lags) == (PATCH, 63)
     empty = choice(rng.poisson(3.0, (2, *SHAPE)).astype(np.float32))
     assert (empty.grid.size, empty.grid.lags) == (PATCH, 63)
     assert "no object" in empty.reason
-    small = choice(speckle(letter(18), 1.0, 3.0))
+    small = choice(frames_of(letter(18), 1.0, 3.0))
     assert small.grid.size > 1.9 * PATCH
     assert "small" in small.reason
     row, column = np.mgrid[:90, :90]
     bars = ((row // 3) % 2 == 0) * ((column // 12) % 2 == 0) * 1.0  # cells of a third of a lag
-    fine = choice(speckle(bars, 1.0, 30.0, 12))
+    fine = choice(frames_of(bars, 1.0, 30.0, 12))
     assert fine.grid.size >= 2 * PATCH
     assert fine.grid.lags > 63
     assert "finer" in fine.reason

@@ -7,7 +7,7 @@ from invert.network.features import PICTURES
 from invert.network.inference import AUGMENTATIONS, fuse, make_observation
 from invert.network.retrieval_summary import summarise_retrievals
 from invert.solvers.base import Candidates
-from tests.invert.steps import MIRRORED_STEM, RIGHT, noisy, steps
+from tests.invert.posterior.steps import MIRRORED_STEM, RIGHT, noisy, steps
 
 
 def pad_images(*pictures: torch.Tensor) -> torch.Tensor:

@@ -6,7 +6,7 @@ import torch
 from invert.training.chains import CHAINS, FIRST, FIRST_STEPS, ROUNDS, SCHEDULE, Chains, chain_loss
 from invert.training.data import at_noise
 from invert.training.denoising import MAX_SIGMA
-from tests.invert.steps import RIGHT
+from tests.invert.posterior.steps import RIGHT
 
 SIX = SCHEDULE.steps
 

@@ -6,7 +6,7 @@ import torch
 
 from correlograph.errors import InputError
 from invert.albedo.posterior import Samples, SizeStatistics, measure_size, register_samples
-from tests.invert.steps import MIRRORED_STEM, RIGHT
+from tests.invert.posterior.steps import MIRRORED_STEM, RIGHT
 
 
 def make_samples(*albedos: torch.Tensor) -> Samples:

@@ -8,6 +8,7 @@ from skimage.transform import resize
 from correlograph.errors import InputError
 from invert import reconstruct
 from invert.albedo.registration import correlation_maps
+from tests.light import speckle
 
 SHAPE, AUTOMATIC = (2080, 2104), 260
 FINE = 3
@@ -22,15 +23,13 @@ def letter(lags: float, cells_per_lag: float) -> np.ndarray:
 
 
 def frames(lags: float) -> np.ndarray:
-    """Two frames, 0.3 photons a pixel: |FFT of a random field|^2, one pixel of the field an eighth of a lag."""
+    """Two frames, 0.3 photons a pixel; one pixel of the field is an eighth of a lag."""
     rng = np.random.default_rng(5)
     steps = [np.arange(side) * AUTOMATIC / side for side in SHAPE]
     row, column = np.meshgrid(*(step[step < 128] for step in steps), indexing="ij")
     shown = letter(lags, 8)[(8 * row).astype(int), (8 * column).astype(int)]
-    field = np.zeros((2, *SHAPE), complex)
-    field[:, : row.shape[0], : row.shape[1]] = shown * (rng.normal(size=(2, *row.shape, 2)) @ (1.0, 1.0j))
-    light = np.abs(np.fft.fft2(field)) ** 2
-    return rng.poisson(0.3 * light / light.mean()).astype(np.float32)
+    light = [speckle(shown, SHAPE, rng) for _ in range(2)]
+    return rng.poisson(0.3 * np.stack(light)).astype(np.float32)
 
 
 def likeness(result, lags: float) -> float:

@@ -17,7 +17,7 @@ from invert.methods import Reconstruction
 from invert.training.data import at_noise
 from radiometry.noise.level import NoiseLevel
 from radiometry.noise.model import autocorrelate_windowed, draw_estimate, log_likelihood
-from tests.invert.steps import MIRRORED_STEM, RIGHT, noisy
+from tests.invert.posterior.steps import MIRRORED_STEM, RIGHT, noisy
 
 RING = lag_grid(LAGS).ring
 
