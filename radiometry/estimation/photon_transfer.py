@@ -14,9 +14,6 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-MAX_SIDE = 1024
-"""Maximum side of the middle part of a frame that is used; more pixels would only reduce the error further."""
-
 MAX_VARIANCE_RATIO = 1.2
 """Maximum variance of the pixels' noise in units of the floor of the estimate; above it, neighbouring pixels differ by speckle."""
 
@@ -37,9 +34,8 @@ class PhotonTransfer(NamedTuple):
 
 def photon_transfer(image: torch.Tensor) -> PhotonTransfer:
     """Measure the gain of a frame (H, W) of at least 6 x 6 pixels, whose grains are wider than two pixels."""
-    rows, columns = (2 * (min(side, MAX_SIDE) // 2) for side in image.shape)
-    top, left = ((side - part) // 2 for side, part in zip(image.shape, (rows, columns), strict=True))
-    pixels = image[top : top + rows, left : left + columns].double()
+    height, width = (2 * (side // 2) for side in image.shape)
+    pixels = image[:height, :width].double()
     corners = [pixels[row::2, column::2] for row in (0, 1) for column in (0, 1)]
     total = corners[0] + corners[1] + corners[2] + corners[3]
     square = (0.5 * (corners[0] - corners[1] - corners[2] + corners[3])).square()[1:-1, 1:-1]
