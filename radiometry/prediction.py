@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 
 from correlograph.lags import LAGS, lag_grid_of
 from radiometry.autocorrelation import (
@@ -26,6 +27,9 @@ from radiometry.noise.budget import NoiseTerms
 from radiometry.photons import grain_area
 from radiometry.throughput import light_budget
 from radiometry.transfer import lag_transfer
+
+MIN_DETECTABLE_SNR = 3.0
+"""Minimum mean signal-to-noise ratio of the lags at which an object is recognisable."""
 
 CELLS_PER_LAG = 4
 """Cells per lag of the albedo from which the known r*r is computed."""
@@ -70,6 +74,17 @@ class Prediction:
         terms = self.terms
         longer = replace(terms, signal=terms.signal * factor, dark=terms.dark * factor, ambient=terms.ambient * factor)
         return replace(self, terms=longer)
+
+    def detection_factor(self, frames: int) -> float | None:
+        """Return by which factor exposures must change for the object to be just detectable; None if no exposure suffices."""
+
+        def log_excess(octaves: float) -> float:
+            return math.log((self.with_exposure_factor(2.0**octaves).signal_to_noise(frames) or 1e-300) / MIN_DETECTABLE_SNR)
+
+        lowest, highest = -40.0, 60.0
+        if log_excess(highest) < 0.0:
+            return None
+        return 2.0 ** float(brentq(log_excess, lowest, highest, xtol=1e-3)) if log_excess(lowest) < 0.0 else 2.0**lowest
 
     def third_moment_signal_to_noise(self, frames: int) -> float | None:
         """Return the third moment of filtered frames over its standard error, which limits how well `invert`

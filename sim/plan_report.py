@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
+from radiometry.prediction import MIN_DETECTABLE_SNR, Prediction, predict
 from radiometry.throughput import detector_to_pixel, light_budget
 from sim.effects import Effect
 from sim.geometry import Geometry
@@ -18,12 +19,11 @@ from sim.transport.monte_carlo import MonteCarlo
 CAMERA_SECONDS_PER_PIXEL = 7e-8
 """Duration of blur and Poisson sampling per pixel on two cores; it predicts times only."""
 
-MIN_DETECTABLE_SNR = 3.0
-"""Minimum mean signal-to-noise ratio of the lags at which an object is recognisable."""
-
 DISAGREEMENT = 0.02
 """Maximum relative difference between light budget and Monte Carlo without a warning, in addition to four standard errors."""
 
+
+MAX_NAMED_SHAPES = 3
 
 MAX_STRAY_SHARE = 0.3
 """Stray light over the light of the object that is worth a warning: its r*r is then a tenth of the object's."""
@@ -69,7 +69,9 @@ def as_json(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> d
         "monte_carlo": monte_carlo and monte_carlo.as_dict(),
         "ideal_floor_over_peak": plan.prediction.shot_floor_over_peak,
         "signal_to_noise": plan.prediction.signal_to_noise(frames),
+        "detection_exposure_s": detection_exposure_s(plan.prediction, geometry.electronics.exposure_s, frames),
         "other_light_share": geometry.other_light_share,
+        "other_light_by_shape": dict(geometry.other_light.fractions) if geometry.other_light else {},
     }
 
 
@@ -88,12 +90,15 @@ def warnings_of(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) 
             f"{kernel.predicted_error:.2g} exceeds the tolerance {tolerance:g}; use --propagator auto",
         )
     found += scene_warnings(plan.geometry, plan.prediction.pitches_m)
+    if plan.geometry.other_light_share > MAX_STRAY_SHARE:
+        found.append(stray_light_warning(plan, frames))
     if monte_carlo is not None:
         found += disagreement(plan.geometry, monte_carlo)
     ratio = plan.prediction.signal_to_noise(frames)
     if ratio is not None and ratio < 1.0:
         found.append(
-            f"signal to noise: {ratio:.2g} on average over the object's lags in {frames} frames; " + advice(plan, frames)
+            f"signal to noise: {ratio:.2g} on average over the object's lags in {frames} frames; needed: "
+            + needed(plan, frames)
         )
     return found
 
@@ -120,13 +125,37 @@ def disagreement(geometry: Geometry, monte_carlo: MonteCarlo) -> list[str]:
     ]
 
 
-def advice(plan: Plan, frames: int) -> str:
-    """Return the exposure at which the object becomes detectable, as a sentence."""
-    for factor in (2.0**n for n in range(1, 61)):
-        longer = plan.prediction.with_exposure_factor(factor)
-        if (longer.signal_to_noise(frames) or 0.0) >= MIN_DETECTABLE_SNR:
-            return f"expose {factor * plan.geometry.electronics.exposure_s:.2g} s to detect it"
-    return "the object stays below the noise at any exposure; increase --frames"
+def detection_exposure_s(prediction: Prediction, exposure_s: float, frames: int) -> float | None:
+    """Return the exposure of each frame at which the object becomes detectable; None if there is none."""
+    factor = prediction.detection_factor(frames)
+    return None if factor is None else factor * exposure_s
+
+
+def needed(plan: Plan, frames: int) -> str:
+    """Return the exposure, and the number of frames, at which the object becomes detectable."""
+    exposure_s, ratio = plan.geometry.electronics.exposure_s, plan.prediction.signal_to_noise(frames)
+    if ratio is None:
+        return "light from the object"
+    longer_s = detection_exposure_s(plan.prediction, exposure_s, frames)
+    # K, and with it the squared signal-to-noise ratio, is proportional to the number of frames.
+    count = math.ceil(frames * (MIN_DETECTABLE_SNR / ratio) ** 2)
+    by_exposure = "" if longer_s is None else f"{frames} frames of {longer_s:.2g} s, or "
+    return f"{by_exposure}{count} of {exposure_s:g} s to detect the object"
+
+
+def stray_light_warning(plan: Plan, frames: int) -> str:
+    """Return what sends stray light, what it costs, and the remedy."""
+    geometry, exposure_s = plan.geometry, plan.geometry.electronics.exposure_s
+    shapes = list(geometry.other_light.fractions.items())[:MAX_NAMED_SHAPES] if geometry.other_light else []
+    named = ", ".join(f"{100.0 * fraction:.0f} % by {name}" for name, fraction in shapes)
+    grid = plan.prediction.grid
+    without = predict(replace(geometry, other_light=None), grid.size, grid.lags)
+    seconds = [detection_exposure_s(known, exposure_s, frames) for known in (plan.prediction, without)]
+    cost = "; detection takes {:.2g} s per frame, {:.2g} s without it".format(*seconds) if None not in seconds else ""
+    return (
+        f"other_light: stray light is {geometry.other_light_share:.3g} times the light of the object ({named}), and a "
+        f"reconstruction shows its sources as well{cost}; darken, cover or move these shapes"
+    )
 
 
 def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> str:
@@ -149,8 +178,8 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
         f"estimate        {grid.rows} x {grid.columns} patches of {grid.patch_shape[0]} x {grid.patch_shape[1]} pixels, "
         f"{pitches[0] * 1e6:.0f} x {pitches[1] * 1e6:.0f} um per lag, K {dof:.3g}",
         f"noise           floor over peak {'none' if floor is None else f'{floor:.3g}'}, signal to noise "
-        f"{'none' if ratio is None else f'{ratio:.2g}'}, of the third moment {'none' if third is None else f'{third:.2g}'}"
-        + (f"; {advice(plan, frames)}" if ratio is not None and ratio < MIN_DETECTABLE_SNR else ""),
+        f"{'none' if ratio is None else f'{ratio:.2g}'}, of the third moment {'none' if third is None else f'{third:.2g}'}",
+        f"needed          {needed(plan, frames)}",
         f"propagation     {kernel.propagator} in {kernel.precision}, {plan.settings.accuracy} error "
         f"{kernel.predicted_error:.2g} of {plan.settings.tolerance:g} allowed, {content['scatterers']} scatterers, about "
         f"{content['seconds']:.1f} s",
@@ -192,11 +221,6 @@ def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[s
             )
     if budget.per_pixel == 0.0:
         warnings.append("hidden_object: none of its light reaches the camera; check its albedo, its facing, and occluders")
-    if geometry.other_light_share > MAX_STRAY_SHARE:
-        warnings.append(
-            f"other_light: stray light is {geometry.other_light_share:.3g} times the light of the object, and a reconstruction shows "
-            "its sources as well; darken or cover the surfaces that the spot lights"
-        )
     if geometry.direct_light > 0.0:
         per_frame = (
             geometry.direct_light

@@ -9,7 +9,7 @@ of the frames (`light_transport.py`): another sampling, and the camera's rays in
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -67,11 +67,13 @@ class OtherLight:
         total: light of the whole frame.
         position: world positions (n, 3) of its last reflection, for the paths that carried light.
         weight: photoelectrons of a frame per laser photon of each path, (n,); they sum to the total.
+        fractions: fraction of the light by the shape of its last reflection, largest first.
     """
 
     total: MonteCarlo
     position: np.ndarray
     weight: np.ndarray
+    fractions: Mapping[str, float]
 
 
 def estimate_throughput(
@@ -91,10 +93,12 @@ def estimate_other_light(
 
     Direct light from the spot is excluded; see `Geometry.direct_light`. Raises InputError for too few samples.
     """
-    values, positions = zip(*(_other_light(paths) for paths in _batches(scene, samples, seed, camera)), strict=True)
-    total, position = np.concatenate(values), np.concatenate(positions)
+    values, positions, numbers = zip(*(_other_light(paths) for paths in _batches(scene, samples, seed, camera)), strict=True)
+    total, position, number = np.concatenate(values), np.concatenate(positions), np.concatenate(numbers)
     lit = total > 0.0
-    return OtherLight(_mean(total), position[lit], total[lit] / len(total))
+    by_shape = np.bincount(number[lit], total[lit], len(scene.shapes()))
+    fractions = {scene.shapes()[n].id(): float(by_shape[n] / total.sum()) for n in np.argsort(-by_shape) if by_shape[n] > 0.0}
+    return OtherLight(_mean(total), position[lit], total[lit] / len(total), fractions)
 
 
 def _object_light(paths: PathEnds) -> np.ndarray:
@@ -119,12 +123,13 @@ def _object_light(paths: PathEnds) -> np.ndarray:
     return np.asarray(total * paths.collected, np.float64)
 
 
-def _other_light(paths: PathEnds) -> tuple[np.ndarray, np.ndarray]:
-    """Return the stray light carried by each path of a batch (n,), and the position of its last reflection (n, 3)."""
+def _other_light(paths: PathEnds) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the stray light carried by each path of a batch (n,), and its last reflection: position (n, 3), number of the shape (n,)."""
     shapes = sorted(paths.scene.shapes(), key=lambda shape: not is_hidden_object(shape))
     aims = [Aim(shape) for shape in shapes if shape.id() not in ("virtual_detector", "virtual_source")][:MAX_AIMS]
     vertex, active = paths.wall, mi.Bool(paths.active)
     weight, found, first = paths.collected, [], None
+    number = np.zeros(len(np.asarray(weight)), int)
     for _ in range(BOUNCES):
         direction, density = mixture(paths, aims, vertex)
         value = evaluate_bsdf(vertex, direction, active)
@@ -138,9 +143,12 @@ def _other_light(paths: PathEnds) -> tuple[np.ndarray, np.ndarray]:
         radiance = paths.lit_by_spot(hit, active)
         counts = active & ~of_object if first is None else active
         found.append(np.asarray(dr.select(counts, weight * radiance, 0.0), np.float64))
-        first = np.asarray(hit.p, np.float64).T if first is None else first
+        if first is None:
+            first = np.asarray(hit.p, np.float64).T
+            for index, shape in enumerate(paths.scene.shapes()):
+                number[np.asarray(hit.shape == mi.ShapePtr(shape))] = index
         vertex = hit
-    return np.stack(found, 1).sum(1), first
+    return np.stack(found, 1).sum(1), first, number
 
 
 def _batches(scene: mi.Scene, samples: int, seed: int, camera: SpeckleCamera | None) -> Iterator[PathEnds]:

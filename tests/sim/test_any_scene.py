@@ -155,7 +155,9 @@ def test_clutter_in_the_laser_light_is_visible(scene):
     frames = np.stack([simulation.expected_frame(0, number).numpy() for number in range(12)])
     assert frames.mean() / simulation.mean_photoelectrons == pytest.approx(1.0 + cluttered.other_light_share, rel=0.03)
     dark = Simulation(cluttered, Settings(effects=(("other_light", False),)))
-    assert any("other_light" in warning for warning in make_plan(cluttered, 2, dark.settings)["warnings"])
+    plan = make_plan(cluttered, 2, dark.settings)
+    assert plan["other_light_by_shape"]["clutter"] == pytest.approx(1.0, abs=0.02)
+    assert any("other_light" in warning and "by clutter" in warning for warning in plan["warnings"])
 
 
 @pytest.mark.parametrize(
