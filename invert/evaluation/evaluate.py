@@ -18,7 +18,7 @@ from invert.choices import BALANCED, FAST, METHODS, QUALITIES, UNET
 from invert.evaluation.cells import Cell, read_cell, write_cell
 from radiometry.estimation.background import MEAN_MODELS
 
-SETS = ("edges", "shapes", "grey", "rendered", "rendered-edges", "measured")
+SETS = ("edges", "shapes", "unusual", "grey", "rendered", "rendered-edges", "measured")
 CHARACTER_SETS = ("rendered", "measured 7", "measured letters")
 """Test sets of upright characters, in which the reconstructed character is identified."""
 
@@ -98,6 +98,7 @@ def _levels(options: Any) -> Iterator:
             "edges": lambda: sets.edges(options.images, options.count, options.seed),
             "grey": lambda: sets.grey(options.images, options.count, options.seed),
             "shapes": lambda: sets.shapes(options.count, options.seed),
+            "unusual": lambda: sets.unusual(options.count, options.seed),
             "rendered": lambda: sets.render_letter_set(options.count, options.seed, options.frames, options.mean_models),
             "rendered-edges": lambda: sets.rendered_edges(
                 options.images, options.count, options.seed, options.frames, options.mean_models

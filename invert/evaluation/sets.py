@@ -13,6 +13,7 @@ import torch
 from correlograph.errors import InputError
 from correlograph.lags import OBJECT_SIDE
 from invert.choices import BEST, CLASSICAL
+from invert.evaluation.unusual import KINDS, draw_unusual
 from invert.measure.estimate import Estimate, estimate_from_frames, published_estimate
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.pipeline import reconstruct
@@ -22,6 +23,9 @@ from radiometry.estimation.background import MeanModel
 NOISE_LEVELS = ((80.0, 64.0), (80.0, 16.0), (80.0, 256.0), (80.0, 1e4), (5.0, 64.0), (5.0, 1e4), (200.0, 64.0), (200.0, 256.0))
 """Noise floor (of 255 at the maximum lag except zero) and K; near the training point of Metzler et al. 2020 (b 70, K 67)
 first."""
+
+UNUSUAL_LEVELS = ((10.0, 300.0), (80.0, 300.0), (200.0, 300.0), (400.0, 300.0))
+"""Noise floor and K of the set of unusual objects; K of two frames of the reference scene."""
 
 EXPOSURES_S = tuple(2.0**-power for power in range(2, 10))
 EDGE_EXPOSURES_S = (1 / 8, 1 / 32, 1 / 128)
@@ -83,6 +87,12 @@ def shapes(count: int, seed: int) -> Iterator[Level]:
     yield from _noise_model_levels("shapes", truths.astype(np.float32) / np.float32(255.0), seed)
 
 
+def unusual(count: int, seed: int) -> Iterator[Level]:
+    """Objects of sixteen kinds in turn that no training target shows, with noise from the noise model."""
+    truths = [draw_unusual(KINDS[number % len(KINDS)], np.random.default_rng([seed, number])) for number in range(count)]
+    yield from _noise_model_levels("unusual", np.stack(truths), seed, UNUSUAL_LEVELS)
+
+
 def grey(images: Path, count: int, seed: int) -> Iterator[Level]:
     """Pieces of photographs in filled shapes, with noise from the noise model."""
     from skimage.transform import resize
@@ -105,8 +115,10 @@ def grey(images: Path, count: int, seed: int) -> Iterator[Level]:
     yield from _noise_model_levels("grey", np.stack(truths).astype(np.float32), seed)
 
 
-def _noise_model_levels(name: str, truths: np.ndarray, seed: int) -> Iterator[Level]:
-    for floor, dof in NOISE_LEVELS:
+def _noise_model_levels(
+    name: str, truths: np.ndarray, seed: int, levels: Sequence[tuple[float, float]] = NOISE_LEVELS
+) -> Iterator[Level]:
+    for floor, dof in levels:
         rng = torch.Generator().manual_seed(seed)
         batch = at_noise(torch.from_numpy(truths), floor / 255.0, dof, rng)
         cases = [

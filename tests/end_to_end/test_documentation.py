@@ -84,6 +84,7 @@ def test_commands_run_as_they_stand(tmp_path):
                 tmp_path / "estimate.png"
             )
             _save_calibration_frames(tmp_path)
+            _save_hdf5(tmp_path)
         if "noise-model" in command:
             (tmp_path / "DATASET").symlink_to(tmp_path / "OUT.zarr") if not (tmp_path / "DATASET").exists() else None
     assert ran >= 14
@@ -109,6 +110,14 @@ def _save_calibration_frames(folder: Path) -> None:
     for name, value in (("dark.tif", 90), ("flat.tif", 4000), ("mask.png", 255)):
         kind = np.uint8 if name == "mask.png" else np.uint16
         Image.fromarray(np.full(shape, value, kind)).save(folder / name)
+
+
+def _save_hdf5(folder: Path) -> None:
+    import h5py
+
+    frames = [np.asarray(Image.open(file)) for file in sorted((folder / "shots").glob("*.png"))]
+    with h5py.File(folder / "run7.h5", "w") as file:
+        file["entry/data"] = np.stack(frames)
 
 
 def _as_camera_files(capture: Path, shots: Path) -> None:

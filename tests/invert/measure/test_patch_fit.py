@@ -22,9 +22,9 @@ def letter(lags: float, cells_per_lag: float) -> np.ndarray:
     return ((row < 1.0) & (stem | bars)).astype(np.float64)
 
 
-def frames(lags: float) -> np.ndarray:
+def frames(lags: float, seed: int = 5) -> np.ndarray:
     """Two frames, 0.3 photons a pixel; one pixel of the field is an eighth of a lag."""
-    rng = np.random.default_rng(5)
+    rng = np.random.default_rng(seed)
     steps = [np.arange(side) * AUTOMATIC / side for side in SHAPE]
     row, column = np.meshgrid(*(step[step < 128] for step in steps), indexing="ij")
     shown = letter(lags, 8)[(8 * row).astype(int), (8 * column).astype(int)]
@@ -45,13 +45,16 @@ def likeness(result, lags: float) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize(("lags", "patch", "gain"), [(10, 520, 0.02), (90, (130, 150), 0.15)])
 def test_small_objects_are_magnified_and_large_ones_held(lags, patch, gain):
-    seen = frames(lags)
-    plain, fitted = reconstruct(seen, lags=63, quality="fast"), reconstruct(seen, patch="fit", quality="fast")
-    size = fitted.estimate.record.grid.size
-    assert size == patch if isinstance(patch, int) else patch[0] <= size <= patch[1]
-    assert likeness(fitted, lags) > likeness(plain, lags) + gain
-    assert any("wider than the lags" in warning for warning in plain.warnings) == (lags > 64)
-    assert not any("wider than the lags" in warning for warning in fitted.warnings)
+    gains = []
+    for seed in (5, 6):
+        seen = frames(lags, seed)
+        plain, fitted = reconstruct(seen, lags=63, quality="fast"), reconstruct(seen, patch="fit", quality="fast")
+        size = fitted.estimate.record.grid.size
+        assert size == patch if isinstance(patch, int) else patch[0] <= size <= patch[1]
+        assert any("wider than the lags" in warning for warning in plain.warnings) == (lags > 64)
+        assert not any("wider than the lags" in warning for warning in fitted.warnings)
+        gains.append(likeness(fitted, lags) - likeness(plain, lags))
+    assert np.mean(gains) > gain
 
 
 def test_patches_that_suit_the_object_are_left_alone():
