@@ -20,7 +20,7 @@ def result_at(photons: float, count: int = 2) -> cg.Result:
 def test_significance_is_proportional_to_light():
     dim, bright = (result_at(photons).measurement.detection for photons in (0.004, 0.008))
     assert bright / dim > 1.6
-    assert 2.5 > bright / dim
+    assert bright / dim < 2.5
 
 
 def test_a_result_without_an_object_asks_for_light_that_does_not_suffice_and_not_for_too_much():
