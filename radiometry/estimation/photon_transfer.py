@@ -14,6 +14,9 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+STRIP_ROWS = 64
+"""Rows of a frame that are processed at once, so that they stay in the cache."""
+
 MAX_VARIANCE_RATIO = 1.2
 """Maximum variance of the pixels' noise in units of the floor of the estimate; above it, neighbouring pixels differ by speckle."""
 
@@ -35,20 +38,34 @@ class PhotonTransfer(NamedTuple):
 def photon_transfer(image: torch.Tensor) -> PhotonTransfer:
     """Measure the gain of a frame (H, W) of at least 6 x 6 pixels, whose grains are wider than two pixels."""
     height, width = (2 * (side // 2) for side in image.shape)
-    pixels = image[:height, :width].double()
-    corners = [pixels[row::2, column::2] for row in (0, 1) for column in (0, 1)]
-    total = corners[0] + corners[1] + corners[2] + corners[3]
-    square = (0.5 * (corners[0] - corners[1] - corners[2] + corners[3])).square()[1:-1, 1:-1]
-    mean = 0.25 * total[1:-1, 1:-1]
-    near = torch.nn.functional.avg_pool2d(pixels[1:-1, 1:-1][None, None], 4, 2)[0, 0]
-    ring = (16.0 * near - total[1:-1, 1:-1]) / 12.0
-    ring, light, noise = (one - one.mean() for one in (ring, mean, square))
-    slope = float((ring * light).mean())
+    level = float(image.mean(dtype=torch.float64))  # single precision suffices for the covariances once it is subtracted
+    strips = [
+        _blocks(image[top : min(top + STRIP_ROWS + 4, height), :width] - level) for top in range(0, height - 4, STRIP_ROWS)
+    ]
+    ring, light, square = (torch.cat(parts) for parts in zip(*strips, strict=True))
+    variance = float(square.mean(dtype=torch.float64))
+    ring, light, noise = (one - one.mean(dtype=torch.float64).to(one) for one in (ring, light, square))
+    slope = _mean_product(ring, light)
     if slope <= 0.0:
-        return PhotonTransfer(0.0, np.inf, float(square.mean()))
-    gain = float((ring * noise).mean()) / slope
-    error = float((ring * (noise - gain * light)).std()) / slope / ring.numel() ** 0.5
-    return PhotonTransfer(gain, error, float(square.mean()))
+        return PhotonTransfer(0.0, np.inf, variance)
+    gain = _mean_product(ring, noise) / slope
+    scatter = ring.mul_(noise.sub_(light, alpha=gain))
+    return PhotonTransfer(gain, (_mean_product(scatter, scatter) / scatter.numel()) ** 0.5 / slope, variance)
+
+
+def _blocks(pixels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Return the mean around each block of 2 x 2 pixels, the mean of the block, and its squared diagonal difference."""
+    upper, lower = pixels[2:-2:2], pixels[3:-2:2]
+    down, across = upper + lower, upper - lower
+    total = down[:, 2:-2:2] + down[:, 3:-2:2]
+    square = (0.5 * (across[:, 2:-2:2] - across[:, 3:-2:2])).square()
+    rows = down + pixels[1:-4:2] + pixels[4::2]  # the rows of a block and those beside them
+    pairs = rows[:, 1:-2:2] + rows[:, 2::2]
+    return (pairs[:, :-1] + pairs[:, 1:] - total) / 12.0, 0.25 * total, square
+
+
+def _mean_product(first: torch.Tensor, second: torch.Tensor) -> float:
+    return float((first * second).mean(dtype=torch.float64))
 
 
 def combine(found: Sequence[PhotonTransfer]) -> PhotonTransfer:
