@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -162,9 +163,10 @@ def printable(name: str) -> str:
 
 def check_frame(pixels: np.ndarray, file: Path) -> None:
     """Refuse frames that cannot be speckle. Frames of zeros are legal, because a short exposure may be empty."""
-    if not np.isfinite(pixels).all():
+    lowest, highest = (float(pixels.min()), float(pixels.max())) if pixels.size else (0.0, 0.0)
+    if not (math.isfinite(lowest) and math.isfinite(highest)):  # NaN anywhere makes both NaN
         raise InputError("frame", "finite pixels", f"NaN or infinity in {file.name}", "leave the frame out")
-    largest = float(np.abs(pixels).max(initial=0.0))
+    largest = max(abs(lowest), abs(highest))
     if largest > MAX_PIXEL or 0.0 < largest < MIN_PIXEL:
         raise InputError(
             "frame",
@@ -174,11 +176,11 @@ def check_frame(pixels: np.ndarray, file: Path) -> None:
         )
     if pixels.shape in ((LAG_SIDE, LAG_SIDE), (LAG_SIDE, 2 * LAG_SIDE)):
         raise InputError("frame", "speckle", f"{file.name}, as large as a published autocorrelation", "add --autocorrelation")
-    if pixels.size and pixels.flat[0] != 0.0 and np.ptp(pixels) == 0.0:
+    if lowest == highest != 0.0:
         raise InputError(
             "frame",
             "speckle",
-            f"the same value {pixels.flat[0]:g} everywhere in {file.name}",
+            f"the same value {lowest:g} everywhere in {file.name}",
             "check the exposure or leave the frame out",
         )
     if min(pixels.shape) < LAG_SIDE:

@@ -38,19 +38,22 @@ class PhotonTransfer(NamedTuple):
 def photon_transfer(image: torch.Tensor) -> PhotonTransfer:
     """Measure the gain of a frame (H, W) of at least 6 x 6 pixels, whose grains are wider than two pixels."""
     height, width = (2 * (side // 2) for side in image.shape)
-    level = float(image.mean(dtype=torch.float64))  # single precision suffices for the covariances once it is subtracted
+    level, (lowest, highest) = float(image.mean()), torch.aminmax(image)
+    unit = float(highest - lowest) or 1.0  # single precision suffices once level and unit are taken out
     strips = [
-        _blocks(image[top : min(top + STRIP_ROWS + 4, height), :width] - level) for top in range(0, height - 4, STRIP_ROWS)
+        _blocks((image[top : min(top + STRIP_ROWS + 4, height), :width] - level) / unit)
+        for top in range(0, height - 4, STRIP_ROWS)
     ]
     ring, light, square = (torch.cat(parts) for parts in zip(*strips, strict=True))
-    variance = float(square.mean(dtype=torch.float64))
-    ring, light, noise = (one - one.mean(dtype=torch.float64).to(one) for one in (ring, light, square))
+    variance = float(square.mean()) * unit**2
+    ring, light, noise = (one - one.mean() for one in (ring, light, square))
     slope = _mean_product(ring, light)
     if slope <= 0.0:
         return PhotonTransfer(0.0, np.inf, variance)
     gain = _mean_product(ring, noise) / slope
     scatter = ring.mul_(noise.sub_(light, alpha=gain))
-    return PhotonTransfer(gain, (_mean_product(scatter, scatter) / scatter.numel()) ** 0.5 / slope, variance)
+    error = (_mean_product(scatter, scatter) / scatter.numel()) ** 0.5 / slope
+    return PhotonTransfer(gain * unit, error * unit, variance)
 
 
 def _blocks(pixels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -65,7 +68,7 @@ def _blocks(pixels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Ten
 
 
 def _mean_product(first: torch.Tensor, second: torch.Tensor) -> float:
-    return float((first * second).mean(dtype=torch.float64))
+    return float(torch.dot(first.flatten(), second.flatten())) / first.numel()
 
 
 def combine(found: Sequence[PhotonTransfer]) -> PhotonTransfer:

@@ -191,7 +191,7 @@ class AutocorrelationEstimator:
             return spectrum
         cross = self._first.real * spectrum.real + self._first.imag * spectrum.imag
         if self._first_lags is None:
-            self._first_lags = self._at_lags(self._first.real.square() + self._first.imag.square())
+            self._first_lags = self._at_lags(self._power)  # so far, of the first frame alone
         dof = 2.0 * degrees_of_freedom(1, self.grid.frame_shape, self._patch)
         if not shared_lags(self._at_lags(cross), self._first_lags, dof).any():
             return spectrum
@@ -203,8 +203,8 @@ class AutocorrelationEstimator:
         return spectrum * torch.polar(torch.ones_like(turn), turn)
 
     def _check_copies(self, shared_power: torch.Tensor) -> None:
-        power = float(self._power.sum(dtype=torch.float64)) / self.frames
-        correlation = float(shared_power.sum(dtype=torch.float64)) / power if power > 0.0 else 0.0
+        power = float(self._power.sum()) / self.frames
+        correlation = float(shared_power.sum()) / power if power > 0.0 else 0.0
         self._record(frames_correlate=correlation)
         if correlation > MIN_COPY_CORRELATION:
             raise InputError("frames", "frames of different illuminations", "copies of one frame", "leave the copies out")
