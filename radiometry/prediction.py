@@ -24,12 +24,11 @@ from radiometry.autocorrelation import (
 from radiometry.estimation.third_moment import MIN_SIGNAL_FRACTION, drawn_third_moment
 from radiometry.estimation.whole_frames import degrees_of_freedom
 from radiometry.noise.budget import NoiseTerms
+from radiometry.noise.detection import DETECTION_LIMIT, detection
+from radiometry.noise.level import WHOLE_FRAME_INFLATION, NoiseLevel
 from radiometry.photons import grain_area
 from radiometry.throughput import light_budget
 from radiometry.transfer import lag_transfer
-
-MIN_DETECTABLE_SNR = 3.0
-"""Minimum mean signal-to-noise ratio of the lags at which an object is recognisable."""
 
 CELLS_PER_LAG = 4
 """Cells per lag of the albedo from which the known r*r is computed."""
@@ -75,11 +74,19 @@ class Prediction:
         longer = replace(terms, signal=terms.signal * factor, dark=terms.dark * factor, ambient=terms.ambient * factor)
         return replace(self, terms=longer)
 
+    def detection(self, frames: int) -> float:
+        """Return the expected significance of the signal in standard deviations, as `invert` computes it from an estimate."""
+        floor = self.terms.floor_over_peak()
+        if floor is None:
+            return 0.0
+        noise = NoiseLevel(floor, self.dof(frames), self.grid.lag_grid.lags, WHOLE_FRAME_INFLATION)
+        return detection(self.signal + floor, noise)
+
     def detection_factor(self, frames: int) -> float | None:
         """Return by which factor exposures must change for the object to be just detectable; None if no exposure suffices."""
 
         def log_excess(octaves: float) -> float:
-            return math.log((self.with_exposure_factor(2.0**octaves).signal_to_noise(frames) or 1e-300) / MIN_DETECTABLE_SNR)
+            return math.log(max(self.with_exposure_factor(2.0**octaves).detection(frames), 1e-300) / DETECTION_LIMIT)
 
         lowest, highest = -40.0, 60.0
         if log_excess(highest) < 0.0:

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from radiometry.prediction import MIN_DETECTABLE_SNR, Prediction, predict
+from radiometry.noise.detection import DETECTION_LIMIT
+from radiometry.prediction import Prediction, predict
 from radiometry.throughput import detector_to_pixel, light_budget
 from sim.effects import Effect
 from sim.geometry import Geometry
@@ -133,12 +134,12 @@ def detection_exposure_s(prediction: Prediction, exposure_s: float, frames: int)
 
 def needed(plan: Plan, frames: int) -> str:
     """Return the exposure, and the number of frames, at which the object becomes detectable."""
-    exposure_s, ratio = plan.geometry.electronics.exposure_s, plan.prediction.signal_to_noise(frames)
-    if ratio is None:
+    exposure_s, expected = plan.geometry.electronics.exposure_s, plan.prediction.detection(frames)
+    if expected <= 0.0:
         return "light from the object"
     longer_s = detection_exposure_s(plan.prediction, exposure_s, frames)
-    # K, and with it the squared signal-to-noise ratio, is proportional to the number of frames.
-    count = math.ceil(frames * (MIN_DETECTABLE_SNR / ratio) ** 2)
+    # K, and with it the square of the significance, is proportional to the number of frames.
+    count = math.ceil(frames * (DETECTION_LIMIT / expected) ** 2)
     by_exposure = "" if longer_s is None else f"{frames} frames of {longer_s:.2g} s, or "
     return f"{by_exposure}{count} of {exposure_s:g} s to detect the object"
 

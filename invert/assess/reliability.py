@@ -15,8 +15,9 @@ from invert.assess.speckle_test import SpeckleTest
 from invert.likelihood.gamma import Likelihood
 from invert.measure.estimate import EstimateRecord
 from invert.measure.patch_fit import is_wider_than_lags
-from invert.measure.spectrum import DETECTION_LIMIT, Measurement
+from invert.measure.spectrum import Measurement
 from invert.methods import Reconstruction
+from radiometry.noise.detection import DETECTION_LIMIT
 
 MAX_UNVERIFIED_CONFIDENCE = 0.5
 """Maximum confidence if the light may not be speckle of the object, or if the reconstruction does not explain the estimate."""

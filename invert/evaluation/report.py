@@ -50,6 +50,7 @@ def _summary(result: Cell) -> dict[str, Any]:
         "method": asked["method"],
         "cases": len(rows),
         "confidence_error": float(np.mean([abs(row["confidence"] - row["pearson"]) for row in rows])),
+        "confidence_excess": float(max(row["confidence"] - row["pearson"] for row in rows)),
         "seconds": float(np.median([row["seconds"] for row in rows])),
         **scores,
     }
@@ -108,7 +109,8 @@ def _tables(summary: list[dict[str, Any]], leads: list[dict[str, Any]]) -> str:
             f"{method} {np.median([entry['seconds'] for entry in row.values()]):.2g}" for method, row in by_method.items()
         )
         errors = ", ".join(
-            f"{method} {np.mean([entry['confidence_error'] for entry in row.values()]):.2f}"
+            f"{method} {np.mean([entry['confidence_error'] for entry in row.values()]):.3f}, largest excess "
+            f"{max(entry['confidence_excess'] for entry in row.values()):.2f}"
             for method, row in by_method.items()
         )
         parts.append(f"Seconds per image: {seconds}. Mean difference of confidence and correlation: {errors}.\n")

@@ -2,5 +2,6 @@
 
 model.py   S = H (r*r) + b with Gamma or Gaussian noise: sampling and likelihood
 level.py   noise floor, degrees of freedom and signal extent read from an estimate
+detection.py  significance of the signal above the floor
 budget.py  contributions to the noise floor; error of an estimate
 """

@@ -9,6 +9,9 @@ import numpy as np
 
 from correlograph.lags import lag_grid_of
 
+WHOLE_FRAME_INFLATION = 2.25
+"""Variance inflation of an estimate from all pixel pairs: the sum of `radiometry.noise.model.lag_correlation` is 1.5 along each axis."""
+
 ASSUMED_DOF = 64.0
 """K of an estimate whose noise is hidden by rounding: the value of two frames in Metzler et al. 2020."""
 

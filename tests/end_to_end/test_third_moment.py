@@ -1,7 +1,6 @@
 """Third moment of frames: predicted for a scene, drawn, and seen in rendered frames."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from correlograph.lags import LAGS, lag_grid
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
 from radiometry.estimation.third_moment import drawn_third_moment, expected_third_moment
 from radiometry.estimation.whole_frames import AutocorrelationEstimator
-from radiometry.prediction import MIN_DETECTABLE_SNR, predict
+from radiometry.prediction import predict
 from scenes import scene_path
 from sim.frame import Simulation
 from sim.scene_file import load_scene
@@ -35,18 +34,6 @@ def test_drawn_patches_have_the_third_moment_in_closed_form(polarisations, peak)
     )
     expected = expected_third_moment(albedo / np.sqrt(np.square(albedo).sum()), weight * np.sqrt(transfer), peak, 128**2)
     assert mean == pytest.approx(expected / math.sqrt(polarisations), rel=0.05, abs=3.0 * deviation / 1000**0.5)
-
-
-def test_the_detection_exposure_reaches_the_detectable_signal_to_noise():
-    """Read noise of 3 electrons: the ratio is no power of the exposure."""
-    geometry = read_geometry(load_scene(scene_path("corner_letter"))[0])
-    noisy = replace(geometry, electronics=replace(geometry.electronics, read_noise=3.0))
-    prediction = predict(noisy)
-    for frames in (1, 50):
-        factor = prediction.detection_factor(frames)
-        assert prediction.with_exposure_factor(factor).signal_to_noise(frames) == pytest.approx(MIN_DETECTABLE_SNR, rel=0.01)
-    single = replace(prediction, terms=replace(prediction.terms, detector_grain_pixels=1e12))
-    assert single.detection_factor(1) is None
 
 
 def test_its_signal_to_noise_is_that_of_rendered_frames():
