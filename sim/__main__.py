@@ -160,7 +160,7 @@ def _render(scene, plan, content, options) -> None:
         replace_capture(staging, folder)
     if saturated > SATURATION_WORTH_A_WARNING:
         print(f"warning: full_well: {100 * saturated:.3g} % of the pixels are saturated", file=sys.stderr)
-    print(f"{options.frames} frames, {time.perf_counter() - begin:.1f} s: {folder}")
+    print(f"{options.frames} {'frame' if options.frames == 1 else 'frames'}, {time.perf_counter() - begin:.1f} s: {folder}")
 
 
 if __name__ == "__main__":
