@@ -13,7 +13,6 @@ import numpy as np
 
 from correlograph.errors import InputError, check_positive
 from correlograph.lags import LAG_SIDE, OBJECT_SIDE
-from radiometry.noise.budget import estimate_error
 from radiometry.noise.level import fit_known_signal
 from radiometry.prediction import Prediction, predict
 
@@ -38,12 +37,6 @@ class Division:
     error: float
 
 
-def error_of(prediction: Prediction, frames: int, floor: float) -> float:
-    """Return the predicted relative error of the estimate's signal, root mean square over all lags."""
-    signal = prediction.signal
-    return estimate_error(float(signal.sum()), float((signal**2).sum()), signal.size, floor, prediction.dof(frames))
-
-
 def divide(
     geometry: Any, budget_s: float, resolution_m: float = 300e-6, counts: tuple[int, ...] = FRAME_COUNTS
 ) -> list[Division]:
@@ -60,31 +53,17 @@ def divide(
     """
     check_positive("--budget-s", budget_s)
     prediction = _predict_at_resolution(geometry, resolution_m)
+    without_detector_speckle = replace(prediction, terms=replace(prediction.terms, detector_grain_pixels=0.0))
     exposure = geometry.electronics.exposure_s
     divisions = []
     for frames in counts:
-        shrink = budget_s / frames / exposure
-        terms = replace(
-            prediction.terms,
-            signal=prediction.terms.signal * shrink,
-            dark=prediction.terms.dark * shrink,
-            ambient=prediction.terms.ambient * shrink,
-            detector_grain_pixels=0.0,
-        )
-        floor = terms.floor_over_peak()
-        if floor is None:
+        divided = without_detector_speckle.with_exposure_factor(budget_s / frames / exposure)
+        floor, error = divided.terms.floor_over_peak(), divided.error(frames)
+        if floor is None or error is None:
             raise InputError("scene", "light from the hidden object", "none", "raise power or albedo")
+        grid = prediction.grid
         divisions.append(
-            Division(
-                frames,
-                budget_s / frames,
-                prediction.grid.size,
-                prediction.grid.count,
-                prediction.pitch_m,
-                floor,
-                prediction.dof(frames),
-                error_of(prediction, frames, floor),
-            )
+            Division(frames, budget_s / frames, grid.size, grid.count, prediction.pitch_m, floor, prediction.dof(frames), error)
         )
     return divisions
 

@@ -6,6 +6,7 @@ It takes a `sim.geometry.Geometry` without an import of the simulator.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,7 +24,7 @@ from radiometry.autocorrelation import (
 )
 from radiometry.estimation.third_moment import MIN_SIGNAL_FRACTION, drawn_third_moment
 from radiometry.estimation.whole_frames import degrees_of_freedom
-from radiometry.noise.budget import NoiseTerms
+from radiometry.noise.budget import NoiseTerms, estimate_error
 from radiometry.noise.detection import DETECTION_LIMIT, detection
 from radiometry.noise.level import WHOLE_FRAME_INFLATION, NoiseLevel
 from radiometry.photons import grain_area
@@ -84,9 +85,24 @@ class Prediction:
 
     def detection_factor(self, frames: int) -> float | None:
         """Return by which factor exposures must change for the object to be just detectable; None if no exposure suffices."""
+        return self._least_factor(lambda longer: longer.detection(frames) / DETECTION_LIMIT)
+
+    def error(self, frames: int) -> float | None:
+        """Return the relative error of the estimate's signal, root mean square over all lags; None without light."""
+        floor, signal = self.terms.floor_over_peak(), self.signal
+        if floor is None:
+            return None
+        return estimate_error(float(signal.sum()), float((signal**2).sum()), signal.size, floor, self.dof(frames))
+
+    def error_factor(self, frames: int, error: float) -> float | None:
+        """Return by which factor exposures must change for an error of the estimate; None if no exposure suffices."""
+        return self._least_factor(lambda longer: error / (longer.error(frames) or math.inf))
+
+    def _least_factor(self, excess: Callable[[Prediction], float]) -> float | None:
+        """Return the factor of the exposure at which `excess`, which grows with it, is 1."""
 
         def log_excess(octaves: float) -> float:
-            return math.log(max(self.with_exposure_factor(2.0**octaves).detection(frames), 1e-300) / DETECTION_LIMIT)
+            return math.log(max(excess(self.with_exposure_factor(2.0**octaves)), 1e-300))
 
         lowest, highest = -40.0, 60.0
         if log_excess(highest) < 0.0:

@@ -8,7 +8,7 @@ import numpy as np
 
 from radiometry.motion import Motion
 from radiometry.photons import photon_rate
-from radiometry.throughput import LightPath, detector_to_pixel
+from radiometry.throughput import LightPath, detector_to_pixel, light_budget
 from sim.plugins.speckle_camera import Electronics
 from sim.propagation.sampling import canvas, period
 from sim.transport.flat_object import FlatObject
@@ -83,6 +83,44 @@ class Geometry:
         """Return the same scene at another laser power."""
         return replace(self, light_path=replace(self.light_path, power_w=power_w))
 
+    def with_wavelength(self, wavelength_m: float) -> Geometry:
+        """Return the same scene in light of another wavelength, to which its surfaces respond alike."""
+        return replace(self, light_path=replace(self.light_path, wavelength_m=wavelength_m))
+
+    def with_camera(
+        self,
+        pixel_pitch_m: float,
+        frame_shape: tuple[int, int],
+        electronics: Electronics,
+        pupil_diameter_m: float | None = None,
+    ) -> Geometry:
+        """Return the same scene with another camera in the same place. The part of the wall that it sees is uniform.
+
+        Args:
+            pixel_pitch_m: pitch of the pixels on the wall.
+            pupil_diameter_m: None for the diameter of the present pupil.
+        """
+        pupil_diameter_m = self.pupil_diameter_m if pupil_diameter_m is None else pupil_diameter_m
+        path = replace(
+            self.light_path,
+            pixel_area_m2=self.light_path.pixel_area_m2 * (pixel_pitch_m / self.pixel_pitch_m) ** 2,
+            pixels=frame_shape[0] * frame_shape[1],
+            quantum_efficiency=electronics.quantum_efficiency,
+            pupil_diameter_m=pupil_diameter_m,
+        )
+        before, after = (detector_to_pixel(one) * one.pixel_area_m2 * one.pixels for one in (self.light_path, path))
+        other = self.other_light and self.other_light.scaled(after / before if before > 0.0 else 0.0)
+        return replace(
+            self,
+            pixel_pitch_m=pixel_pitch_m,
+            frame_shape=frame_shape,
+            pupil_diameter_m=pupil_diameter_m,
+            electronics=electronics,
+            light_path=path,
+            detector_texture=None,
+            other_light=other,
+        )
+
     def with_object(self, cells: np.ndarray, pitch_m: float | tuple[float, float]) -> Geometry:
         """Return the same scene with a flat object of albedo cells (n, n) in its place, `pitch_m` apart (rows, columns)."""
         pitches = pitch_m if isinstance(pitch_m, tuple) else (pitch_m, pitch_m)
@@ -108,7 +146,7 @@ class Geometry:
         """Stray laser light in units of the hidden object's light."""
         if self.other_light is None or self.hidden_object.throughput == 0.0:
             return 0.0
-        return self.other_light.total.per_frame / (self.hidden_object.throughput * self.light_path.pixels)
+        return self.other_light.total.per_frame / (light_budget(self.light_path).per_pixel * self.light_path.pixels)
 
     @property
     def ambient_photoelectrons_per_pixel_s(self) -> np.ndarray | None:

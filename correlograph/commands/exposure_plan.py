@@ -1,4 +1,4 @@
-"""`python -m radiometry.plan`: divide an exposure into frames; plot the predicted error and check it by rendering."""
+"""`python -m radiometry.plan`: divide an exposure into frames, or compare cameras; plot the prediction and check it by rendering."""
 
 from __future__ import annotations
 
@@ -8,14 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from correlograph.command import ArgumentParser, exit_at_once, run_command
+from correlograph.commands.camera_choice import add_options, compare
+from correlograph.errors import InputError
 from correlograph.ranges import SEED, SI, Range
 
 
 def parser() -> ArgumentParser:
-    p = ArgumentParser(prog="python -m radiometry.plan", description="Divide a photon budget into frames and patches.")
+    p = ArgumentParser(
+        prog="python -m radiometry.plan", description="Divide a photon budget into frames and patches, or compare cameras."
+    )
     p.add_argument("scene", help="Mitsuba scene file (XML), or the name of a shipped scene")
     p.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="scene parameter")
-    p.add_argument("--budget-s", type=SI, required=True, help="seconds of exposure in all")
+    p.add_argument("--budget-s", type=SI, help="seconds of exposure in all, to divide into frames")
     p.add_argument("--resolution-m", type=SI, default=300e-6, help="coarsest object pitch of a lag that will do")
     p.add_argument(
         "--check",
@@ -25,17 +29,20 @@ def parser() -> ArgumentParser:
         help="render every division of at most FRAMES frames and measure its error",
     )
     p.add_argument("--seed", type=SEED, default=0)
-    p.add_argument("-o", "--output", help="folder for plan.json and plan.png; nothing is written without it")
+    p.add_argument("-o", "--output", help="folder for JSON and figure; nothing is written without it")
+    add_options(p)
     p.add_overwrite()
     return p
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Predict the error of every division, select the best, check it by rendering if asked, plot the curve."""
+    """Load the scene and divide an exposure, or compare cameras."""
     options = parser().parse_args(argv)
-    from correlograph.files.output import output_folder, save_json
+    if (options.budget_s is None) == (options.cameras is None):
+        found = "neither" if options.cameras is None else "both"
+        raise InputError("arguments", "--budget-s SECONDS or --cameras", found, "choose one")
+    from correlograph.files.output import output_folder
     from correlograph.files.ownership import claim
-    from radiometry.exposure_planner import best, divide
 
     with exit_at_once():
         import sim  # noqa: F401 - loads Mitsuba
@@ -46,11 +53,23 @@ def main(argv: Sequence[str] | None = None) -> None:
 
     folder = None if options.output is None else output_folder(options.output)
     if folder is not None:
-        claim(folder, ["plan.json", "plan.png"], overwrite=options.overwrite)
+        name = "plan" if options.cameras is None else "cameras"
+        claim(folder, [f"{name}.json", f"{name}.png"], overwrite=options.overwrite)
     log_to_standard_error()
     scene, _ = load_scene(options.scene, parse_definitions(options.definitions))
     geometry = read_geometry(scene)
     check(geometry)
+    if options.cameras is None:
+        divide_exposure(options, geometry, folder)
+    else:
+        compare(options, geometry, folder)
+
+
+def divide_exposure(options: Any, geometry: Any, folder: Path | None) -> None:
+    """Predict the error of every division, select the best, check it by rendering if asked, plot the curve."""
+    from correlograph.files.output import save_json
+    from radiometry.exposure_planner import best, divide
+
     divisions = divide(geometry, options.budget_s, options.resolution_m)
     chosen = best(divisions)
     checked = render_errors(geometry, [d for d in divisions if d.frames <= options.check], options.seed)

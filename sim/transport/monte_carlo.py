@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import drjit as dr
@@ -74,6 +74,12 @@ class OtherLight:
     position: np.ndarray
     weight: np.ndarray
     fractions: Mapping[str, float]
+
+    def scaled(self, factor: float) -> OtherLight:
+        """Return the same light, stronger by a factor."""
+        total = self.total
+        total = MonteCarlo(factor * total.per_frame, factor * total.standard_error, total.samples)
+        return replace(self, total=total, weight=factor * self.weight)
 
 
 def estimate_throughput(

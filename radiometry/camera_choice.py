@@ -1,0 +1,160 @@
+"""Comparison of cameras for a scene, over magnification, binning, pupil, wavelength and laser power.
+
+Each combination replaces the camera of the scene, in the same place. Its frames are predicted as those of the scene are, and the
+exposures follow at which the object is detected and at which its reconstruction reaches a correlation.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from correlograph.errors import InputError
+from radiometry.cameras import Camera
+from radiometry.prediction import Prediction, predict
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """What a lab can choose around a camera; None keeps the value of the scene."""
+
+    magnification: float
+    binning: int = 1
+    pupil_diameter_m: float | None = None
+    wavelength_m: float | None = None
+    power_w: float | None = None
+
+    def apply(self, geometry: Any, camera: Camera) -> Any:
+        """Return the geometry of a scene with a camera in this arrangement."""
+        if self.power_w is not None:
+            geometry = geometry.with_power(self.power_w)
+        if self.wavelength_m is not None:
+            geometry = geometry.with_wavelength(self.wavelength_m)
+        camera = camera.binned(self.binning)
+        electronics = replace(
+            geometry.electronics,
+            quantum_efficiency=camera.efficiency(geometry.wavelength_m),
+            read_noise=camera.read_noise,
+            dark_current=camera.dark_current,
+            full_well=camera.full_well,
+            row_noise=0.0,
+            column_noise=0.0,
+            fixed_pattern=0.0,
+            bits=0,
+            gain=0.0,
+        )
+        return geometry.with_camera(camera.pixel_m / self.magnification, camera.shape, electronics, self.pupil_diameter_m)
+
+
+@dataclass(frozen=True)
+class CameraPlan:
+    """Prediction for one camera in one arrangement.
+
+    Attributes:
+        photoelectrons: mean of a pixel in one exposure of the scene, by light of the object.
+        floor_over_peak, dof: noise of an estimate from the frames at the exposure of the scene.
+        lag_pitch_m: object distance of one lag.
+        field_m: part of the wall that the camera sees (rows, columns).
+        detection_s: exposure of all frames together at which the object is detected; None if no exposure suffices.
+        correlation_s: the same for the required error of the estimate; None also if no error is required.
+        saturated: fraction of saturated pixels at the longer of these exposures.
+    """
+
+    camera: str
+    arrangement: Arrangement
+    photoelectrons: float
+    floor_over_peak: float
+    dof: float
+    lag_pitch_m: float
+    field_m: tuple[float, float]
+    detection_s: float | None
+    correlation_s: float | None
+    saturated: float
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Order of the plans: exposure for the correlation, then for the detection."""
+        return tuple(math.inf if seconds is None else seconds for seconds in (self.correlation_s, self.detection_s))
+
+
+def arrangements(
+    magnifications: Iterable[float],
+    binnings: Iterable[int] = (1,),
+    pupils_m: Iterable[float | None] = (None,),
+    wavelengths_m: Iterable[float | None] = (None,),
+    powers_w: Iterable[float | None] = (None,),
+) -> list[Arrangement]:
+    """Return all combinations."""
+    return [Arrangement(*values) for values in itertools.product(magnifications, binnings, pupils_m, wavelengths_m, powers_w)]
+
+
+def compare_cameras(
+    geometry: Any,
+    cameras: Sequence[Camera],
+    choices: Sequence[Arrangement],
+    check: Callable[[Any], None],
+    frames: int = 2,
+    required_error: Callable[[Prediction], float] | None = None,
+) -> tuple[list[CameraPlan], list[str]]:
+    """Predict every camera in every arrangement.
+
+    Args:
+        geometry: geometry of the scene.
+        check: raises InputError for a geometry that cannot be modelled, as `sim.plan.check` does.
+        frames: frames that share the exposure equally.
+        required_error: returns the relative error of an estimate that its reconstruction needs; None for detection only.
+
+    Returns:
+        the plans, best first, and one line for each combination that is impossible.
+    """
+    plans, impossible = [], []
+    for camera, choice in itertools.product(cameras, choices):
+        try:
+            plans.append(_predict_one(geometry, camera, choice, check, frames, required_error))
+        except InputError as error:
+            binned = f", {choice.binning} x {choice.binning} binned" if choice.binning > 1 else ""
+            impossible.append(f"{camera.name} at magnification {choice.magnification:g}{binned}: {error}")
+    return sorted(plans, key=lambda plan: plan.rank), impossible
+
+
+def _predict_one(
+    geometry: Any,
+    camera: Camera,
+    choice: Arrangement,
+    check: Callable[[Any], None],
+    frames: int,
+    required_error: Callable[[Prediction], float] | None,
+) -> CameraPlan:
+    other = choice.apply(geometry, camera)
+    check(other)
+    prediction = predict(other)
+    terms, exposure_s = prediction.terms, other.electronics.exposure_s
+    floor = terms.floor_over_peak()
+    if floor is None:
+        raise InputError("scene", "light from the hidden object", "none", "raise power or albedo")
+
+    def seconds(factor: float | None) -> float | None:
+        return None if factor is None else factor * exposure_s * frames
+
+    detection_s = seconds(prediction.detection_factor(frames))
+    correlation_s = None if required_error is None else seconds(prediction.error_factor(frames, required_error(prediction)))
+    longest_s = max((one for one in (detection_s, correlation_s) if one is not None), default=0.0) / frames
+    mean = (terms.signal + terms.ambient + terms.dark) * longest_s / exposure_s
+    full_well = other.electronics.full_well
+    rows, columns = (side * other.pixel_pitch_m for side in other.frame_shape)
+    return CameraPlan(
+        camera.name,
+        choice,
+        terms.signal,
+        floor,
+        prediction.dof(frames),
+        prediction.pitch_m,
+        (rows, columns),
+        detection_s,
+        correlation_s,
+        # Speckle of one polarisation has an exponential histogram.
+        math.exp(-full_well / mean) if full_well and mean > 0.0 else 0.0,
+    )
