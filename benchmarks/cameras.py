@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,6 +22,8 @@ from tqdm import tqdm
 import correlograph as cg
 from correlograph.commands.camera_choice import RequiredError
 from correlograph.files.figures import save_figure
+from invert.measure.estimate import estimate_from_frames
+from invert.measure.spectrum import read_measurement
 from radiometry.camera_choice import Arrangement, compare_cameras
 from radiometry.cameras import Camera
 from radiometry.noise.detection import DETECTION_LIMIT
@@ -58,33 +62,42 @@ def draw_camera(number: int, geometry: Any) -> tuple[Camera, Arrangement]:
 
 
 def crossing(seconds: list[float], values: list[float], level: float) -> float:
-    """Return the exposure at which a straight line through the values against the logarithm of the exposure has a level."""
-    slope, offset = np.polyfit(np.log(seconds), values, 1)
-    return float(np.exp((level - offset) / slope))
+    """Return the exposure at which a power law through the values has a level."""
+    slope, offset = np.polyfit(np.log(seconds), np.log(values), 1)
+    return float(np.exp((np.log(level) - offset) / slope))
 
 
-def measure(geometry: Any, predicted_s: float, captures: int, quality: str) -> list[tuple[float, float, float]]:
-    """Return (exposure of all frames, mean detection, mean correlation) at exposures around the predicted one."""
-    found = []
+def measure_detection(capture: cg.Capture, truth: cg.Truth, quality: str, seed: int) -> float:
+    return read_measurement(estimate_from_frames(capture, None, "cpu").lags).detection
+
+
+def measure_correlation(capture: cg.Capture, truth: cg.Truth, quality: str, seed: int) -> float:
+    result = cg.reconstruct(capture, quality=quality, seed=seed)
+    return cg.aligned_pearson(result.albedo, result.truth_on_lags(truth))[0] if result.object_found else 0.0
+
+
+def reached(
+    measure: Callable[..., float], geometry: Any, predicted_s: float, level: float, captures: int, quality: str
+) -> float:
+    """Return the exposure of all frames at which the mean of a measure reaches a level."""
+    exposures, means = [], []
     for step, factor in enumerate(FACTORS):
         seconds = predicted_s * factor
         seen = geometry.with_exposure(seconds / FRAMES)
         prediction = predict(seen)
         truth = cg.Truth(prediction.cells, prediction.pitches_m)
-        scores = []
-        for number in range(captures):
-            result = cg.reconstruct(render_geometry(seen, FRAMES, 100 * step + number), quality=quality, seed=number)
-            correlation = cg.aligned_pearson(result.albedo, result.truth_on_lags(truth))[0] if result.object_found else 0.0
-            scores.append((result.measurement.detection, correlation))
-        found.append((seconds, *np.mean(scores, 0)))
-    return found
+        capture_of = partial(render_geometry, seen, FRAMES)
+        values = [measure(capture_of(100 * step + number), truth, quality, number) for number in range(captures)]
+        exposures.append(seconds)
+        means.append(float(np.mean(values)))
+    return crossing(exposures, means, level)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=12)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--captures", type=int, default=6, help="captures at each exposure")
+    parser.add_argument("--captures", type=int, default=8, help="captures at each exposure")
     parser.add_argument("--correlation", type=float, default=0.9)
     parser.add_argument("--quality", default="balanced")
     parser.add_argument("-o", "--output", type=Path, default=Path("out/cameras"))
@@ -100,18 +113,17 @@ def main() -> None:
         camera, choice = draw_camera(number, geometry)
         plan = compare_cameras(geometry, [camera], [choice], check, FRAMES, required)[0][0]
         other = choice.apply(geometry, camera)
-        near_detection = measure(other, plan.detection_s, options.captures, "fast")
-        near_correlation = measure(other, plan.correlation_s, options.captures, options.quality)
-        seconds, detections, _ = zip(*near_detection, strict=True)
-        longer, _, correlations = zip(*near_correlation, strict=True)
+        detected_s = reached(measure_detection, other, plan.detection_s, DETECTION_LIMIT, options.captures, "")
+        sharp_s = reached(
+            measure_correlation, other, plan.correlation_s, options.correlation, options.captures, options.quality
+        )
         rows.append(
             {
                 "pixel_on_wall_um": 1e6 * other.pixel_pitch_m,
                 "read_noise": other.electronics.read_noise,
                 "lag_pitch_um": 1e6 * plan.lag_pitch_m,
-                "detection_s": [plan.detection_s, crossing(seconds, detections, DETECTION_LIMIT)],
-                "correlation_s": [plan.correlation_s, crossing(longer, correlations, options.correlation)],
-                "correlations": list(correlations),
+                "detection_s": [plan.detection_s, detected_s],
+                "correlation_s": [plan.correlation_s, sharp_s],
             }
         )
         file.write_text(json.dumps(rows, indent=1))

@@ -45,6 +45,7 @@ class Arrangement:
             fixed_pattern=0.0,
             bits=0,
             gain=0.0,
+            gate=0.0,
         )
         return geometry.with_camera(camera.pixel_m / self.magnification, camera.shape, electronics, self.pupil_diameter_m)
 

@@ -72,7 +72,13 @@ class Prediction:
     def with_exposure_factor(self, factor: float) -> Prediction:
         """Return the prediction for exposures longer by a factor."""
         terms = self.terms
-        longer = replace(terms, signal=terms.signal * factor, dark=terms.dark * factor, ambient=terms.ambient * factor)
+        longer = replace(
+            terms,
+            signal=terms.signal * factor,
+            dark=terms.dark * factor,
+            ambient=terms.ambient * factor,
+            gates=terms.gates * factor,
+        )
         return replace(self, terms=longer)
 
     def detection(self, frames: int) -> float:
@@ -171,6 +177,8 @@ def noise_terms(geometry: Any, albedo: np.ndarray, cell_area_m2: float, square_s
         quantisation=electronics.step**2 / 12.0,
         # The mean square falls from 2 to 1 + kept; the subjective speckle of the virtual detector keeps the same fraction of its variance.
         detector_grain_pixels=subjective_grain / geometry.pixel_pitch_m**2 * 0.5 * (1.0 + kept) * kept,
+        gates=electronics.gates,
+        modes=1.0 / kept,
     )
 
 

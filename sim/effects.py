@@ -23,6 +23,7 @@ ELECTRONIC = {
     "dark_current": "dark_current",
     "full_well": "full_well",
     "quantisation": "bits",
+    "photon_counting": "gate",
 }
 """Effects that a parameter of the speckle_camera enables, and that parameter."""
 

@@ -144,28 +144,30 @@ class Simulation:
     def expected_frame(self, seed: int, number: int) -> torch.Tensor:
         """Return the expected photoelectrons of one frame's speckle without photon and camera noise: float32 (H, W).
 
-        It is the incoherent sum over polarisations, spectral lines and the sub-exposures of a motion.
+        It is the incoherent sum over polarisations, spectral lines and the sub-exposures of a motion. A camera with polarisation
+        channels records frames 2 k and 2 k + 1 in one exposure.
         """
         if len(self._samples.amplitude) == 0:
             return self._ambient().expand(self.geometry.frame_shape).clone().cpu()
         factor, polarisations = self._modes.oversampling, self._modes.polarisations
+        exposure, channel = divmod(number, self.geometry.polarisation_channels)
         exact = self._modes.exact_roughness
         texture = self._texture(factor) if self._models("detector_texture") else None
         total = torch.zeros(self.geometry.canvas_shape, device=self.device)
-        poses = self._poses(number)
+        poses = self._poses(exposure)
         modes = (
             (polarisation, offset_hz, weight / len(poses), pose)
-            for polarisation in range(polarisations)
+            for polarisation in range(channel, channel + polarisations)
             for offset_hz, weight in self._modes.lines
             for pose in poses
         )
         for polarisation, offset_hz, weight, pose in modes:
-            wall = self._canvas_field(seed, number, polarisation, offset_hz, factor, pose).to(torch.complex64)
+            wall = self._canvas_field(seed, exposure, polarisation, offset_hz, factor, pose).to(torch.complex64)
             if texture is not None:
                 wall = wall * texture
             if exact:
                 # one rough wall for all lines of a polarisation
-                image = exact_image(wall, factor, self.geometry, _stream(seed, number, 3 + 2 * polarisation))
+                image = exact_image(wall, factor, self.geometry, _stream(seed, exposure, 3 + 2 * polarisation))
             else:
                 image = wall.real.square() + wall.imag.square()
             total.add_(image, alpha=weight / polarisations)
@@ -176,7 +178,7 @@ class Simulation:
             total = mean_image(total, self._transfer)
         total = middle(total, self.geometry.frame_shape)
         if self._models("detector_roughness") and not exact:
-            total = gamma_image(total, self.geometry, _stream(seed, number, 3), polarisations)
+            total = gamma_image(total, self.geometry, _stream(seed, exposure, 3 + 2 * channel), polarisations)
         return (total * (self.mean_photoelectrons / self._samples.brightness)).add_(self._ambient()).cpu()
 
     def _poses(self, number: int) -> list[Pose]:
@@ -204,7 +206,8 @@ class Simulation:
         """Return one recorded frame in electrons, float32 (H, W).
 
         Frame `number` of a capture illuminates another spot of the virtual source, at least one spot diameter away unless the
-        laser's `scan_step` is smaller. Its speckle and its noise are therefore independent of other frames.
+        laser's `scan_step` is smaller. Its speckle and its noise are therefore independent of other frames. Both polarisation
+        channels of an exposure share the spot; their speckle is independent too.
         """
         noise = expose(
             self.expected_frame(seed, number).numpy(), self._electronics, _stream(seed, number, 1), self._models("shot_noise")

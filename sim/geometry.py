@@ -61,7 +61,7 @@ class Geometry:
     source; zero if a baffle or the orientation of the walls blocks it."""
     linewidth_hz: float
     is_depolarised: bool
-    """Whether light has lost its polarisation before it reaches the virtual detector."""
+    """Whether the light of a frame has lost its polarisation, so that two incoherent speckle patterns share it."""
     detector_height_rms_m: float | None
     """Roughness of the virtual detector; None without a phase_screen."""
     detector_texture: np.ndarray | None
@@ -72,6 +72,8 @@ class Geometry:
     """Velocity of the hidden object in world axes (3,)."""
     frame_interval_s: float = 0.0
     """Time between the starts of two frames; the exposure if that is longer."""
+    polarisation_channels: int = 1
+    """Frames of one exposure, each with the speckle pattern of one polarisation."""
     other_light: OtherLight | None = None
     """Stray laser light, by clutter or several reflections; None for a flat object in place of the scene's."""
 

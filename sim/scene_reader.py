@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import drjit as dr
@@ -97,7 +98,8 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
         light_path=path,
         is_direct_path_blocked=is_blocked(scene, spot_point, detector_centre),
         linewidth_hz=laser.linewidth_hz,
-        is_depolarised=any(_is_depolarising(shape) for shape in (source, *hidden_shapes)),
+        is_depolarised=_is_depolarised((source, *hidden_shapes), camera),
+        polarisation_channels=camera.polarisation_channels,
         detector_height_rms_m=detector.bsdf().height_rms_m if isinstance(detector.bsdf(), PhaseScreen) else None,
         detector_texture=texture,
         ambient_irradiance=ambient_irradiance(
@@ -205,8 +207,16 @@ def _light_path(
     return path
 
 
-def _is_depolarising(shape: mi.Shape) -> bool:
-    return isinstance(shape.bsdf(), PhaseScreen) and shape.bsdf().depolarising
+def _is_depolarised(shapes: Iterable[mi.Shape], camera: SpeckleCamera) -> bool:
+    """Return whether a frame contains both polarisations. Raises InputError for channels of light that keeps its polarisation."""
+    is_depolarised = any(isinstance(shape.bsdf(), PhaseScreen) and shape.bsdf().depolarising for shape in shapes)
+    if camera.polarisation_channels == 1:
+        return is_depolarised
+    if not is_depolarised:
+        expected = "1, unless a phase_screen of source or object is depolarising"
+        remedy = "set depolarising, because both channels show one speckle pattern otherwise"
+        raise InputError("speckle_camera.polarisation_channels", expected, camera.polarisation_channels, remedy)
+    return False
 
 
 def _velocity(shapes: list[mi.Shape]) -> np.ndarray:

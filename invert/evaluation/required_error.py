@@ -17,11 +17,14 @@ from invert.solvers.base import Progress, no_progress
 from radiometry.noise.budget import estimate_error
 from radiometry.noise.model import draw_estimate
 
-DRAWS = 8
-"""Estimates for each error."""
+STANDARD_ERROR = 0.08
+"""Standard error of the natural logarithm of the result at which sampling stops."""
 
-FACTORS = (0.75, 1.0, 1.33)
-"""Errors of the last step, in units of the one before; the result is interpolated between them."""
+MIN_DRAWS, MAX_DRAWS = 12, 96
+"""Number of reconstructions near the result."""
+
+SPREAD = 0.3
+"""Errors are sampled this far below and above the present solution, as natural logarithms."""
 
 
 def required_error(
@@ -47,31 +50,46 @@ def required_error(
     """
     draws = count(seed)
 
-    def mean_correlation(error: float, number: int) -> float:
-        floor = floor_for(error, signal, dof)
-        scores = []
-        for draw in (next(draws) for _ in range(number)):
-            rng = torch.Generator().manual_seed(draw)
-            lags = draw_estimate(torch.from_numpy(signal + floor).float(), dof, rng, correlated=True)
-            result = reconstruct(Estimate("drawn", lags.numpy(), transfer=transfer), method=UNET, quality=quality, seed=draw)
-            scores.append(aligned_pearson(result.albedo, albedo)[0])
-            progress(1)
-        return float(np.mean(scores))
+    def correlation_at(error: float) -> float:
+        draw = next(draws)
+        rng = torch.Generator().manual_seed(draw)
+        spectrum = torch.from_numpy(signal + floor_for(error, signal, dof)).float()
+        lags = draw_estimate(spectrum, dof, rng, correlated=True).numpy()
+        result = reconstruct(Estimate("drawn", lags, transfer=transfer), method=UNET, quality=quality, seed=draw)
+        progress(1)
+        return aligned_pearson(result.albedo, albedo)[0]
 
     lowest = floorless_error(signal, dof)
     error = max(0.5, 1.5 * lowest)
-    # Errors in octaves downwards or upwards until the correlation is passed; then three errors around it.
-    step = 2.0 if mean_correlation(error, DRAWS // 4) > correlation else 0.5
-    while (mean_correlation(error * step, DRAWS // 4) > correlation) == (step > 1.0):
-        error *= step
-        if error * step < lowest:
+    # The error doubles or halves until the correlation is passed; a straight line through samples near that error is then solved.
+    factor = 2.0 if correlation_at(error) > correlation else 0.5
+    while True:
+        if error * factor <= lowest:
             found = f"{correlation:g}, which needs a smaller error than {lowest:.2g} of these frames without noise"
             raise InputError("--correlation", "one that the reconstruction can reach", found, "lower it or add frames")
-    error *= math.sqrt(step)
-    tried = [error * factor for factor in FACTORS]
-    reached = [mean_correlation(one, DRAWS) for one in tried]
-    slope, offset = np.polyfit(np.log(tried), reached, 1)
-    return float(np.exp(np.clip((correlation - offset) / min(slope, -1e-3), np.log(tried[0]) - 0.4, np.log(tried[-1]) + 0.4)))
+        if (correlation_at(error * factor) > correlation) != (factor > 1.0):
+            break
+        error *= factor
+    solution = math.log(error) + 0.5 * math.log(factor)
+    tried, reached = [], []
+    while len(tried) < MAX_DRAWS:
+        for offset in (-SPREAD, SPREAD):
+            tried.append(solution + offset)
+            reached.append(correlation_at(math.exp(tried[-1])))
+        if len(tried) >= MIN_DRAWS:
+            solution, uncertainty = _solve(np.array(tried), np.array(reached), correlation)
+            if uncertainty < STANDARD_ERROR:
+                break
+    return math.exp(solution)
+
+
+def _solve(tried: np.ndarray, reached: np.ndarray, correlation: float) -> tuple[float, float]:
+    """Return the logarithm of the error with a correlation, on a straight line through the samples, and its standard error."""
+    (slope, offset), residual, *_ = np.polyfit(tried, reached, 1, full=True)
+    slope = min(slope, -0.02)
+    deviation = math.sqrt(float(residual[0]) / (len(tried) - 2)) if len(residual) else 0.0
+    solution = float(np.clip((correlation - offset) / slope, tried.min() - SPREAD, tried.max() + SPREAD))
+    return solution, deviation / abs(slope) / math.sqrt(len(tried))
 
 
 def floorless_error(signal: np.ndarray, dof: float) -> float:

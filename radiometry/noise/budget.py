@@ -20,6 +20,8 @@ class NoiseTerms:
         quantisation: variance of the ADC, step^2 / 12.
         grain_pixels: coherence area of the speckle in pixels.
         detector_grain_pixels: coherence area of the subjective speckle of the virtual detector in pixels; 0 if it is omitted.
+        gates: number of gates of a photon-counting camera; 0 for other cameras.
+        modes: number of incoherent speckle patterns of equal power that share the signal; not necessarily a whole number.
     """
 
     signal: float
@@ -29,6 +31,8 @@ class NoiseTerms:
     read: float = 0.0
     quantisation: float = 0.0
     detector_grain_pixels: float = 0.0
+    gates: float = 0.0
+    modes: float = 1.0
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
@@ -54,7 +58,28 @@ class NoiseTerms:
             for name in names
         }
         shares["detector_speckle"] = 2.0 * self.detector_grain_pixels / self.grain_pixels
+        if self.gates:
+            shares["saturation"] = self._saturation_over_peak()
         return shares
+
+    def _saturation_over_peak(self) -> float:
+        """Return what the saturation of counts adds to floor over peak.
+
+        Photons arrive at x + c per gate: x of the signal, Gamma-distributed over the pixels with mean mu and M modes, and a constant c.
+        Moments of the binomial counts follow from E[exp(-x)] = (1 + mu / M)^-M. In units of (r*r)(0) of these counts, their
+        noise is (exp(c) (1 + mu) (1 + 2 mu) - (1 + mu)^2) / (mu^2 gates A) for M = 1.
+        """
+        mean, constant = self.signal / self.gates, (self.ambient + self.dark) / self.gates
+        each = mean / self.modes
+        once, twice = (math.exp(-self.modes * math.log1p(times * each)) for times in (1.0, 2.0))
+        noise = once * math.expm1(constant) - once * math.expm1(self.modes * (math.log1p(each) - math.log1p(2.0 * each)))
+        # (1 + 2 a) / (1 + a)^2 = 1 - (a / (1 + a))^2
+        variance = -twice * math.expm1(self.modes * math.log1p(-((each / (1.0 + each)) ** 2)))
+        counted = noise / variance / (self.gates * self.modes * self.grain_pixels)
+        electronic = (self.read + self.quantisation) / self.signal / self.signal / self.grain_pixels
+        shrunk = mean**2 / self.modes * math.exp(2.0 * constant) / variance
+        unsaturated = (self.signal + self.ambient + self.dark) / self.signal / self.signal / self.grain_pixels
+        return counted - unsaturated + electronic * (shrunk - 1.0)
 
     def floor_over_peak(self) -> float | None:
         """Return b / (r*r)(0) of all terms together."""

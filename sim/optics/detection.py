@@ -42,11 +42,14 @@ def expose(
 ) -> np.ndarray:
     """Sample one recorded frame from expected photoelectrons, float32, in electrons.
 
-    Shot noise of signal and dark current, then read, row, column and fixed-pattern noise, full well and ADC. An effect with parameter
-    0 is omitted.
+    Shot noise of signal and dark current, or their count in gates, then read, row, column and fixed-pattern noise, full well and
+    ADC. An effect with parameter 0 is omitted.
     """
     mean = photoelectrons + electronics.dark_current * electronics.exposure_s
-    stored = (rng.poisson(mean) if shot_noise else mean).astype(np.float32)
+    if electronics.gate:
+        stored = count_photons(mean, electronics.gates, rng if shot_noise else None)
+    else:
+        stored = (rng.poisson(mean) if shot_noise else mean).astype(np.float32)
     if electronics.read_noise:
         stored += np.float32(electronics.read_noise) * rng.standard_normal(stored.shape, np.float32)
     if electronics.row_noise:
@@ -63,3 +66,13 @@ def expose(
         step = np.float32(electronics.step)
         stored = np.minimum(np.round(stored / step), np.float32(2**electronics.bits - 1)) * step
     return stored
+
+
+def count_photons(mean: np.ndarray, gates: float, rng: np.random.Generator | None) -> np.ndarray:
+    """Return the gates in which a pixel detects at least one photon, float32; their expectation without a random generator.
+
+    A gate detects none with probability exp(-mean / gates), so counts are binomial and saturate at the number of gates.
+    """
+    detected = -np.expm1(-mean / gates)
+    counts = gates * detected if rng is None else rng.binomial(int(gates), detected)
+    return counts.astype(np.float32)

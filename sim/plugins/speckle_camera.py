@@ -21,6 +21,7 @@ ELECTRONIC = (
     Parameter("full_well", "electrons", 1e-30, 1e15, 0.0, zero=True),
     Parameter("bits", "", 1, 32, 0.0, zero=True),
     Parameter("gain", "electrons per number", 1e-30, 1e15, 0.0, zero=True),
+    Parameter("gate", "seconds", 1e-30, 1e15, 0.0, zero=True),
 )
 
 OPTICAL = (
@@ -29,6 +30,7 @@ OPTICAL = (
     Parameter("pupil_diameter", "metres", 1e-9, 1e9),
     Parameter("transmission", "", 0.0, 1.0, 1.0),
     Parameter("frame_interval", "seconds", 1e-30, 1e15, 0.0, zero=True),
+    Parameter("polarisation_channels", "", 1, 2, 1.0),
 )
 
 PARAMETERS = tuple(parameter.name for parameter in ELECTRONIC[1:])
@@ -46,6 +48,7 @@ class Electronics:
         full_well: electrons at which a pixel saturates.
         bits: bits of the ADC, whose range is the full well, or `gain` times its maximum number.
         gain: electrons per digital number.
+        gate: of a photon-counting camera, in which a pixel counts at most one photon per gate; its gates fill the exposure.
     """
 
     exposure_s: float
@@ -58,6 +61,7 @@ class Electronics:
     full_well: float = 0.0
     bits: int = 0
     gain: float = 0.0
+    gate: float = 0.0
 
     def __post_init__(self) -> None:
         check_positive("exposure", self.exposure_s)
@@ -76,6 +80,13 @@ class Electronics:
             )
         if self.gain and not self.bits:
             raise InputError("gain", "bits as well", "gain without bits", "add bits to the speckle_camera")
+        if self.gate > self.exposure_s:
+            raise InputError("gate", f"at most the exposure of {self.exposure_s:g} s", self.gate, "correct gate")
+
+    @property
+    def gates(self) -> float:
+        """Number of gates in an exposure, and of photons that a pixel can count; 0 for a camera without gates."""
+        return float(round(self.exposure_s / self.gate)) if self.gate else 0.0
 
     @property
     def step(self) -> float:
@@ -89,7 +100,8 @@ class SpeckleCamera(mi.Sensor):
     """Camera along the local +z axis of `to_world`, whose origin is the centre of the pupil.
 
     Parameters (SI): `to_world`; `pixel_pitch` on the sensor and `magnification` (their ratio is the pitch on the wall);
-    `pupil_diameter`; `transmission`; `exposure` and the rest of `Electronics`. The film defines the number of pixels.
+    `pupil_diameter`; `transmission`; `exposure` and the rest of `Electronics`; `polarisation_channels`, 2 for a camera that records
+    two frames of one exposure, each in one of two orthogonal polarisations. The film defines the number of pixels.
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -109,7 +121,11 @@ class SpeckleCamera(mi.Sensor):
         values = self._parameters
         self.magnification = values["magnification"]
         self.pixel_pitch_m = values["pixel_pitch"] / self.magnification
-        self.pupil_diameter_m, self.transmission = values["pupil_diameter"], values["transmission"]
+        channels = values["polarisation_channels"]
+        if channels != int(channels):
+            raise InputError("speckle_camera.polarisation_channels", "1 or 2", channels, "correct polarisation_channels")
+        self.polarisation_channels = int(channels)
+        self.pupil_diameter_m, self.transmission = values["pupil_diameter"], values["transmission"] / channels
         self.frame_interval_s = values["frame_interval"]
         # The constructor requires a whole number of bits; other floats fail.
         bits = values["bits"]
