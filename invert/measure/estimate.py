@@ -191,18 +191,34 @@ def estimate_from_frames(
         choice = choose_lags(grid, lambda tried: read_measurement(run_estimator(tried)[1]))
         grid, reason = choice.grid, choice.reason
     estimator, lags = run_estimator(grid) if few is capture.frames else run_over(capture.frames, grid)
-    estimate = Estimate(
-        name=", ".join(capture.names) or f"{len(capture.frames)} frames",
-        lags=lags,
-        transfer=_camera_transfer(capture.camera, grid),
-        pitches_m=grid.lag_pitches_m(*geometry) if geometry else None,
-        frame=capture.frames[0],
+    name = ", ".join(capture.names) or f"{len(capture.frames)} frames"
+    estimate = replace(
+        estimate_of(estimator, lags, capture.camera, name, capture.frames[0], reason),
         drawing=SceneDrawing.from_json(capture.record.get("drawing")),
-        record=EstimateRecord(len(capture.frames), grid, estimator.dof, estimator.background, lags_reason=reason),
-        filtered_frames=None if isinstance(estimator, PublishedEstimator) else estimator.filtered_frames(),
         seconds=time.perf_counter() - begin,
     )
     return estimate if blur_pixels is None else apply_blur_transfer(estimate, (blur_pixels, blur_pixels))
+
+
+def estimate_of(
+    estimator: AutocorrelationEstimator | PublishedEstimator,
+    lags: np.ndarray,
+    camera: CameraMetadata,
+    name: str,
+    frame: np.ndarray,
+    reason: str = "chosen by the user",
+) -> Estimate:
+    """Return the estimate that an estimator has computed (`lags`), with its metadata; `frame` is an example of the frames."""
+    grid, geometry = estimator.grid, camera.lag_geometry
+    return Estimate(
+        name=name,
+        lags=lags,
+        transfer=_camera_transfer(camera, grid),
+        pitches_m=grid.lag_pitches_m(*geometry) if geometry else None,
+        frame=frame,
+        record=EstimateRecord(estimator.frames, grid, estimator.dof, estimator.background, lags_reason=reason),
+        filtered_frames=None if isinstance(estimator, PublishedEstimator) else estimator.filtered_frames(),
+    )
 
 
 def apply_blur_transfer(estimate: Estimate, blur_pixels: tuple[float, float]) -> Estimate:

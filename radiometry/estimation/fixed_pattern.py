@@ -28,7 +28,7 @@ _SUM_DEVIATION = 1.5
 _MAX_SHIFT_PIXELS = 32
 
 SHIFT_FALSE_ALARMS = 1e-4
-"""Probability that independent frames show a shift."""
+"""Probability that any frame of a capture, however long, appears shifted from the first one if all are independent."""
 
 
 def shared_lags(shared: np.ndarray, power: np.ndarray, dof: float) -> np.ndarray:
@@ -53,14 +53,15 @@ def shared_lags(shared: np.ndarray, power: np.ndarray, dof: float) -> np.ndarray
     return chosen
 
 
-def shift_between(first: torch.Tensor, other: torch.Tensor, shape: tuple[int, int]) -> tuple[float, float]:
+def shift_between(first: torch.Tensor, other: torch.Tensor, shape: tuple[int, int], number: int = 1) -> tuple[float, float]:
     """Return the shift (rows, columns) of the shared pattern from one frame to another, in fractions of a pixel.
 
     The shift is zero unless the peak of the cross-correlation exceeds what independent frames reach by chance with a
-    probability of `SHIFT_FALSE_ALARMS`. The variance and the skewness of their cross-correlation are those beyond the largest shift.
+    probability of 6 / (pi number)^2 times `SHIFT_FALSE_ALARMS`; these add up to it over all frames. The variance and the skewness of their cross-correlation are those beyond the largest shift.
 
     Args:
         first, other: spectra of the frames (rows, columns // 2 + 1) on a grid of `shape`.
+        number: number of the other frame in the capture, from 1.
     """
     cross = torch.fft.irfft2(first.conj() * other, s=shape)
     reach = min(_MAX_SHIFT_PIXELS, min(shape) // 8)
@@ -72,7 +73,8 @@ def shift_between(first: torch.Tensor, other: torch.Tensor, shape: tuple[int, in
     beyond[reach : 3 * reach + 1, reach : 3 * reach + 1] = False
     level = float(around[beyond].mean())
     apart = around[beyond] - level
-    variance, sigma = float((apart**2).mean()), norm.isf(SHIFT_FALSE_ALARMS / near.size)
+    probability = SHIFT_FALSE_ALARMS * 6.0 / (math.pi * number) ** 2
+    variance, sigma = float((apart**2).mean()), norm.isf(probability / near.size)
     # In dim frames the correlation counts coincidences; kappa_3 / kappa_2 is the size of one in Bernstein's inequality.
     by_count = sigma**2 * max(float((apart**3).mean()), 0.0) / max(variance, np.finfo(np.float64).tiny) / 6.0
     if near.max() - level < by_count + math.hypot(by_count, sigma * math.sqrt(variance)):

@@ -195,7 +195,7 @@ class AutocorrelationEstimator:
         dof = 2.0 * degrees_of_freedom(1, self.grid.frame_shape, self._patch)
         if not shared_lags(self._at_lags(cross), self._first_lags, dof).any():
             return spectrum
-        shift = shift_between(self._first, spectrum, self.padded)
+        shift = shift_between(self._first, spectrum, self.padded, self.frames)
         largest = max(shift, self.background.shift_pixels or (0.0, 0.0), key=lambda pixels: math.hypot(*pixels))
         self._record(shift_pixels=largest)
         rows, columns = torch.fft.fftfreq(self.padded[0]), torch.fft.rfftfreq(self.padded[1])

@@ -1,0 +1,78 @@
+"""`correlograph live SOURCE`: follow a running camera on a local page, for alignment and for the length of an exposure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from correlograph.command import ArgumentParser, exit_at_once, run_command
+from correlograph.errors import InputError
+from correlograph.ranges import CONFIDENCE, SEED, SI, WAVELENGTH, Range
+
+if TYPE_CHECKING:
+    from correlograph.live.sources import Frames
+
+
+def parser() -> ArgumentParser:
+    p = ArgumentParser(prog="correlograph live", description="Follow a running camera on a local page.")
+    p.add_argument("source", nargs="?", help="folder or file to which a camera adds frames")
+    p.add_argument("--simulate", metavar="SCENE", help="frames of a scene file or shipped scene instead of a source")
+    p.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="parameter of that scene")
+    p.add_argument("--frames-per-s", type=Range(0.01, 1000.0), default=8.0, help="frame rate of the simulated camera (8)")
+    p.add_argument("--seed", type=SEED, default=0, help="seed of the simulated frames")
+    p.add_argument("-o", "--output", default="live", help="folder for saved captures (live)")
+    p.add_argument("--pixel-pitch-m", type=SI, help="pixel pitch on the relay wall in metres")
+    p.add_argument("--wavelength-m", type=WAVELENGTH, help="wavelength in metres, for example 532e-9")
+    p.add_argument("--distance-m", type=SI, help="distance from the hidden object to the relay wall in metres")
+    p.add_argument("--exposure-s", type=SI, help="exposure of a frame, for the metadata of saved captures")
+    p.add_argument(
+        "--forget", type=Range(0, 10**6), default=0, metavar="FRAMES", help="frames after which one counts no longer"
+    )
+    p.add_argument("--until", type=CONFIDENCE, metavar="CONFIDENCE", help="stop when a reconstruction is as sure as this")
+    p.add_argument("--port", type=Range(0, 65535), default=0, help="port of the page; 0 chooses a free one")
+    return p
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Open the source, start reading, print the address of the page and serve it until the process is interrupted."""
+    options = parser().parse_args(argv)
+    if (options.source is None) == (options.simulate is None):
+        raise InputError(
+            "source", "a folder or file, or --simulate SCENE", "neither" if options.source is None else "both", "choose one"
+        )
+    source, exposure_s = open_source(options)
+    from correlograph.live.acquisition import Acquisition
+    from correlograph.live.page import serve
+    from correlograph.live.session import LiveSession
+
+    acquisition = Acquisition(source, LiveSession(source.camera, exposure_s, options.forget), options.until)
+    page = serve(acquisition, Path(options.output), options.port)
+    acquisition.start()
+    print(f"Open {page.address}", flush=True)
+    try:
+        page.wait()
+    finally:
+        acquisition.stop()
+
+
+def open_source(options: Any) -> tuple[Frames, float | None]:
+    """Return the source of frames and their exposure in seconds, if it is known."""
+    from correlograph.files.capture import CameraMetadata
+    from correlograph.live.sources import GrowingFiles, SimulatedCamera
+
+    if options.source is not None:
+        camera = CameraMetadata(options.wavelength_m, options.pixel_pitch_m, options.distance_m)
+        camera.check_complete()
+        return GrowingFiles(Path(options.source), camera), options.exposure_s
+    with exit_at_once():
+        import sim  # noqa: F401 - loads Mitsuba
+    from sim.scene_file import load_scene, parse_definitions
+    from sim.scene_reader import read_geometry
+
+    geometry = read_geometry(load_scene(options.simulate, parse_definitions(options.definitions))[0])
+    return SimulatedCamera(geometry, options.frames_per_s, options.seed), geometry.electronics.exposure_s
+
+
+if __name__ == "__main__":
+    run_command(main)

@@ -1,0 +1,114 @@
+"""Threads of the live view: one reads frames, one adds them to the estimate, one reconstructs."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from threading import Condition, Event, Thread
+
+import numpy as np
+
+from correlograph.errors import InputError
+from correlograph.live.session import LiveReport, LiveSession
+from correlograph.live.sources import Frames
+from invert.measure.estimate import Estimate
+from invert.output.result import Result
+
+INTERVAL_S = 1.0
+"""Minimum time between two reconstructions."""
+
+WAITING = 4
+"""Frames that wait to be added. If more arrive, the oldest of them is dropped and counted."""
+
+
+class Acquisition:
+    """Reads a source and keeps the latest report and reconstruction; `start` begins, `stop` ends.
+
+    Attributes:
+        report, result: the latest; None before.
+        received, dropped: frames of the source, and how many of them were never added.
+        problem: why the source or the estimate ended; empty while all is well.
+        until: confidence of a reconstruction at which reading stops; None to continue.
+    """
+
+    def __init__(self, source: Frames, session: LiveSession, until: float | None = None) -> None:
+        self.source, self.session, self.until = source, session, until
+        self.report: LiveReport | None = None
+        self.estimate: Estimate | None = None
+        self.result: Result | None = None
+        self.latest: np.ndarray | None = None
+        self.received = self.dropped = 0
+        self.problem = ""
+        self.finished = Event()
+        self._waiting: deque[np.ndarray] = deque()
+        self._arrived = Condition()
+        self._quality = "fast"
+        self._times: deque[float] = deque(maxlen=32)
+
+    def start(self) -> None:
+        """Start the threads; they end with the process."""
+        for work in (self._read, self._add, self._reconstruct):
+            Thread(target=self._guard, args=(work,), daemon=True).start()
+
+    def stop(self) -> None:
+        """Stop reading. Frames and results remain."""
+        self.finished.set()
+        with self._arrived:
+            self._arrived.notify_all()
+
+    def request(self, quality: str) -> None:
+        """Ask for one reconstruction of another quality; the ones after it are `fast` again."""
+        self._quality = quality
+
+    @property
+    def frames_per_s(self) -> float:
+        """Rate at which frames arrive."""
+        times = list(self._times)
+        return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else 0.0
+
+    def _guard(self, work) -> None:  # noqa: ANN001
+        try:
+            work()
+        except InputError as problem:
+            self.problem = str(problem)
+            self.stop()
+
+    def _read(self) -> None:
+        for frame in self.source:
+            if self.finished.is_set():
+                return
+            self.received += 1
+            self._times.append(time.monotonic())
+            with self._arrived:
+                self._waiting.append(frame)
+                if len(self._waiting) > WAITING:
+                    self._waiting.popleft()
+                    self.dropped += 1
+                self._arrived.notify_all()
+        self.stop()
+
+    def _add(self) -> None:
+        while True:
+            with self._arrived:
+                self._arrived.wait_for(lambda: self._waiting or self.finished.is_set())
+                if not self._waiting:
+                    return
+                frame = self._waiting.popleft()
+            self.session.add(frame)
+            self.latest = np.asarray(frame)
+
+    def _reconstruct(self) -> None:
+        seen = 0
+        while True:
+            begin = time.monotonic()
+            estimate = self.session.estimate() if self.session.frames else None
+            if estimate is not None and estimate.record is not None and estimate.record.frames != seen:
+                seen = estimate.record.frames
+                self.estimate, self.report = estimate, self.session.report(estimate)
+                quality, self._quality = self._quality, "fast"
+                self.result = self.session.reconstruct(estimate, quality)
+                if self.until is not None and self.result.confidence >= self.until:
+                    self.stop()
+            elif self.finished.is_set():
+                return
+            time.sleep(max(0.05, INTERVAL_S - (time.monotonic() - begin)))

@@ -1,0 +1,163 @@
+"""Page of the live view: images, measured values and buttons, for browsers on this machine that know its address.
+
+The address contains a random token. The server listens on the loopback interface only; without the token it answers "not found".
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import secrets
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from correlograph.errors import InputError
+from correlograph.live.acquisition import Acquisition
+from correlograph.live.session import LiveReport
+from invert.output.result import Result
+
+REFRESH_MS = 500
+SHOWN_PIXELS = 480
+"""Largest side of an image on the page."""
+
+
+@dataclass(frozen=True)
+class Page:
+    """A running page: its address and its server."""
+
+    address: str
+    server: Any
+
+    def wait(self) -> None:
+        """Serve the page until the process is interrupted."""
+        self.server.io_loop.start()
+
+
+def serve(acquisition: Acquisition, folder: Path, port: int = 0) -> Page:
+    """Start the server of the page. Raises InputError if Panel is missing or the port is taken.
+
+    Args:
+        folder: where captures are saved.
+        port: 0 for a free one.
+    """
+    try:
+        import panel as pn
+    except ImportError:
+        raise InputError("live", "the package panel", "none", "pip install correlograph[live]") from None
+    for name in ("tornado.access", "asyncio"):  # requests of browsers, and browsers that leave in the middle of a message
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    token = secrets.token_urlsafe(24)
+    try:
+        server = pn.io.server.get_server(
+            {token: lambda: _build(pn, acquisition, folder)},
+            port=port,
+            address="127.0.0.1",
+            use_index=False,
+            title="correlograph live",
+        )
+    except OSError as problem:
+        raise InputError("--port", "a free port", f"{port} ({problem})", "choose another, or 0 for any") from None
+    server.start()
+    return Page(f"http://127.0.0.1:{server.port}/{token}", server)
+
+
+def _build(pn: Any, acquisition: Acquisition, folder: Path) -> Any:
+    """Build the page of one browser."""
+    images = {
+        name: pn.pane.PNG(None, width=320, height=320, name=name) for name in ("frame", "autocorrelation", "reconstruction")
+    }
+    values, message = pn.pane.Markdown(sizing_mode="stretch_width"), pn.pane.Markdown()
+    restart = pn.widgets.Button(name="Restart the estimate")
+    balanced = pn.widgets.Button(name="Reconstruct with quality balanced")
+    save = pn.widgets.Button(name="Save the frames", button_type="primary")
+
+    def on_save(event: object) -> None:
+        try:
+            message.object = f"saved: `{acquisition.session.save(folder)}`"
+        except InputError as problem:
+            message.object = f"not saved: {problem}"
+
+    restart.on_click(lambda event: acquisition.session.restart())
+    balanced.on_click(lambda event: acquisition.request("balanced"))
+    save.on_click(on_save)
+
+    def refresh() -> None:
+        values.object = table(acquisition)
+        frame, estimate, result = acquisition.latest, acquisition.estimate, acquisition.result
+        if frame is not None:
+            images["frame"].object = png(np.sqrt(np.clip(frame, 0.0, None)), "gray")
+        if estimate is not None:
+            images["autocorrelation"].object = png(
+                np.sqrt(np.clip(estimate.lags - np.median(estimate.lags), 0.0, None)), "magma"
+            )
+        if result is not None:
+            images["reconstruction"].object = png(result.albedo, "gray")
+
+    refresh()
+    pn.state.add_periodic_callback(refresh, REFRESH_MS)
+    columns = [pn.Column(f"### {name}", image) for name, image in images.items()]
+    return pn.Column("# correlograph live", pn.Row(*columns), pn.Row(restart, balanced, save), message, values)
+
+
+def png(image: np.ndarray, colours: str) -> bytes:
+    """Return an image (H, W) as a PNG file of at most `SHOWN_PIXELS` a side; its brightest 0.1 % of pixels are clipped."""
+    from matplotlib.image import imsave
+
+    step = -(-max(image.shape) // SHOWN_PIXELS)
+    small = image[::step, ::step]
+    buffer = io.BytesIO()
+    imsave(buffer, small, cmap=colours, vmin=float(small.min()), vmax=float(np.quantile(small, 0.999)) or 1.0, format="png")
+    return buffer.getvalue()
+
+
+def table(acquisition: Acquisition) -> str:
+    """Return the measured values as a Markdown table."""
+    rows = [("frames received", f"{acquisition.received}, {acquisition.frames_per_s:.3g} per second")]
+    if acquisition.dropped:
+        rows.append(("frames dropped", f"{acquisition.dropped}, because this machine is slower than the camera"))
+    if acquisition.report is not None:
+        rows += _report_rows(acquisition.report, acquisition.frames_per_s)
+    if acquisition.result is not None:
+        rows += _result_rows(acquisition.result)
+    if acquisition.problem:
+        rows.append(("stopped", acquisition.problem))
+    elif acquisition.finished.is_set():
+        rows.append(("stopped", "the reconstruction is sure enough, or the source has ended"))
+    return "\n".join(["| | |", "|---|---|", *(f"| **{name}** | {value} |" for name, value in rows)])
+
+
+def _report_rows(report: LiveReport, rate: float) -> list[tuple[str, str]]:
+    frame = report.frame
+    electrons = "" if frame.photoelectrons is None else f", {frame.photoelectrons:.3g} photoelectrons"
+    rows = [
+        ("frames in the estimate", str(report.frames)),
+        ("mean of a pixel", f"{frame.mean:.4g}{electrons}"),
+        ("saturated pixels", f"{100.0 * frame.saturated:.2g} %"),
+        ("speckle contrast", f"{frame.contrast:.2f}"),
+        ("speckle grain", f"{frame.grain_pixels:.3g} pixels"),
+        ("detection", f"{report.detection:.1f} standard deviations (6 are needed)"),
+        ("degrees of freedom K", f"{report.dof:.0f}"),
+    ]
+    if report.floor_over_peak is not None:
+        rows.append(("floor over peak", f"{report.floor_over_peak:.3g}"))
+    if report.error is not None:
+        rows.append(("error of the estimate", f"{100.0 * report.error:.0f} %"))
+    for name, count in (("object detected", report.detected_in_frames), ("image sharp", report.sharp_in_frames)):
+        if count is not None:
+            rows.append((name, "now" if count == 0 else f"after {count} more frames{_duration(count, rate)}"))
+    return rows
+
+
+def _duration(frames: int, rate: float) -> str:
+    return f", {frames / rate:.0f} s" if rate > 0.0 else ""
+
+
+def _result_rows(result: Result) -> list[tuple[str, str]]:
+    quality = result.settings.quality
+    rows = [("object", f"{'found' if result.object_found else 'none'}, confidence {result.confidence:.2f} ({quality})")]
+    if result.speckle_test is not None:
+        rows.append(("third moment over that of speckle", f"{result.speckle_test.third_moment_ratio:.2f}"))
+    return rows + [("warning", warning.replace("|", "/")) for warning in result.warnings]

@@ -1,0 +1,256 @@
+"""Running estimate of a live capture: measured values, reconstruction, and the frames to save."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Lock
+
+import numpy as np
+
+from correlograph.errors import InputError
+from correlograph.files.capture import CameraMetadata
+from correlograph.files.exr_frames import FrameHeader, write_frame
+from correlograph.files.output import output_folder, save_array, sole_writer
+from correlograph.files.ownership import claim
+from correlograph.version import version
+from invert.measure.estimate import Estimate, estimate_of
+from invert.measure.spectrum import Measurement, estimate_noise, read_measurement
+from invert.output.result import Result
+from invert.pipeline import reconstruct
+from radiometry.autocorrelation import PatchGrid, automatic_patch_size, patch_grid
+from radiometry.estimation.photon_transfer import PhotonTransfer, combine, photon_transfer
+from radiometry.estimation.whole_frames import AutocorrelationEstimator
+from radiometry.noise.detection import DETECTION_LIMIT
+
+SHARP_ERROR = 0.7
+"""Relative error of the estimate at which `fast` reconstructions of letters reach a correlation of 0.9 (docs/radiometry.md)."""
+
+KEPT_BYTES = 2**30
+"""Memory for the latest frames, which can be saved."""
+
+FIELD = 512
+"""Side in pixels of the middle of a frame in which grain and gain are measured."""
+
+
+@dataclass(frozen=True)
+class FrameReport:
+    """Values measured on one frame.
+
+    Attributes:
+        mean: in frame units.
+        photoelectrons: mean per pixel by the gain that photon transfer finds; None while the gain is uncertain.
+        contrast: standard deviation of the speckle over its mean, without the noise of the pixels.
+        grain_pixels: width at half maximum of the speckle's covariance. It is largest in focus for a small pupil.
+        saturated: fraction of the pixels at the maximum of the frame, if more than one in a thousand.
+    """
+
+    mean: float
+    photoelectrons: float | None
+    contrast: float
+    grain_pixels: float
+    saturated: float
+
+
+@dataclass(frozen=True)
+class LiveReport:
+    """State of a live capture.
+
+    Attributes:
+        frames: number of frames in the estimate.
+        detection: significance of the object in standard deviations.
+        floor_over_peak, dof, error: noise of the estimate, and the relative error of its signal; None without an object.
+        detected_in_frames, sharp_in_frames: predicted number of further frames; 0 if reached, None if unpredictable.
+    """
+
+    frames: int
+    frame: FrameReport
+    detection: float
+    floor_over_peak: float | None
+    dof: float
+    error: float | None
+    detected_in_frames: int | None
+    sharp_in_frames: int | None
+
+
+class LiveSession:
+    """Estimate of the frames of a running camera. All methods may be called from several threads."""
+
+    def __init__(self, camera: CameraMetadata, exposure_s: float | None = None, forget: int = 0) -> None:
+        """Start without frames.
+
+        Args:
+            forget: number of frames after which a frame no longer counts, for alignment; 0 for never. The estimate holds
+                between half of them and all.
+        """
+        self.camera, self.exposure_s, self.forget = camera, exposure_s, forget
+        self._lock = Lock()
+        self._shape: tuple[int, ...] = ()
+        self._estimators: list[AutocorrelationEstimator] = []
+        self._gains: deque[PhotonTransfer] = deque(maxlen=16)
+        self._kept: deque[np.ndarray] = deque()
+        self._frame: FrameReport | None = None
+
+    def add(self, frame: np.ndarray) -> None:
+        """Add a frame (H, W). Raises InputError for another size than that of the frames before."""
+        image = np.asarray(frame, np.float32)
+        with self._lock:
+            if not self._estimators:
+                self._shape = image.shape
+                self._estimators = [self._new_estimator()]
+            if image.shape != self._shape:
+                expected = " x ".join(map(str, self._shape))
+                raise InputError("frame", f"{expected} pixels, as before", f"shape {image.shape}", "restart the live view")
+            for estimator in self._estimators:
+                estimator.add(image)
+            self._forget_oldest()
+            self._frame = self._measure(image)
+            self._kept.append(image)
+            while len(self._kept) > 1 and len(self._kept) * image.nbytes > KEPT_BYTES:
+                self._kept.popleft()
+
+    @property
+    def frames(self) -> int:
+        """Number of frames in the estimate."""
+        return self._estimators[0].frames if self._estimators else 0
+
+    def restart(self) -> None:
+        """Forget all frames, for example after a change of the alignment."""
+        with self._lock:
+            self._estimators = [self._new_estimator()] if self._shape else []
+            self._kept.clear()
+
+    def _new_estimator(self) -> AutocorrelationEstimator:
+        return AutocorrelationEstimator(self._grid())
+
+    def _grid(self) -> PatchGrid:
+        rows, columns = self._shape
+        return patch_grid((rows, columns), automatic_patch_size((rows, columns), self.camera.lag_geometry))
+
+    def _forget_oldest(self) -> None:
+        """Replace the older of two estimators, which are half of `forget` frames apart, by the younger one."""
+        if not self.forget:
+            return
+        if self._estimators[0].frames >= self.forget and len(self._estimators) > 1:
+            del self._estimators[0]
+        if len(self._estimators) == 1 and self._estimators[0].frames >= max(1, self.forget // 2):
+            self._estimators.append(self._new_estimator())
+
+    def _measure(self, image: np.ndarray) -> FrameReport:
+        top, left = (max(0, (side - FIELD) // 2) for side in image.shape)
+        middle = image[top : top + FIELD, left : left + FIELD]
+        self._gains.append(_gain(middle))
+        found = combine(self._gains)
+        mean, highest = float(image.mean()), float(image.max())
+        at_top = float((image >= highest).mean()) if highest > 0.0 else 0.0
+        variance = max(0.0, float(middle.var()) - found.variance)
+        return FrameReport(
+            mean,
+            mean / found.gain if found.gain > 3.0 * found.error else None,
+            math.sqrt(variance) / mean if mean > 0.0 else 0.0,
+            grain_width(middle),
+            at_top if at_top > 1e-3 else 0.0,
+        )
+
+    def estimate(self) -> Estimate | None:
+        """Return the present estimate; None without frames."""
+        with self._lock:
+            if not self._estimators or not self._estimators[0].frames:
+                return None
+            estimator = self._estimators[0]
+            return estimate_of(estimator, estimator.estimate(), self.camera, f"{estimator.frames} live frames", self._kept[-1])
+
+    def report(self, estimate: Estimate) -> LiveReport:
+        """Return the state that belongs to an estimate of this session."""
+        measurement = read_measurement(estimate.lags, estimate.quantisation, estimate.transfer)
+        frames = estimate.record.frames if estimate.record else 0
+        error = estimate_noise(measurement) if measurement.detectable else None
+        assert self._frame is not None
+        return LiveReport(
+            frames,
+            self._frame,
+            measurement.detection,
+            measurement.floor_over_peak,
+            measurement.noise.dof or 0.0,
+            error,
+            _further_frames(frames, measurement.detection / DETECTION_LIMIT),
+            None if error is None else _further_frames(frames, SHARP_ERROR / error),
+        )
+
+    @staticmethod
+    def reconstruct(estimate: Estimate, quality: str) -> Result:
+        """Reconstruct the object from an estimate of this session, as `correlograph.reconstruct` does."""
+        return reconstruct(estimate, quality=quality)
+
+    def save(self, folder: Path) -> Path:
+        """Write the kept frames into a new folder that `invert` reads, and return it.
+
+        They are EXR files with metadata if the camera is known, and otherwise one file frames.npy.
+        """
+        with self._lock:
+            frames = list(self._kept)
+        if not frames:
+            raise InputError("frames", "frames to save", "none so far", "wait for the camera")
+        parent = output_folder(folder)
+        number = 1
+        while (target := parent / f"capture_{number:03d}").exists():
+            number += 1
+        target = output_folder(target)
+        camera = self.camera
+        with sole_writer(target):
+            if camera.lag_geometry is None or self.exposure_s is None:
+                claim(target, ["frames.npy"])
+                save_array(target / "frames.npy", np.stack(frames))
+                return target
+            claim(target, [f"frame_{number:04d}.exr" for number in range(len(frames))])
+            for number, frame in enumerate(frames):
+                write_frame(target / f"frame_{number:04d}.exr", frame, self._header(number))
+        return target
+
+    def _header(self, number: int) -> FrameHeader:
+        camera = self.camera
+        assert camera.wavelength_m is not None
+        assert camera.pixel_pitch_m is not None
+        assert camera.distance_m is not None
+        assert self.exposure_s is not None
+        return FrameHeader(
+            camera.wavelength_m,
+            camera.pixel_pitch_m,
+            camera.distance_m,
+            self.exposure_s,
+            0,
+            number,
+            "",
+            version(),
+            camera.pupil_diameter_m,
+            camera.pupil_distance_m,
+            camera.row_pitch_m,
+            camera.column_pitch_m,
+        )
+
+
+def _gain(image: np.ndarray) -> PhotonTransfer:
+    import torch
+
+    return photon_transfer(torch.from_numpy(np.ascontiguousarray(image)))
+
+
+def grain_width(image: np.ndarray) -> float:
+    """Return the width at half maximum, in pixels, of the covariance of a frame (H, W), without the noise peak at zero."""
+    spectrum = np.abs(np.fft.rfft2(image - image.mean())) ** 2
+    covariance = np.fft.irfft2(spectrum, image.shape)
+    half = min(image.shape) // 2
+    line = 0.5 * (covariance[0, :half] + covariance[:half, 0])
+    if line[1] <= 0.0:
+        return 1.0
+    below = np.nonzero(line[1:] < 0.5 * line[1])[0]
+    return 2.0 * float(below[0] + 1) if len(below) else float(len(line))
+
+
+def _further_frames(frames: int, share: float) -> int | None:
+    """Return the frames that are missing until a value, which grows with the root of their number, is `1 / share` times as large."""
+    if share <= 0.0 or not math.isfinite(share):
+        return None
+    return max(0, math.ceil(frames / share**2) - frames)
