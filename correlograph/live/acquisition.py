@@ -66,7 +66,7 @@ class Acquisition:
         times = list(self._times)
         return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else 0.0
 
-    def _guard(self, work) -> None:  # noqa: ANN001
+    def _guard(self, work) -> None:
         try:
             work()
         except InputError as problem:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import shutil
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,10 +16,10 @@ from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata
 from correlograph.files.exr_frames import FrameHeader, write_frame
 from correlograph.files.output import output_folder, save_array, sole_writer
-from correlograph.files.ownership import claim
+from correlograph.files.ownership import record_temporary
 from correlograph.version import version
 from invert.measure.estimate import Estimate, estimate_of
-from invert.measure.spectrum import Measurement, estimate_noise, read_measurement
+from invert.measure.spectrum import estimate_noise, read_measurement
 from invert.output.result import Result
 from invert.pipeline import reconstruct
 from radiometry.autocorrelation import PatchGrid, automatic_patch_size, patch_grid
@@ -175,8 +177,8 @@ class LiveSession:
             measurement.floor_over_peak,
             measurement.noise.dof or 0.0,
             error,
-            _further_frames(frames, measurement.detection / DETECTION_LIMIT),
-            None if error is None else _further_frames(frames, SHARP_ERROR / error),
+            _further_frames(frames, DETECTION_LIMIT / max(measurement.detection, 1e-3)),
+            None if error is None else _further_frames(frames, error / SHARP_ERROR),
         )
 
     @staticmethod
@@ -194,20 +196,26 @@ class LiveSession:
         if not frames:
             raise InputError("frames", "frames to save", "none so far", "wait for the camera")
         parent = output_folder(folder)
-        number = 1
-        while (target := parent / f"capture_{number:03d}").exists():
-            number += 1
-        target = output_folder(target)
-        camera = self.camera
-        with sole_writer(target):
-            if camera.lag_geometry is None or self.exposure_s is None:
-                claim(target, ["frames.npy"])
-                save_array(target / "frames.npy", np.stack(frames))
-                return target
-            claim(target, [f"frame_{number:04d}.exr" for number in range(len(frames))])
-            for number, frame in enumerate(frames):
-                write_frame(target / f"frame_{number:04d}.exr", frame, self._header(number))
+        with sole_writer(parent):
+            number = 1
+            while (target := parent / f"capture_{number:03d}").exists():
+                number += 1
+            staging = parent / f".{target.name}.partial"
+            record_temporary(staging)
+            staging.mkdir()
+            try:
+                self._write(frames, staging)
+                os.replace(staging, target)
+            finally:
+                shutil.rmtree(staging, ignore_errors=True)
         return target
+
+    def _write(self, frames: list[np.ndarray], folder: Path) -> None:
+        if self.camera.lag_geometry is None or self.exposure_s is None:
+            save_array(folder / "frames.npy", np.stack(frames))
+            return
+        for number, frame in enumerate(frames):
+            write_frame(folder / f"frame_{number:04d}.exr", frame, self._header(number))
 
     def _header(self, number: int) -> FrameHeader:
         camera = self.camera
@@ -249,8 +257,10 @@ def grain_width(image: np.ndarray) -> float:
     return 2.0 * float(below[0] + 1) if len(below) else float(len(line))
 
 
-def _further_frames(frames: int, share: float) -> int | None:
-    """Return the frames that are missing until a value, which grows with the root of their number, is `1 / share` times as large."""
-    if share <= 0.0 or not math.isfinite(share):
-        return None
-    return max(0, math.ceil(frames / share**2) - frames)
+def _further_frames(frames: int, missing: float) -> int | None:
+    """Return the frames until a value, which grows with the root of their number, is `missing` times as large.
+
+    None if these are more than a million.
+    """
+    further = math.ceil(frames * missing**2) - frames
+    return max(0, further) if further < 10**6 else None

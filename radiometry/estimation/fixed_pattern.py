@@ -57,7 +57,8 @@ def shift_between(first: torch.Tensor, other: torch.Tensor, shape: tuple[int, in
     """Return the shift (rows, columns) of the shared pattern from one frame to another, in fractions of a pixel.
 
     The shift is zero unless the peak of the cross-correlation exceeds what independent frames reach by chance with a
-    probability of 6 / (pi number)^2 times `SHIFT_FALSE_ALARMS`; these add up to it over all frames. The variance and the skewness of their cross-correlation are those beyond the largest shift.
+    probability of 6 / (pi number)^2 times `SHIFT_FALSE_ALARMS`; these add up to it over all frames. The variance and the
+    skewness of their cross-correlation are those beyond the largest shift.
 
     Args:
         first, other: spectra of the frames (rows, columns // 2 + 1) on a grid of `shape`.
