@@ -1,8 +1,9 @@
 """Blind estimation of defocus and motion blur.
 
-Blur multiplies the estimate by H, and so does a softer object. However, the r*r of an object with edges seldom decays like H, so
-that reconstructions leave much of a blurred estimate unexplained. The search then reconstructs with each of several blurs. It
-accepts the blur that fits best with any of these reconstructions if the misfit falls enough (constants below).
+Blur multiplies the estimate by a factor H that falls with the lag; soft edges of the object have the same effect. However, the
+r*r of an object with sharp edges seldom decays like H, so a reconstruction that ignores the blur leaves much of the estimate
+unexplained. In this case the search reconstructs under several assumed blurs. It accepts the blur with the lowest log-likelihood
+deficit over all reconstructions if the deficit falls enough (constants below).
 Evidence: docs/research.md, "Unknown blur".
 """
 
@@ -23,13 +24,13 @@ from invert.methods import Reconstruction
 
 BLURS = ((1.0, 1.0), (1.6, 1.6), (2.3, 2.3), (0.0, 1.44), (1.44, 0.0))
 """Candidate blurs: Gaussian standard deviations along rows and columns in 1/256 of a patch. The last two correspond to a motion
-by five."""
+by 5/256 of a patch."""
 
 MIN_GAIN_NATS, MIN_GAIN_FRACTION = 200.0, 0.6
-"""Minimum reduction of the misfit of a blur's own reconstructions, in nats and as a fraction."""
+"""Minimum reduction of the log-likelihood deficit by a reconstruction made with the blur, in nats and as a fraction."""
 
 MIN_GAIN_FRACTION_OF_ALL = 0.2
-"""Minimum fractional reduction of the lowest misfit over all reconstructions."""
+"""Minimum fractional reduction of the lowest log-likelihood deficit over the reconstructions of all blurs."""
 
 RECONSTRUCTIONS_PER_BLUR = 2
 """Reconstructions per blur; the one with the lower misfit counts."""
@@ -46,11 +47,11 @@ def estimate_blur(
     """Search for a blur that explains the estimate.
 
     Returns:
-        the estimate, with the blur in its `transfer` and `record` if one was found, and the reconstruction of seed number 0 from it.
-        The reconstruction is None if no search was made, for instance because the user gave the blur.
+        the estimate, with the blur in its `transfer` and `record` if one was found, and the reconstruction from it with seed
+        number 0. The reconstruction is None if no search was made, for instance because the user gave the blur.
 
     Args:
-        reconstruct: reconstruction of a measurement; each number selects another seed.
+        reconstruct: function that reconstructs a measurement; its second argument selects the seed.
     """
     undivided = read_measurement(estimate.lags, estimate.quantisation)
     # More lags are chosen where the upper frequencies hold signal, which a blur removes.
@@ -63,7 +64,7 @@ def estimate_blur(
         return min((likelihood.misfit(torch.from_numpy(one.albedo)) for one in made if one.object_found), default=np.inf)
 
     def attempts(tried: Estimate) -> list[Reconstruction]:
-        """Reconstruct under the assumption of a blur, until a reconstruction explains the estimate."""
+        """Reconstruct with the transfer of `tried` until one reconstruction explains the estimate or the attempts are used up."""
         measurement, made = read_measurement(tried.lags, tried.quantisation, tried.transfer), []
         for number in range(RECONSTRUCTIONS_PER_BLUR):
             made.append(reconstruct(measurement, number))

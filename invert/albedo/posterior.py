@@ -25,7 +25,7 @@ BRIGHT_THRESHOLD = 0.5
 SIZES = ("width", "height", "area")
 
 SizeErrors = Mapping[str, Sequence[float]]
-"""Quantiles of `SizeStatistics.error` of the truth for each size, at equidistant probabilities from 0 to 1."""
+"""Quantiles of the error of each true size (see `SizeStatistics.error`), at equidistant probabilities from 0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class SampleCluster:
 
 @dataclass(frozen=True)
 class SizeStatistics:
-    """Mean of a size over the samples, and the scale of its error: their deviation plus the effect of one edge pixel."""
+    """Mean of a size over the samples, and scale of its error: their standard deviation plus the effect of one edge pixel."""
 
     mean: float
     scale: float

@@ -30,11 +30,11 @@ PRIOR_TEXTURE, PRIOR_WITH_WAVES = 0.05, 0.5
 sensor; the second number holds if periodic waves were found."""
 
 MAX_PART_CHANCE, MAX_PART_DIFFERENCES = 1e-6, 0.25
-"""Speckle does not differ between parts of a frame. Illumination that remains uneven explains differences up to the second number."""
+"""Limits (chance, difference) beyond which parts of a frame are not speckle. Uneven light explains smaller differences."""
 
 MAX_FRAME_CHANCE, MAX_FRAME_DIFFERENCES = 1e-4, 0.1
-"""Frames of one object at rest do not differ. Errors of the noise model and changes of focus explain differences up to the second
-number."""
+"""Limits (chance, difference) beyond which frames do not show one object at rest. Errors of the noise model and changes of focus
+explain smaller differences."""
 
 MAX_UNEXPLAINED_FRACTION = 0.35
 """Maximum fraction of the signal that a reconstruction may leave unexplained."""
@@ -82,8 +82,9 @@ def _describe_size(found: Reconstruction, measurement: Measurement) -> list[str]
 
 
 def _describe_light(measurement: Measurement) -> list[str]:
-    """Say how much more light an object needs that was not detected. Its significance is proportional to its light, where light sets the
-    floor, and to the root of the number of frames; in 19 of 20 cases it is at most two standard deviations above the measured one."""
+    """Report how much more light or how many more frames detection needs. The significance is proportional to the light, if the
+    light sets the floor, and to the root of the number of frames; in 19 of 20 cases the true significance is at most two standard
+    deviations above the measured one."""
     if measurement.detection >= DETECTION_LIMIT:
         return []
     times = max(1.0, DETECTION_LIMIT / (max(measurement.detection, 0.0) + 2.0))
@@ -120,7 +121,7 @@ def _check_speckle(test: SpeckleTest, record: EstimateRecord | None) -> list[str
 
 
 def _texture_probability(moment: float, error: float, record: EstimateRecord) -> float:
-    """Return the probability that one frame shows texture of the wall, whose third moment is 0, and not speckle, whose moment is 1."""
+    """Return the probability that a single frame shows wall texture (third moment 0) instead of speckle (third moment 1)."""
     prior = PRIOR_WITH_WAVES if record.background.spectral_lines else PRIOR_TEXTURE
     if not 0.0 < error < math.inf:
         return prior if error else float(abs(moment) < 0.5)

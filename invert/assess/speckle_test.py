@@ -55,7 +55,7 @@ class SpeckleTest:
 
 
 def speckle_test(estimate: Estimate, measurement: Measurement, albedo: np.ndarray) -> SpeckleTest:
-    """Test a reconstruction (64, 64) that is not empty."""
+    """Test frames and estimate against a reconstruction (64, 64), not empty."""
     floor, ring, rings = measurement.noise.floor, measurement.noise.signal_ring, measurement.lag_grid.ring
     transfer = np.ones_like(estimate.lags) if estimate.transfer is None else np.maximum(estimate.transfer, 0.05)
     signal = (measurement.estimate - floor) * transfer

@@ -27,7 +27,7 @@ from invert.solvers.base import Progress, no_progress
 from radiometry.estimation.background import MeanModel
 
 REVISION = 10
-"""Number to raise whenever the same request gives another result."""
+"""Revision of the results; to be raised whenever a code change alters the result of a request."""
 
 RESERVED_NAMES = {"table.md", "captures.json"}
 """Names of output files next to the folders of results."""
@@ -176,7 +176,7 @@ def invert_capture(
     """Reconstruct one capture into a folder; return the result and the content of result.json.
 
     Args:
-        overwrite: whether to replace files of the result's names that others wrote.
+        overwrite: whether to replace existing files of the same names that this program did not write.
     """
     check_request(request)
     truth = Truth.read(request.truth) if request.truth else None

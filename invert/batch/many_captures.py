@@ -59,7 +59,7 @@ def invert_captures(
 
 
 def _claim(captures: Captures, output: Path, *, overwrite: bool) -> None:
-    """Refuse files of others under the names of all outputs, before any capture is reconstructed."""
+    """Refuse output names taken by files that this program did not write, before any capture is reconstructed."""
     sheets = [_sheet_name(number) for number in range(-(-len(captures) // SHEET_CAPACITY))]
     claim(output, ["table.md", "captures.json", *sheets], overwrite=overwrite)
     for name in captures:

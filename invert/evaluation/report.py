@@ -57,7 +57,7 @@ def _summary(result: Cell) -> dict[str, Any]:
 
 
 def _leads(results: list[Cell]) -> list[dict[str, Any]]:
-    """Return the leads of the first method, image by image, because images differ more than methods."""
+    """Return mean score differences between the first method and each other, paired by image: images differ more than methods."""
     rows = {(result.asked["set"], result.asked["level"], result.asked["method"]): result.rows for result in results}
     first = results[0].asked["method"]
     leads = []

@@ -1,4 +1,4 @@
-"""Error of an estimate at which the reconstruction of a known object reaches a correlation."""
+"""Highest error of an estimate at which reconstructions of a known object still reach a given correlation."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from invert.solvers.base import Progress, no_progress
 from radiometry.noise.budget import estimate_error
 from radiometry.noise.model import draw_estimate
 
-STANDARD_ERROR = 0.08
+STANDARD_ERROR = 0.05
 """Standard error of the natural logarithm of the result at which sampling stops."""
 
-MIN_DRAWS, MAX_DRAWS = 12, 96
+MIN_DRAWS, MAX_DRAWS = 12, 160
 """Number of reconstructions near the result."""
 
 SPREAD = 0.3
@@ -37,7 +37,7 @@ def required_error(
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> float:
-    """Return the relative error of an estimate at which the mean correlation of reconstructions has a value.
+    """Return the relative error of an estimate at which the mean correlation of its reconstructions equals `correlation`.
 
     Args:
         albedo: the object (n, n), a cell for each lag.
@@ -84,7 +84,7 @@ def required_error(
 
 
 def _solve(tried: np.ndarray, reached: np.ndarray, correlation: float) -> tuple[float, float]:
-    """Return the logarithm of the error with a correlation, on a straight line through the samples, and its standard error."""
+    """Return the logarithm of the error that a straight line through the samples gives `correlation`, and its standard error."""
     (slope, offset), residual, *_ = np.polyfit(tried, reached, 1, full=True)
     slope = min(slope, -0.02)
     deviation = math.sqrt(float(residual[0]) / (len(tried) - 2)) if len(residual) else 0.0
@@ -93,12 +93,12 @@ def _solve(tried: np.ndarray, reached: np.ndarray, correlation: float) -> tuple[
 
 
 def floorless_error(signal: np.ndarray, dof: float) -> float:
-    """Return the error of an estimate without floor, by the finite number of speckle grains alone."""
+    """Return the error that the finite number of speckle grains alone causes in an estimate without floor."""
     return estimate_error(float(signal.sum()), float((signal**2).sum()), signal.size, 0.0, dof)
 
 
 def floor_for(error: float, signal: np.ndarray, dof: float) -> float:
-    """Return the floor over peak at which an estimate has an error; 0 for errors that frames without a floor exceed."""
+    """Return the floor over peak at which an estimate has `error`; 0 if even an estimate without floor has a larger error."""
     total, square = float(signal.sum()), float((signal**2).sum())
     # error^2 K square = square + 2 floor total + lags floor^2
     missing = error**2 * dof * square - square

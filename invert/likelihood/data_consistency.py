@@ -1,4 +1,4 @@
-"""Data-consistency steps: albedos climb their likelihood under a Gaussian prior around their initial values."""
+"""Data-consistency steps: ascent of the likelihood of albedos under a Gaussian prior around their initial values."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ MAX_ALBEDO = 1.2
 """Maximum albedo of a step; the maximum of an object is about 1."""
 
 MAX_STEP_LENGTH = 1.0
-"""Maximum step length in units of the steps of individual pixels."""
+"""Maximum step length; 1 is the Newton step of each pixel on its own (diagonal preconditioner)."""
 
 
 def run_data_consistency_steps(

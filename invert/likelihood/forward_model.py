@@ -59,8 +59,8 @@ class ForwardModel:
     """H (r*r) of albedos and its derivatives.
 
     Args:
-        exact: whether objects may reach the edge of the window. Otherwise the window's smoothing continues periodically, which takes half
-            of the time and changes r*r by up to 0.3 % of its maximum if an object fills the window.
+        exact: whether objects may reach the edge of the object window. Otherwise the smoothing by the patch window is periodic,
+            which takes half of the time and changes r*r by up to 0.3 % of its maximum if an object fills the window.
         transfer: H per lag (127, 127); 1 if None.
         like: tensor of the device and the type of the computation.
     """
@@ -83,7 +83,7 @@ class ForwardModel:
         return lags if self._transfer is None else lags * self._transfer
 
     def slope(self, lags: torch.Tensor, spectrum: torch.Tensor) -> torch.Tensor:
-        """Return the derivative of the sum of H (r*r) times `lags` (n, 64, 128) in each pixel, for images of a spectrum; (n, 64, 64).
+        """Return the derivative of sum(lags H (r*r)) with respect to each pixel, (n, 64, 64), at albedos with this `spectrum`.
 
         d (r*r)(lag) / d r(x) = r(x + lag) + r(x - lag).
         """
@@ -100,7 +100,7 @@ class ForwardModel:
 def fit_gains(
     signal: torch.Tensor, pedestal: torch.Tensor, estimate: torch.Tensor, floor: torch.Tensor, weight: torch.Tensor, rounds: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Fit the gains a and c (n,) of object and pedestal by weighted least squares, repeated with weights over the squared expectation.
+    """Fit the gains a and c (n,) of object and pedestal by reweighted least squares, with weights `weight` / expectation^2.
 
     Args:
         signal: H (r*r) of each object, (n, lags); the other arguments broadcast to this shape.

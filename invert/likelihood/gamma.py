@@ -96,8 +96,8 @@ class Likelihood:
         return self.used * self.dof * (1.0 - self.estimate / expected + perfect)
 
     def misfit(self, albedo: torch.Tensor) -> float:
-        """Return the log-likelihood deficit (nats) of an albedo (64, 64) against the best expectation above the floor, minus
-        its mean under noise; for one estimate."""
+        """Return the log-likelihood deficit (nats) of an albedo (64, 64) against the saturated model at or above the floor,
+        minus its expectation under noise; for one estimate."""
         best = float(self.by_lag(self.estimate.clamp_min(self.floor)).sum())
         dof = float(self.dof) * self.inflation
         above = int((self.used * (self.estimate > self.floor)).sum())

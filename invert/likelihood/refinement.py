@@ -1,8 +1,8 @@
 """Refinement of a reconstruction by likelihood ascent, stopped early by two-fold cross-validation over the lags.
 
-At low noise the image of a network stops short of the information in the data; at high noise every gain of the likelihood is
-noise. Two copies therefore ascend, each on one half of the lags, and are scored on the other half. The number of steps with the
-highest held-out log-likelihood is then repeated with all lags.
+At low noise the image of a network does not use all information in the data; at high noise an ascent would only fit the
+noise. Two copies of the image therefore ascend, each on one half of the lags, and are scored on the other half. The number of
+steps with the highest held-out log-likelihood is then repeated with all lags.
 """
 
 from __future__ import annotations
@@ -45,8 +45,9 @@ def refine_by_likelihood(albedo: torch.Tensor, measurement: Measurement) -> torc
 
 @torch.no_grad()
 def _validated_steps(albedo: torch.Tensor, likelihood: Likelihood, halves: torch.Tensor) -> int:
-    """Return the number of steps with the highest held-out log-likelihood, of copies with one half (2, 64, 128) of the lags
-    each; 0 if it is not significant."""
+    """Return the number of steps with the highest held-out log-likelihood; 0 if its gain is not significant.
+
+    Each of two copies ascends on one half of the lags; `halves` are their masks (2, 64, 128)."""
     held_out = []
     best, most = 0, 0.0
     for step, copies in enumerate(islice(_ascent(albedo.expand(2, -1, -1), likelihood, halves), MAX_STEPS)):

@@ -32,7 +32,7 @@ MAX_KEPT_BYTES = 2**30
 """Size of the frames up to which they are kept in memory; larger captures are read again when they are needed."""
 
 OTHER_PICTURES = {".jpg", ".jpeg", ".bmp", ".gif", ".webp", ".jp2", ".raw", ".dng"}
-"""Types of pictures that are not read; they are named where they lie among frames."""
+"""Suffixes of image files that are not read; a message reports such files in a folder of frames."""
 
 MAX_RECORD_BYTES = 2**22
 """Maximum size of a sim.json whose drawing is read."""
@@ -82,7 +82,7 @@ def frames_inside(folder: Path) -> list[Path]:
 
 
 def _is_result(path: Path) -> bool:
-    """Return whether a file is an output of this program: it has the name of one, and the manifest lists it or it is no frame."""
+    """Return whether a file has the name of an output of this program, and is in its manifest or cannot be a frame."""
     if path.name not in RESULT_NAMES and not path.name.startswith(CONTACT_SHEET):
         return False
     if is_own(path):

@@ -16,7 +16,7 @@ from invert.measure.spectrum import Measurement, read_measurement
 
 
 def coarsen(measurement: Measurement, side: int) -> Measurement:
-    """Return the measurement of the same window on `side` lags instead of more; lags beyond the estimate equal its floor."""
+    """Return the measurement of the same object window on `side` coarser lags; lags beyond the estimate are set to its floor."""
     floor, kernel = measurement.noise.floor, _kernel(side, measurement.lag_grid.object_side)
     excess = measurement.estimate.astype(np.float64) - floor
     coarse = (kernel @ excess @ kernel.T + floor).astype(np.float32)
@@ -35,7 +35,7 @@ def _kernel(side: int, fine_side: int) -> np.ndarray:
 
 
 def pad(measurement: Measurement, side: int) -> Measurement:
-    """Return the measurement with lags equal to the floor around it, as for a window of `side` lags of the same pitch."""
+    """Enlarge the object window to `side` lags of the same pitch; the added lags of the estimate are set to its floor."""
     margin = side - measurement.lag_grid.object_side
     estimate = np.pad(measurement.estimate, margin, constant_values=np.float32(measurement.noise.floor))
     return replace(measurement, estimate=estimate)

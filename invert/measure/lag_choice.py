@@ -28,7 +28,7 @@ MIN_UPPER_SNR = 1.0
 
 
 WINDOW_EXTENT = 1.3
-"""Window of the lags in units of the extent of the object; the noise level is read from the lags beyond the object."""
+"""Width of the lag window in extents of the object; the noise level is read from the lags beyond the object."""
 
 SIDE_STEP = 8
 """The sides of albedos are multiples of this number, because the U-net halves them three times."""
@@ -68,9 +68,9 @@ def choose_lags(grid: PatchGrid, measured: Callable[[PatchGrid], Measurement]) -
 def upper_snr(measurement: Measurement) -> float:
     """Return the ratio of signal to noise of the power spectrum of an object in the upper half of the spatial frequencies.
 
-    The power |F(r)|^2 of an object varies from frequency to frequency as much as its mean, so the ratio follows from the
-    variance. The mean would depend on zero lag, which is extrapolated. The noise of the lags has the variance S^2 / K and is
-    white in the power spectrum.
+    The standard deviation of |F(r)|^2 over the frequencies equals its mean, so the ratio is computed from the variance of the
+    power spectrum. The mean is not used, because it depends on the extrapolated zero lag. The noise of each lag has the variance
+    S^2 / K and is white in the power spectrum.
     """
     noise, grid = measurement.noise, measurement.lag_grid
     if not noise.dof:
@@ -97,7 +97,7 @@ def _magnified(grid: PatchGrid, factor: float) -> PatchGrid | None:
 
 
 def _finer(grid: PatchGrid, extent: int) -> PatchGrid | None:
-    """Return the grid of half the pitch for an object of an extent, or None if the frame or the largest number of lags ends it."""
+    """Return the grid of half the lag pitch for an object of an extent in lags; None if the frame or the lag limit forbids it."""
     rows, columns = grid.patch_shape
     if 2 * rows > grid.frame_shape[0] // 2 or 2 * columns > grid.frame_shape[1] // 2:
         return None

@@ -56,7 +56,7 @@ def choose_patch_grid(grid: PatchGrid, measured: Callable[[PatchGrid], Measureme
 
 
 def _enlarge_patches(grid: PatchGrid, ratio: float) -> PatchGrid:
-    """Return a grid of larger patches if the change is large enough."""
+    """Return a grid of larger patches; `grid` itself if `ratio` is close to 1."""
     return _scale_patches(grid, min(ratio, MAX_SIZE_RATIO)) if ratio >= MIN_SIZE_RATIO else grid
 
 

@@ -118,9 +118,9 @@ def fourier_modulus(measurement: Measurement) -> torch.Tensor:
     """Return |F(r)| on the padded grid of the lags, float32 (128, 65), scaled to 1 at zero frequency.
 
     The floor is subtracted, noisy lags beyond the signal are set to zero, the patch window is deconvolved (by division of the
-    spectrum by its triangle), and the resolution is limited. Zero lag is free: its value raises all frequencies alike. Without noise
-    it is chosen so that the lowest of the highest frequencies becomes zero; with noise, so that four fifths of them do, because an
-    object has almost no power there and noise would appear as structure.
+    spectrum by its triangle), and the resolution is limited. Zero lag is a free parameter that adds a constant to the power
+    spectrum. Without noise, the constant makes the minimum over the highest frequencies zero; with noise, it removes the power of
+    four fifths of them, because an object has almost no power there and noise would appear as structure.
     """
     guard = _guard(measurement)
     excess = fill_zero_lag(measurement.estimate - np.float32(measurement.noise.floor), 0.0)

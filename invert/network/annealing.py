@@ -58,7 +58,7 @@ INITIAL_SCHEDULE = {"first": 4.0, "steps": 8}
 """Initial noise level, which hides any object, and number of steps before the first round."""
 
 REPLACEMENT_MARGIN_NATS, MAX_REPLACED_FRACTION = 60.0, 1 / 3
-"""Minimum deficit in log-likelihood of a sample that is replaced, and maximum fraction of the samples that are. The limit of one
+"""Minimum lead in log-likelihood of a replacement over its sample, and maximum fraction of samples replaced. The limit of one
 third keeps the samples diverse: without it, bright captures leave copies of one sample."""
 
 CANDIDATE_SIGMA = 0.2
@@ -71,11 +71,11 @@ FRESH_NOISE_FRACTION = 0.5
 """Fraction of the noise that is sampled independently at each step."""
 
 PRIOR_VARIANCE_FACTOR = 10.0
-"""Variance of the denoiser output in units of the Gaussian one. Evidence: docs/research.md."""
+"""Prior variance around the denoiser output, in units of `posterior_variance`. Evidence: docs/research.md."""
 
 NOISE_GAIN_NATS_PER_PIXEL = 0.1
-"""Log-likelihood that data-consistency steps gain from noise alone, per pixel that the data determine, times the fraction of the
-floor in the light. Evidence: docs/research.md."""
+"""Log-likelihood that data-consistency steps gain from noise alone, per pixel that the data determine and per unit of
+`floor_fraction`. Evidence: docs/research.md."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ def run_annealing(
 
 
 def apply_shrunken_data_step(data: Observation, denoised: torch.Tensor, sigma: torch.Tensor, steps: int) -> torch.Tensor:
-    """Move denoiser outputs (n, 64, 64) towards the data, less the gain that noise alone would give.
+    """Apply data-consistency steps to denoiser outputs (n, 64, 64), shortened by the expected gain from noise alone.
 
     Positive-part Stein shrinkage: steps that gain no more than noise would are undone, others in part
     (B. Efron, C. Morris, J. Am. Stat. Assoc. 68, 117, 1973, doi:10.1080/01621459.1973.10481350).
@@ -187,7 +187,7 @@ def floor_fraction(data: Observation) -> torch.Tensor:
 def renoise(
     albedo: torch.Tensor, noisy: torch.Tensor, level: torch.Tensor, following: torch.Tensor, noise: torch.Tensor
 ) -> torch.Tensor:
-    """Add noise of the following level to albedos: part of the noise of the present level, part of it new."""
+    """Add noise of the following level to albedos: partly the rescaled present noise of `noisy`, partly new noise."""
     kept = (1.0 - FRESH_NOISE_FRACTION**2) ** 0.5 * following / level
     return albedo + kept * (noisy - albedo) + FRESH_NOISE_FRACTION * following * noise
 

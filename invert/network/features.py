@@ -12,10 +12,10 @@ from invert.likelihood.forward_model import zero_lag_first
 from invert.likelihood.gamma import Likelihood
 
 LAG_CHANNELS = 2 * 2 * 4 + 2 + 2
-"""Two maps and their mirror images, 2 x 2 lags to 4 channels; two numbers; two coordinates."""
+"""Channels: two maps and their mirror images, 4 for each (blocks of 2 x 2 lags); two numbers; two coordinates."""
 
 SKETCH_CHANNELS, FUSION_CHANNELS = (maps * (16 + 4) + 2 for maps in (2, 3))
-"""Maps: 4 x 4 blocks of all lags, 2 x 2 blocks of the inner ones (the extent of the albedo); two numbers."""
+"""Channels: per map, 4 x 4 blocks of all lags and 2 x 2 blocks of the inner lags (as many as albedo pixels); two numbers."""
 
 PICTURES = 4
 """Number of classical reconstructions in the input of the fusion."""
@@ -86,8 +86,8 @@ def lag_features(seen: Observation) -> tuple[torch.Tensor, torch.Tensor, torch.T
     """Return the input of the denoiser.
 
     Returns:
-        (n, LAG_CHANNELS, 64, 32): the half plane of column lags 0 to 63, with (-v, h) next to each lag (v, h), so that lags across
-        the cut, at which h changes sign, are close as well;
+        (n, LAG_CHANNELS, 64, 32): the half plane of column lags h = 0 to 63, with the channels of lag (-v, h) next to those of
+        (v, h), so that neighbours on both sides of the line h = 0, at which the plane is cut, are close as well;
         the signal in units of its height (n, 127, 127); that height (n,).
     """
     relative, significance, numbers, height = _normalise_features(seen)

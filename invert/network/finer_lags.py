@@ -1,7 +1,7 @@
 """Continuation of a reconstruction on finer lags.
 
-The samples of a coarser grid begin it. Every round adds noise to them and denoises them, as on the coarse grid; each sample then
-ascends its likelihood, because more lags determine more detail than the few data-consistency steps of a round can reach.
+It starts from the samples of a coarser grid. Every round adds noise to them and denoises them, as on the coarse grid; each sample
+then ascends its likelihood, because more lags determine more detail than the few data-consistency steps of a round can reach.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ RETRIEVAL = HioOptions(
 out of the support."""
 
 SAMPLER_STEP = 20
-"""Steps of progress for one denoising step of the sampler, in iterations of the phase retrieval, which takes about as long."""
+"""Progress steps of one denoising step of the sampler, which takes about as long as this many phase retrieval iterations."""
 
 DENOISED_MEAN_WEIGHT = 0.7
 """Weight of the mean denoiser output in the reconstruction; the rest is the mean of the samples. Evidence: docs/research.md."""

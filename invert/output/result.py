@@ -123,9 +123,9 @@ class Result:
         Args:
             truth: known albedo to compare with; a `Truth` has a pitch and is resampled to the lags.
             request_sha256: digest of everything that the result depends on; a later run recognises the result by it.
-            overwrite: whether to replace files of these names that others wrote.
+            overwrite: whether to replace files of these names that this program did not write.
 
-        Raises InputError for files of others without `overwrite`.
+        Raises InputError for such files without `overwrite`.
         """
         from correlograph.files.output import output_folder
         from correlograph.files.ownership import claim

@@ -67,7 +67,7 @@ class Truth:
 
 
 def _overlap(side: int, pitch_m: float, own_side: int, own_pitch_m: float) -> np.ndarray:
-    """Return the share of each own cell in each cell of a grid along one axis, (side, own_side)."""
+    """Return the fraction of each grid cell that each cell of the truth covers along one axis, (side, own_side)."""
     edges = (np.arange(side + 1) - side / 2) * pitch_m
     own = (np.arange(own_side + 1) - own_side / 2) * own_pitch_m
     low, high = np.maximum(edges[:-1, None], own[None, :-1]), np.minimum(edges[1:, None], own[None, 1:])

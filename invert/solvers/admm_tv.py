@@ -17,7 +17,7 @@ from invert.solvers.base import Candidates, Progress, box_support, modulus_resid
 
 @dataclass(frozen=True)
 class AdmmTvOptions:
-    """`weight` of the prior, in units of the image's mean over its support; `coupling` of the gradients' copy."""
+    """`weight` of the prior in units of the image mean over its support; `coupling`: penalty weight of the gradient splitting."""
 
     iterations: int = 1000
     starts: int = 16

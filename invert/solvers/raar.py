@@ -1,7 +1,7 @@
 """Relaxed averaged alternating reflections.
 
-Luke, Inverse Problems 21, 37 (2005), doi:10.1088/0266-5611/21/1/004, Eq. 16: where the reflected image keeps the
-constraints take the projected one, elsewhere beta x + (1 - 2 beta) of it.
+Luke, Inverse Problems 21, 37 (2005), doi:10.1088/0266-5611/21/1/004, Eq. 16: with the modulus projection P x, pixels at which the
+reflected image 2 P x - x satisfies the constraints become P x, all others beta x + (1 - 2 beta) P x.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from invert.solvers.base import Candidates, Progress, box_support, modulus_resid
 
 @dataclass(frozen=True)
 class RaarOptions:
-    """`beta` as published for noisy data; the last `error_reduction` iterations settle the image."""
+    """Options: `beta` as published for noisy data; the last `error_reduction` iterations are error reduction."""
 
     iterations: int = 2000
     beta: float = 0.87

@@ -17,7 +17,7 @@ from invert.solvers.twf import full_intensity, start_at_scale
 
 @dataclass(frozen=True)
 class TafOptions:
-    """`gamma`: measurements with |a z| below psi / (1 + gamma) are excluded; `step` of the gradient."""
+    """Options. `gamma`: exclude frequencies whose modulus |a z| is below the measured psi / (1 + gamma); `step`: step size."""
 
     iterations: int = 1000
     starts: int = 16
@@ -26,7 +26,7 @@ class TafOptions:
 
 
 def amplitude_gradient(spectrum: torch.Tensor, amplitude: torch.Tensor, kept: torch.Tensor) -> torch.Tensor:
-    """Gradient with respect to a real image of mean((|a z| - psi)^2) / 2 over the kept measurements."""
+    """Return the gradient of mean((|a z| - psi)^2) / 2 over the kept measurements with respect to a real image z."""
     scale = 1.0 - amplitude / spectrum.abs().clamp_min(1e-30)
     return torch.fft.ifft2(spectrum * (scale * kept)).real
 

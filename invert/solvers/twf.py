@@ -16,7 +16,7 @@ from invert.solvers.base import Candidates, Progress, box_support, modulus_resid
 
 @dataclass(frozen=True)
 class TwfOptions:
-    """`lower`, `upper`: range of |a z| over |z|; `spread`: factor of the typical intensity error; `step` of the gradient."""
+    """`lower`, `upper`: limits of |a z| / |z|; `spread`: limit of the intensity error in typical errors; `step`: step size."""
 
     iterations: int = 1000
     starts: int = 16
@@ -27,7 +27,7 @@ class TwfOptions:
 
 
 def poisson_gradient(spectrum: torch.Tensor, intensity: torch.Tensor, kept: torch.Tensor) -> torch.Tensor:
-    """Gradient with respect to a real image of mean(|a z|^2 - y log |a z|^2) over the kept measurements.
+    """Return the gradient of mean(|a z|^2 - y log |a z|^2) over the kept measurements with respect to a real image z.
 
     Args:
         spectrum: full Fourier transform a z, (..., n, n); intensity y and mask of the same shape.

@@ -1,4 +1,4 @@
-"""Training of the sampler on its own trajectories: objects in the middle of annealing, with the errors that occur in use.
+"""Training of the sampler on its own trajectories: partly denoised samples, with the errors that occur during annealing.
 
 Noised truths, the other training task, never show the sampler its own errors (S. Ross et al., AISTATS 2011, arXiv:1011.0686).
 """
@@ -32,7 +32,7 @@ ROUNDS = 5
 """Maximum number of rounds of a chain."""
 
 FIRST = (0.4, 1.6)
-"""Range of the initial noise of the other rounds."""
+"""Range of the initial noise level of all later rounds."""
 
 WEIGHT = 0.3
 """Weight in the loss of a chain's squared error in units of the variance of albedos."""
@@ -69,7 +69,7 @@ class Chains:
         self.state = {name: torch.zeros(shape) for name, shape in shapes.items()}
 
     def draw(self, batch: Batch, rng: torch.Generator) -> torch.Tensor:
-        """Return numbers of chains, one per object of a batch; the objects replace those of finished chains."""
+        """Select random chains, one per object of a batch, and return their indices; restart finished ones with these objects."""
         seen, truth = batch.seen, batch.truth
         which = torch.randperm(self.count, generator=rng)[: len(truth)]
         ended = self.state["left"][which] == 0

@@ -1,4 +1,4 @@
-"""Denoising task of the sampler: albedos under white noise of every level, with a self-conditioning input as in use."""
+"""Denoising task of the sampler: albedos with white noise of every level and a self-conditioning input as during sampling."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ MEDIAN_SIGMA, MIN_SIGMA, MAX_SIGMA = 0.3, 0.02, 4.0
 """Noise levels: log-normal with median `MEDIAN_SIGMA` and a standard deviation of one, within limits."""
 
 PASSES = 2
-"""Maximum number of earlier steps of a self-conditioning input."""
+"""Maximum number of sampler steps at higher noise that produce a self-conditioning input."""
 
 MAX_LOG_SIGMA_RATIO = 1.5
-"""Maximum logarithm of the ratio of their noise to the training level."""
+"""Maximum logarithm of the ratio of the noise level of these steps to the training level."""
 
 ASCENT, ASCENT_SHARE = 3, 0.7
-"""Data-consistency steps after such a step, and the probability that they follow."""
+"""Number of data-consistency steps after a self-conditioning step, and the probability of them."""
 
 PRIOR_VARIANCE_FACTOR = 3.0
-"""Factor of the prior variance in these steps; `invert.network.annealing` has the one in use."""
+"""Factor of the prior variance in these data-consistency steps; `invert.network.annealing` defines that of the sampling."""
 
 MAX_SHIFT_LAGS = 6
 """Maximum shift of an object from the centre of its window, in lags."""

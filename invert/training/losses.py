@@ -77,7 +77,7 @@ def modulus_l2(albedo: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
 
 
 def noise_left(found: torch.Tensor, signal: torch.Tensor, measured: torch.Tensor) -> torch.Tensor:
-    """Return the logarithm of the remaining fraction of an estimate's error: geometric mean of that of the lags and of the Fourier modulus.
+    """Return the logarithm of the fraction of error that denoising leaves: geometric mean over lags and Fourier modulus.
 
     Args:
         found, signal, measured: denoised, true, and measured without its floor, (n, 127, 127).

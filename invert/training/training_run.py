@@ -24,7 +24,7 @@ from invert.training.report import save_curve
 from invert.training.warm_starts import load_warm_starts, split_warm_starts
 
 VALIDATION = ((80 / 255, 256.0), (80 / 255, 64.0), (80 / 255, 16.0), (5 / 255, 1e4), (1.5, 64.0))
-"""Floors (in units of the maximum lag except zero) and K at which progress is measured."""
+"""Pairs of floor (in units of the highest estimate except at zero lag) and K at which progress is measured."""
 
 WARM_UP = 200
 
@@ -57,7 +57,7 @@ class Training:
         self.seconds = self.cpu_seconds = 0.0
 
     def advance(self, targets: Sequence[torch.Tensor]) -> float:
-        """Take one step of the optimiser, on one of the pools of targets in turn; return the loss."""
+        """Take one optimiser step on one of the target pools, which alternate from step to step; return the loss."""
         begin, begin_cpu = time.perf_counter(), time.process_time()
         options = self.options
         batch = self._draw(targets[self.step % len(targets)]).part(slice(self.rank, None, self.world), options.device)
