@@ -54,6 +54,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         page.wait()
     finally:
         acquisition.stop()
+        acquisition.join()
 
 
 def open_source(options: Any) -> tuple[Frames, float | None]:

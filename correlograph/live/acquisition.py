@@ -43,18 +43,25 @@ class Acquisition:
         self._waiting: deque[np.ndarray] = deque()
         self._arrived = Condition()
         self._quality = "fast"
+        self._threads: list[Thread] = []
         self._times: deque[float] = deque(maxlen=32)
 
     def start(self) -> None:
-        """Start the threads; they end with the process."""
+        """Start the threads."""
         for work in (self._read, self._add, self._reconstruct):
-            Thread(target=self._guard, args=(work,), daemon=True).start()
+            self._threads.append(Thread(target=self._guard, args=(work,), daemon=True))
+            self._threads[-1].start()
 
     def stop(self) -> None:
         """Stop reading. Frames and results remain."""
         self.finished.set()
         with self._arrived:
             self._arrived.notify_all()
+
+    def join(self, timeout_s: float = 60.0) -> None:
+        """Wait until the frames that were read are added and the last reconstruction is complete. A source may still wait for frames."""
+        for thread in self._threads[1:]:
+            thread.join(timeout_s)
 
     def request(self, quality: str) -> None:
         """Ask for one reconstruction of another quality; the ones after it are `fast` again."""

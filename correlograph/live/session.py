@@ -44,7 +44,7 @@ class FrameReport:
     Attributes:
         mean: in frame units.
         photoelectrons: mean per pixel by the gain that photon transfer finds; None while the gain is uncertain.
-        contrast: standard deviation of the speckle over its mean, without the noise of the pixels.
+        contrast: standard deviation of the speckle over its mean, from the covariance of neighbouring pixels.
         grain_pixels: width at half maximum of the speckle's covariance. It is largest in focus for a small pupil.
         saturated: fraction of the pixels at the maximum of the frame, if more than one in a thousand.
     """
@@ -147,12 +147,12 @@ class LiveSession:
         found = combine(self._gains)
         mean, highest = float(image.mean()), float(image.max())
         at_top = float((image >= highest).mean()) if highest > 0.0 else 0.0
-        variance = max(0.0, float(middle.var()) - found.variance)
+        line = covariance_line(middle)
         return FrameReport(
             mean,
             mean / found.gain if found.gain > 3.0 * found.error else None,
-            math.sqrt(variance) / mean if mean > 0.0 else 0.0,
-            grain_width(middle),
+            math.sqrt(max(0.0, line[1])) / mean if mean > 0.0 else 0.0,
+            grain_width(line),
             at_top if at_top > 1e-3 else 0.0,
         )
 
@@ -245,12 +245,16 @@ def _gain(image: np.ndarray) -> PhotonTransfer:
     return photon_transfer(torch.from_numpy(np.ascontiguousarray(image)))
 
 
-def grain_width(image: np.ndarray) -> float:
-    """Return the width at half maximum, in pixels, of the covariance of a frame (H, W), without the noise peak at zero."""
+def covariance_line(image: np.ndarray) -> np.ndarray:
+    """Return the covariance of a frame (H, W) at 0, 1, 2 ... pixels, averaged over both axes. Noise of the pixels adds to 0 only."""
     spectrum = np.abs(np.fft.rfft2(image - image.mean())) ** 2
-    covariance = np.fft.irfft2(spectrum, image.shape)
+    covariance = np.fft.irfft2(spectrum, image.shape) / image.size
     half = min(image.shape) // 2
-    line = 0.5 * (covariance[0, :half] + covariance[:half, 0])
+    return 0.5 * (covariance[0, :half] + covariance[:half, 0])
+
+
+def grain_width(line: np.ndarray) -> float:
+    """Return the width at half maximum, in pixels, of a covariance (`covariance_line`) from one pixel on."""
     if line[1] <= 0.0:
         return 1.0
     below = np.nonzero(line[1:] < 0.5 * line[1])[0]

@@ -12,7 +12,7 @@ import tifffile
 import correlograph as cg
 from correlograph.errors import InputError
 from correlograph.live.acquisition import WAITING, Acquisition
-from correlograph.live.session import LiveSession, grain_width
+from correlograph.live.session import LiveSession, covariance_line, grain_width
 from correlograph.live.sources import GrowingFiles
 from invert.measure.estimate import estimate_from_frames
 from tests.light import speckle
@@ -150,6 +150,7 @@ def test_frames_that_arrive_too_fast_are_dropped_and_counted():
     deadline = time.monotonic() + 20.0
     while acquisition.session.frames + acquisition.dropped < 20 and time.monotonic() < deadline:
         time.sleep(0.05)
+    acquisition.join()
     assert acquisition.received == 20
     assert acquisition.dropped > WAITING
     assert acquisition.session.frames + acquisition.dropped == 20
@@ -159,6 +160,7 @@ def test_it_stops_when_a_reconstruction_is_sure_enough():
     acquisition = Acquisition(Camera(letter_frames(40), 0.3), LiveSession(CAMERA), until=0.6)
     acquisition.start()
     assert acquisition.finished.wait(60.0)
+    acquisition.join()
     assert acquisition.result.confidence >= 0.6
     assert acquisition.received < 40
     assert acquisition.problem == ""
@@ -173,4 +175,8 @@ def test_the_grain_width_is_that_of_a_filtered_field():
     field = np.fft.ifft2(np.fft.fft2(noise) * np.exp(-((frequency / width) ** 2) / 2.0))
     # |<E E*>|^2 = exp(-2 (pi width x)^2): half at x = sqrt(ln 2 / 2) / (pi width)
     expected = 2.0 * np.sqrt(np.log(2.0) / 2.0) / (np.pi * width)
-    assert grain_width(np.abs(field) ** 2) == pytest.approx(expected, abs=2.5)
+    light = np.abs(field) ** 2
+    line = covariance_line(rng.poisson(2.0 * light / light.mean()))
+    assert grain_width(line) == pytest.approx(expected, abs=2.5)
+    # The covariance one pixel apart falls short of the variance by the fraction 1 - exp(-2 (pi width)^2).
+    assert line[1] / 2.0**2 == pytest.approx(np.exp(-2.0 * (np.pi * width) ** 2), rel=0.1)
