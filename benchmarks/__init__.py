@@ -1,14 +1,14 @@
 """Measurements behind the figures of the documentation; no test depends on them.
 
 ablation.py               losses and mappings of the paper, trained small
-data_gen.py               samples a second of each kind of dataset
+data_gen.py               samples per second of each kind of dataset
 digest.py                 checksums of frames, estimates and albedos, to compare two versions of the code
 hio.py                    HIO of 16 starts against the FFTs that it cannot do without
 invert.py                 two frames to an albedo, step by step
-memory_effect.py          correlography beside the memory effect
+memory_effect.py          correlography compared with the memory effect
 nuisances.py              what cameras and walls do to frames
 posterior_calibration.py  how often the truth is where the posterior says
 scenes.py                 every scene rendered and inverted
 speed_accuracy.py         every propagation kernel against the direct sum
-stem_place.py             a stem located in noise, beside an ideal observer
+stem_place.py             a stem located in noise, compared with an ideal observer
 """

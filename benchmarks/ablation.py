@@ -12,7 +12,7 @@ from pathlib import Path
 
 from invert.training.losses import LOSSES
 from invert.training.train import main as train
-from invert.training.training_run import VALIDATION
+from invert.training.training_loop import VALIDATION
 
 STEPS, EVERY = 240, 40
 POINTS = 1, 2

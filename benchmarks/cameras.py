@@ -76,7 +76,7 @@ def measure_correlation(capture: cg.Capture, truth: cg.Truth, quality: str, seed
     return cg.aligned_pearson(result.albedo, result.truth_on_lags(truth))[0] if result.object_found else 0.0
 
 
-def reached(
+def exposure_reaching(
     measure: Callable[..., float], geometry: Any, predicted_s: float, level: float, captures: int, quality: str
 ) -> float:
     """Return the exposure of all frames at which the mean of a measure reaches a level."""
@@ -113,8 +113,8 @@ def main() -> None:
         camera, choice = draw_camera(number, geometry)
         plan = compare_cameras(geometry, [camera], [choice], check, FRAMES, required)[0][0]
         other = choice.apply(geometry, camera)
-        detected_s = reached(measure_detection, other, plan.detection_s, DETECTION_LIMIT, options.captures, "")
-        sharp_s = reached(
+        detected_s = exposure_reaching(measure_detection, other, plan.detection_s, DETECTION_LIMIT, options.captures, "")
+        sharp_s = exposure_reaching(
             measure_correlation, other, plan.correlation_s, options.correlation, options.captures, options.quality
         )
         rows.append(
@@ -139,8 +139,8 @@ def draw(path: Path, rows: list[dict[str, Any]], correlation: float) -> None:
     figure = Figure(figsize=(5.2, 4.6), layout="constrained")
     axes = figure.add_subplot()
     for name, label, mark in (("detection_s", "detected", "o"), ("correlation_s", f"correlation {correlation:g}", "s")):
-        predicted, reached = zip(*(row[name] for row in rows), strict=True)
-        axes.loglog(predicted, reached, mark, mfc="none", label=label)
+        predicted, found = zip(*(row[name] for row in rows), strict=True)
+        axes.loglog(predicted, found, mark, mfc="none", label=label)
     limits = np.array(axes.get_xlim())
     axes.fill_between(limits, limits / 1.25, limits * 1.25, color="0.9", label="within 25 %")
     axes.set_xlabel("predicted exposure (s)")

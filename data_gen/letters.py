@@ -15,8 +15,8 @@ from scipy.ndimage import distance_transform_edt
 
 from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError
+from correlograph.files.manifest import claim
 from correlograph.files.output import atomic, output_folder
-from correlograph.files.ownership import claim
 from correlograph.ranges import Range
 from data_gen.fonts import dejavu_sans
 

@@ -29,7 +29,7 @@ def parser() -> ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> None:
     options = parser().parse_args(argv)
-    from correlograph.files.ownership import claim
+    from correlograph.files.manifest import claim
     from correlograph.files.store import read_rows
     from data_gen.dataset import dataset_schema_of, open_dataset
     from radiometry.noise.model import autocorrelate_windowed

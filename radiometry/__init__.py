@@ -1,7 +1,7 @@
 """Radiometry: photons, light budget, autocorrelation estimate, and noise of the estimate.
 
     photons.py          photon rate, coherence area
-    throughput.py       light budget, one row per factor; closed form for flat, Lambertian scenes
+    light_budget_rows.py  light budget, one row per factor; closed form for flat, Lambertian scenes
     scene_budget.py     light budget and prediction of a scene: the public functions
     autocorrelation.py  patches and their lags; effect of the patch window on r*r
     estimation/         frames -> estimate; camera and lamp artefacts; third moment
@@ -10,6 +10,8 @@
     noise/              noise of the estimate: model, level, budget
     prediction.py       prediction of the estimate and its noise for a scene
     exposure_planner.py division of an exposure into frames
+    cameras.py          table of cameras, binning, efficiency
+    camera_choice.py    comparison of cameras for a scene
     safety.py           laser safety of the spot
     validation/         published lab series and figures of the noise validation
 

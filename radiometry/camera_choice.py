@@ -19,7 +19,7 @@ from radiometry.prediction import Prediction, predict
 
 @dataclass(frozen=True)
 class Arrangement:
-    """What a lab can choose around a camera; None keeps the value of the scene."""
+    """Choices of a lab around a camera; None keeps the value of the scene."""
 
     magnification: float
     binning: int = 1
@@ -33,7 +33,7 @@ class Arrangement:
             geometry = geometry.with_power(self.power_w)
         if self.wavelength_m is not None:
             geometry = geometry.with_wavelength(self.wavelength_m)
-        camera = camera.binned(self.binning)
+        camera = camera.bin_pixels(self.binning)
         electronics = replace(
             geometry.electronics,
             quantum_efficiency=camera.efficiency(geometry.wavelength_m),

@@ -14,7 +14,7 @@ import numpy as np
 from correlograph.errors import InputError
 from correlograph.ranges import Range
 
-SHIPPED = Path(__file__).with_name("cameras.csv")
+TABLE = Path(__file__).with_name("cameras.csv")
 
 NUMBERS = {
     "pixel_um": Range(0.01, 1e6),
@@ -61,7 +61,7 @@ class Camera:
             raise InputError("wavelength", expected, found, "add a column such as efficiency_405 to a table of your own")
         return float(np.interp(wavelength_m, wavelengths, values))
 
-    def binned(self, pixels: int) -> Camera:
+    def bin_pixels(self, pixels: int) -> Camera:
         """Return the camera with `pixels` x `pixels` added to one."""
         area = pixels**2
         return Camera(
@@ -76,7 +76,7 @@ class Camera:
         )
 
 
-def read_cameras(path: Path = SHIPPED) -> list[Camera]:
+def read_cameras(path: Path = TABLE) -> list[Camera]:
     """Read a table of cameras (CSV with a header). Raises InputError for a missing file, column or value."""
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -88,7 +88,7 @@ def read_cameras(path: Path = SHIPPED) -> list[Camera]:
     if not any(name.startswith(EFFICIENCY) for name in columns):
         missing.append(f"{EFFICIENCY}532 or another wavelength")
     if missing:
-        raise InputError("--cameras", f"columns as in {SHIPPED.name}", f"no {', '.join(missing)} in {path}", "add the columns")
+        raise InputError("--cameras", f"columns as in {TABLE.name}", f"no {', '.join(missing)} in {path}", "add the columns")
     cameras = [
         _camera(dict(zip(columns, row.values(), strict=False)), f"{path}, camera {n}") for n, row in enumerate(reader, 1)
     ]

@@ -24,11 +24,11 @@ from radiometry.autocorrelation import (
 )
 from radiometry.estimation.third_moment import MIN_SIGNAL_FRACTION, drawn_third_moment
 from radiometry.estimation.whole_frames import degrees_of_freedom
+from radiometry.light_budget_rows import light_budget
 from radiometry.noise.budget import NoiseTerms, estimate_error
 from radiometry.noise.detection import DETECTION_LIMIT, detection
 from radiometry.noise.level import WHOLE_FRAME_INFLATION, NoiseLevel
 from radiometry.photons import grain_area
-from radiometry.throughput import light_budget
 from radiometry.transfer import lag_transfer
 
 CELLS_PER_LAG = 4

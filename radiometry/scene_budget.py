@@ -9,9 +9,9 @@ import numpy as np
 
 from correlograph.errors import InputError
 from correlograph.ranges import FRAMES, PATCH
+from radiometry.light_budget_rows import Budget
+from radiometry.light_budget_rows import light_budget as budget_of_path
 from radiometry.prediction import predict as predict_geometry
-from radiometry.throughput import Budget
-from radiometry.throughput import light_budget as budget_of_path
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ def light_budget(scene: Any) -> Budget:
     Args:
         scene: from `correlograph.load`, or its geometry.
 
-    Raises InputError for something that is no scene.
+    Raises InputError for anything else than a scene.
     """
     return budget_of_path(_geometry_of(scene).light_path)
 
@@ -47,7 +47,7 @@ def light_budget(scene: Any) -> Budget:
 def predict(scene: Any, frames: int = 2, patch: int | None = None) -> Forecast:
     """Predict the estimate of a capture with a number of frames and patches of `patch` pixels (None: as in `invert`).
 
-    Raises InputError for numbers out of range, and for something that is no scene.
+    Raises InputError for numbers out of range, and for anything else than a scene.
     """
     frames = FRAMES.check("frames", frames)
     patch = None if patch is None else PATCH.check("patch", patch)

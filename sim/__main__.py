@@ -104,8 +104,8 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def _draw_plan(scene, output: str, *, overwrite: bool) -> None:
     from correlograph.files.figures import save_figure
+    from correlograph.files.manifest import claim
     from correlograph.files.output import output_folder
-    from correlograph.files.ownership import claim
 
     path = output_folder(output) / "plan.png"
     claim(path.parent, [path.name], overwrite=overwrite)

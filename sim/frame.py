@@ -10,10 +10,10 @@ import numpy as np
 import torch
 
 from correlograph.errors import InputError
-from radiometry.throughput import light_budget
+from radiometry.light_budget_rows import light_budget
 from sim.effects import remaining_electronics
 from sim.geometry import Geometry
-from sim.optics.detection import expose, mean_image, transfer_function
+from sim.optics.camera import expose, mean_image, transfer_function
 from sim.optics.detector_roughness import exact_image, gamma_image
 from sim.optics.illumination import illuminate
 from sim.optics.motion import Pose, poses, travel_phase

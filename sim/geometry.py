@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from radiometry.light_budget_rows import LightPath, detector_to_pixel, light_budget
 from radiometry.motion import Motion
 from radiometry.photons import photon_rate
-from radiometry.throughput import LightPath, detector_to_pixel, light_budget
 from sim.plugins.speckle_camera import Electronics
 from sim.propagation.sampling import canvas, period
 from sim.transport.flat_object import FlatObject
@@ -111,7 +111,7 @@ class Geometry:
             pupil_diameter_m=pupil_diameter_m,
         )
         before, after = (detector_to_pixel(one) * one.pixel_area_m2 * one.pixels for one in (self.light_path, path))
-        other = self.other_light and self.other_light.scaled(after / before if before > 0.0 else 0.0)
+        other = self.other_light and self.other_light.scale(after / before if before > 0.0 else 0.0)
         return replace(
             self,
             pixel_pitch_m=pixel_pitch_m,

@@ -22,8 +22,8 @@ import torch
 from scipy.fft import next_fast_len
 
 from correlograph.errors import InputError
+from radiometry.light_budget_rows import light_budget
 from radiometry.prediction import patches_of
-from radiometry.throughput import light_budget
 from sim.geometry import Geometry
 
 OVERSAMPLING = 2

@@ -12,8 +12,8 @@ import numpy as np
 
 from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError
+from correlograph.files.manifest import claim
 from correlograph.files.output import atomic
-from correlograph.files.ownership import claim
 from correlograph.ranges import SI
 
 

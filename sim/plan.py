@@ -10,8 +10,8 @@ import numpy as np
 
 from correlograph.errors import InputError
 from correlograph.ranges import SI
+from radiometry.light_budget_rows import light_budget
 from radiometry.prediction import Prediction, patches_of, predict
-from radiometry.throughput import light_budget
 from sim.effects import FORCEABLE, Effect, decide
 from sim.geometry import Geometry
 from sim.optics.coherence import spectral_lines

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from radiometry.light_budget_rows import detector_to_pixel, light_budget
 from radiometry.noise.detection import DETECTION_LIMIT
 from radiometry.prediction import Prediction, predict
-from radiometry.throughput import detector_to_pixel, light_budget
 from sim.effects import Effect
 from sim.geometry import Geometry
 from sim.optics.illumination import overlap, specular_share
@@ -99,7 +99,7 @@ def warnings_of(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) 
     if ratio is not None and ratio < 1.0:
         found.append(
             f"signal to noise: {ratio:.2g} on average over the object's lags in {frames} frames; needed: "
-            + needed(plan, frames)
+            + required_exposure(plan, frames)
         )
     return found
 
@@ -132,7 +132,7 @@ def detection_exposure_s(prediction: Prediction, exposure_s: float, frames: int)
     return None if factor is None else factor * exposure_s
 
 
-def needed(plan: Plan, frames: int) -> str:
+def required_exposure(plan: Plan, frames: int) -> str:
     """Return the exposure, and the number of frames, at which the object becomes detectable."""
     exposure_s, expected = plan.geometry.electronics.exposure_s, plan.prediction.detection(frames)
     if expected <= 0.0:
@@ -180,7 +180,7 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
         f"{pitches[0] * 1e6:.0f} x {pitches[1] * 1e6:.0f} um per lag, K {dof:.3g}",
         f"noise           floor over peak {'none' if floor is None else f'{floor:.3g}'}, signal to noise "
         f"{'none' if ratio is None else f'{ratio:.2g}'}, of the third moment {'none' if third is None else f'{third:.2g}'}",
-        f"needed          {needed(plan, frames)}",
+        f"needed          {required_exposure(plan, frames)}",
         f"propagation     {kernel.propagator} in {kernel.precision}, {plan.settings.accuracy} error "
         f"{kernel.predicted_error:.2g} of {plan.settings.tolerance:g} allowed, {content['scatterers']} scatterers, about "
         f"{content['seconds']:.1f} s",

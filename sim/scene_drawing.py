@@ -7,7 +7,7 @@ import mitsuba as mi
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from correlograph.files.scene_drawing import Line, SceneDrawing
+from correlograph.files.drawing import Line, SceneDrawing
 from sim.geometry import Geometry
 from sim.plugins.laser import Laser
 
@@ -34,14 +34,14 @@ def draw_scene(scene: mi.Scene, geometry: Geometry) -> SceneDrawing:
     paths = _light_paths(np.asarray(laser.origin), {name: points.mean(0) for name, points in surfaces.items()}, geometry)
 
     def view(across: np.ndarray, up: np.ndarray) -> tuple[Line, ...]:
-        def projected(points: np.ndarray) -> np.ndarray:
+        def project(points: np.ndarray) -> np.ndarray:
             return (np.atleast_2d(points) - geometry.spot.centre) @ np.stack((across, up), 1)
 
         outlines = [
-            Line(*_rounded(_outline(projected(points))), name, _shape_colour(name), width=1.5, is_filled=True)
+            Line(*_round_points(_outline(project(points))), name, _shape_colour(name), width=1.5, is_filled=True)
             for name, points in surfaces.items()
         ]
-        return (*outlines, *(Line(*_rounded(projected(points)), *drawn) for points, *drawn in paths))
+        return (*outlines, *(Line(*_round_points(project(points)), *drawn) for points, *drawn in paths))
 
     return SceneDrawing((view(first, second), view(first, normal)))
 
@@ -107,7 +107,7 @@ def _outline(points: np.ndarray) -> np.ndarray:
     return points[np.append(hull, hull[0])]
 
 
-def _rounded(points: np.ndarray) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _round_points(points: np.ndarray) -> tuple[tuple[float, ...], tuple[float, ...]]:
     x, y = np.round(points, DIGITS).T.tolist()
     return tuple(x), tuple(y)
 

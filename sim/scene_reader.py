@@ -10,7 +10,7 @@ import mitsuba as mi
 import numpy as np
 
 from correlograph.errors import InputError
-from radiometry.throughput import LightPath, closed_form
+from radiometry.light_budget_rows import LightPath, closed_form
 from sim.backend.variant import check_compilable
 from sim.geometry import Geometry, Spot
 from sim.plugins.laser import Laser

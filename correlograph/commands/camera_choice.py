@@ -46,10 +46,10 @@ def add_options(p: ArgumentParser) -> None:
 def compare(options: Any, geometry: Any, folder: Path | None) -> None:
     """Compare the cameras, print the best arrangements of each, and save all."""
     from radiometry.camera_choice import arrangements, compare_cameras
-    from radiometry.cameras import SHIPPED, read_cameras
+    from radiometry.cameras import TABLE, read_cameras
     from sim.plan import check
 
-    cameras = read_cameras(Path(options.cameras) if options.cameras else SHIPPED)
+    cameras = read_cameras(Path(options.cameras) if options.cameras else TABLE)
     choices = arrangements(options.magnification, options.binning, options.pupil_m, options.wavelength_m, options.power_w)
     required = None if options.correlation is None else RequiredError(options)
     plans, impossible = compare_cameras(geometry, cameras, choices, check, options.frames, required)

@@ -41,8 +41,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     if (options.budget_s is None) == (options.cameras is None):
         found = "neither" if options.cameras is None else "both"
         raise InputError("arguments", "--budget-s SECONDS or --cameras", found, "choose one")
+    from correlograph.files.manifest import claim
     from correlograph.files.output import output_folder
-    from correlograph.files.ownership import claim
 
     with exit_at_once():
         import sim  # noqa: F401 - loads Mitsuba

@@ -45,9 +45,9 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: int) -> dict[str, Any]:
     """Return everything that the command prints, for JSON; docs/radiometry.md describes the keys."""
+    from radiometry.light_budget_rows import closed_form, light_budget
     from radiometry.prediction import predict
     from radiometry.safety import spot_safety
-    from radiometry.throughput import closed_form, light_budget
     from sim.plan_report import disagreement, scene_warnings
     from sim.transport.monte_carlo import estimate_throughput
 

@@ -34,8 +34,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     options = parser().parse_args(argv)
     if options.measured is not None and not options.measured.is_dir():
         raise InputError("--measured", "a folder of autocorrelation pictures", options.measured, "check the path")
+    from correlograph.files.manifest import claim
     from correlograph.files.output import output_folder, sole_writer
-    from correlograph.files.ownership import claim
 
     folder = output_folder(options.output)
     with sole_writer(folder):
@@ -81,8 +81,8 @@ class Renderer:
     """Frames of one scene at any exposure."""
 
     def __init__(self, scene: str | Path, seed: int) -> None:
+        from radiometry.light_budget_rows import light_budget
         from radiometry.prediction import predict
-        from radiometry.throughput import light_budget
         from sim.plan import check
         from sim.scene_file import load_scene
         from sim.scene_reader import read_geometry

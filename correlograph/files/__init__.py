@@ -8,5 +8,5 @@ images.py          monochrome images and arrays
 figures.py         figures: saving, showing, scale bars
 store.py           Zarr stores: ownership and completeness
 output.py          folders and files, complete or absent; locks
-ownership.py       which files a command may replace
+manifest.py        which files a command may replace
 """

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from correlograph.errors import InputError
+from correlograph.files.manifest import MANIFEST, PARTIAL, claim, record, record_temporary, recorded
 from correlograph.files.output import sole_writer
-from correlograph.files.ownership import MANIFEST, PARTIAL, claim, record, record_temporary, recorded
 
 MOVING = ".capture-is-being-moved"
 """Marker file, present while a finished capture moves into its folder; if it remains, the folder holds parts of two captures."""

@@ -47,7 +47,7 @@ class Corrections:
             return capture
         change = self._correction(capture.frames[0].shape)
         if isinstance(capture.frames, FileFrames):
-            return replace(capture, frames=capture.frames.changed(change))
+            return replace(capture, frames=capture.frames.map(change))
         return replace(capture, frames=[change(frame) for frame in capture.frames])
 
     def _correction(self, shape: tuple[int, ...]) -> Callable[[np.ndarray], np.ndarray]:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from correlograph.errors import InputError
-from correlograph.files.ownership import (
+from correlograph.files.manifest import (
     PARTIAL,
     claim,
     digest_of,

@@ -260,7 +260,7 @@ class FileFrames(Sequence[np.ndarray]):
         self._check(pixels, header, number, stack.path)
         return (pixels if self._change is None else self._change(pixels)), header
 
-    def changed(self, change: Callable[[np.ndarray], np.ndarray]) -> FileFrames:
+    def map(self, change: Callable[[np.ndarray], np.ndarray]) -> FileFrames:
         """Return the frames with a correction, which is applied when they are read."""
         changed = copy(self)
         changed._change = change

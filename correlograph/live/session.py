@@ -15,8 +15,8 @@ import numpy as np
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata
 from correlograph.files.exr_frames import FrameHeader, write_frame
+from correlograph.files.manifest import record_temporary
 from correlograph.files.output import output_folder, save_array, sole_writer
-from correlograph.files.ownership import record_temporary
 from correlograph.version import version
 from invert.measure.estimate import Estimate, estimate_of
 from invert.measure.spectrum import estimate_noise, read_measurement

@@ -11,8 +11,8 @@ from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata
 from correlograph.files.capture_folder import check_complete
 from correlograph.files.corrections import Corrections
+from correlograph.files.manifest import claim, digest_of
 from correlograph.files.output import output_folder, sole_writer
-from correlograph.files.ownership import claim, digest_of
 from correlograph.files.stacks import file_of
 from correlograph.version import version
 from invert.choices import BALANCED, UNET, Method, Quality

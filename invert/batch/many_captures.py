@@ -14,8 +14,8 @@ import torch
 from tqdm import tqdm
 
 from correlograph.errors import InputError
+from correlograph.files.manifest import are_intact, claim, own_files
 from correlograph.files.output import atomic, save_json
-from correlograph.files.ownership import are_intact, claim, own_files
 from correlograph.workers import WorkerDeath, run_tasks
 from invert.albedo.metrics import aligned_pearson
 from invert.batch.captures import Captures, Request, check_request, invert_capture

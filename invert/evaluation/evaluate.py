@@ -61,8 +61,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     methods = _check(options)
     from tqdm import tqdm
 
+    from correlograph.files.manifest import claim, recorded
     from correlograph.files.output import output_folder, sole_writer
-    from correlograph.files.ownership import claim, recorded
     from invert.evaluation.report import write_report
 
     levels = _levels(options)

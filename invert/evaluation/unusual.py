@@ -26,7 +26,7 @@ def _disc(row: float, column: float, radius: float) -> np.ndarray:
     return 1.0 * (np.hypot(ROW - row, COLUMN - column) < radius)
 
 
-def _turned(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _rotate_axes(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Return the coordinates after a random rotation."""
     angle = rng.uniform(0.0, 2.0 * np.pi)
     return np.cos(angle) * ROW - np.sin(angle) * COLUMN, np.sin(angle) * ROW + np.cos(angle) * COLUMN
@@ -34,7 +34,7 @@ def _turned(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 def _box(rng: np.random.Generator, low: float = 10.0, high: float = 20.0) -> np.ndarray:
     """Return a turned rectangle of random half sides."""
-    down, right = _turned(rng)
+    down, right = _rotate_axes(rng)
     half = rng.uniform(low, high, 2)
     return (np.abs(down) < half[0]) & (np.abs(right) < half[1])
 
@@ -64,12 +64,12 @@ def random_dots(rng: np.random.Generator) -> np.ndarray:
 
 
 def grating(rng: np.random.Generator) -> np.ndarray:
-    down, _ = _turned(rng)
+    down, _ = _rotate_axes(rng)
     return _box(rng) * (np.sin(2.0 * np.pi * down / rng.uniform(4.0, 10.0)) > rng.uniform(-0.5, 0.5))
 
 
 def checkerboard(rng: np.random.Generator) -> np.ndarray:
-    down, right = _turned(rng)
+    down, right = _rotate_axes(rng)
     cell = rng.uniform(3.0, 8.0)
     half = cell * rng.integers(2, 5)
     inside = (np.abs(down) < min(half, 20.0)) & (np.abs(right) < min(half, 20.0))
@@ -85,14 +85,14 @@ def soft_blobs(rng: np.random.Generator) -> np.ndarray:
 
 
 def gradient(rng: np.random.Generator) -> np.ndarray:
-    down, _ = _turned(rng)
+    down, _ = _rotate_axes(rng)
     box = _box(rng)
     level = np.where(box, down, np.nan)
     return np.nan_to_num((level - np.nanmin(level)) / np.ptp(level[box]))
 
 
 def spiral(rng: np.random.Generator) -> np.ndarray:
-    radius, angle = np.hypot(ROW, COLUMN), np.arctan2(*_turned(rng))
+    radius, angle = np.hypot(ROW, COLUMN), np.arctan2(*_rotate_axes(rng))
     pitch, turns = rng.uniform(5.0, 8.0), rng.uniform(1.5, 3.0)
     apart = (radius - pitch * angle / (2.0 * np.pi)) % pitch
     return (np.minimum(apart, pitch - apart) < rng.uniform(0.6, 1.5)) & (radius < min(turns * pitch, 22.0))
@@ -128,7 +128,7 @@ def faint_parts(rng: np.random.Generator) -> np.ndarray:
 
 
 def star(rng: np.random.Generator) -> np.ndarray:
-    down, right = _turned(rng)
+    down, right = _rotate_axes(rng)
     points = rng.integers(3, 9)
     outline = 12.0 + rng.uniform(3.0, 8.0) * np.cos(points * np.arctan2(down, right))
     return 1.0 * (np.hypot(down, right) < outline)
@@ -141,7 +141,7 @@ def cloud(rng: np.random.Generator) -> np.ndarray:
 
 
 def zigzag(rng: np.random.Generator) -> np.ndarray:
-    down, right = _turned(rng)
+    down, right = _rotate_axes(rng)
     period, height = rng.uniform(8.0, 14.0), rng.uniform(4.0, 9.0)
     centre = height * (4.0 * np.abs((right / period) % 1.0 - 0.5) - 1.0)
     return (np.abs(down - centre) < rng.uniform(1.0, 3.0)) & (np.abs(right) < 20.0)

@@ -18,7 +18,7 @@ from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.capture_folder import check_complete
 from correlograph.files.exr_frames import FrameHeader
 from correlograph.files.images import FRAME_KINDS, MAX_PIXEL, read_image
-from correlograph.files.ownership import is_own
+from correlograph.files.manifest import is_own
 from correlograph.files.stacks import FileFrames, file_of, open_stack
 from correlograph.lags import LAG_SIDE
 
@@ -26,7 +26,7 @@ MIN_PIXEL = 1e-9
 """Minimum of the brightest pixel; squares and sums keep their digits in single precision above it."""
 
 RESULT_NAMES = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "plan.png", "samples.npy", "truth.npy"}
-"""Names of output files of this program, which are no frames."""
+"""Names of output files of this program; they are not read as frames."""
 
 MAX_KEPT_BYTES = 2**30
 """Size of the frames up to which they are kept in memory; larger captures are read again when they are needed."""

@@ -14,8 +14,8 @@ from tqdm import tqdm
 
 from correlograph.errors import InputError, check_positive
 from correlograph.files.capture import CameraMetadata, Capture
+from correlograph.files.drawing import SceneDrawing
 from correlograph.files.images import read_autocorrelation
-from correlograph.files.scene_drawing import SceneDrawing
 from correlograph.files.stacks import FileFrames
 from correlograph.lags import LAGS, LagGrid, lag_grid_of
 from correlograph.ranges import BLUR, LAG_COUNT, PATCH

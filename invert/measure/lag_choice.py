@@ -56,7 +56,7 @@ def choose_lags(grid: PatchGrid, measured: Callable[[PatchGrid], Measurement]) -
         grid, measurement = wider, measured(wider)
         reasons.append("the object is wide")
     extent = max(signal_extent_lags(measurement), 1)
-    if not reasons and extent <= MAX_ZOOMED_EXTENT_LAGS and (larger := _magnified(grid, MIN_EXTENT_LAGS / extent)) is not None:
+    if not reasons and extent <= MAX_ZOOMED_EXTENT_LAGS and (larger := _magnify(grid, MIN_EXTENT_LAGS / extent)) is not None:
         grid, measurement = larger, measured(larger)
         reasons.append("the object is small")
     while upper_snr(measurement) >= MIN_UPPER_SNR and (finer := _finer(grid, signal_extent_lags(measurement))) is not None:
@@ -90,7 +90,7 @@ def _wider(grid: PatchGrid) -> PatchGrid | None:
     return _valid(grid, grid.patch_shape, 2 * grid.lags + 1)
 
 
-def _magnified(grid: PatchGrid, factor: float) -> PatchGrid | None:
+def _magnify(grid: PatchGrid, factor: float) -> PatchGrid | None:
     """Return the grid with patches larger by a factor, at most half of the frame; None if they are not larger."""
     sizes = [min(round(factor * size), side // 2) for size, side in zip(grid.patch_shape, grid.frame_shape, strict=True)]
     return _valid(grid, (sizes[0], sizes[1]), grid.lags) if sizes[0] > grid.patch_shape[0] else None

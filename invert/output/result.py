@@ -127,8 +127,8 @@ class Result:
 
         Raises InputError for such files without `overwrite`.
         """
+        from correlograph.files.manifest import claim
         from correlograph.files.output import output_folder
-        from correlograph.files.ownership import claim
         from invert.output.result_files import RESULT_FILES, write_result
 
         if not isinstance(request_sha256, (str, type(None))):

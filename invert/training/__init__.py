@@ -1,7 +1,7 @@
 """Training: the commands `invert.train`, `invert.warm_starts` and `invert.calibrate`.
 
 train.py        the command: one run, from a dataset to weights
-training_run.py state of a run, checkpoints that resume exactly
+training_loop.py state of a run, checkpoints that resume exactly
 data.py         noisy estimates of targets, sampled independently at every step
 objectives.py   objective of each network part
 denoising.py    denoising task of the sampler: noised truths

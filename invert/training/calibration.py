@@ -50,7 +50,7 @@ def parser() -> ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> None:
     options = parser().parse_args(argv)
-    from correlograph.files.ownership import claim
+    from correlograph.files.manifest import claim
     from data_gen.dataset import load_targets
     from invert.network.checkpoints import read_weights, save_weights
 

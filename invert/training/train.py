@@ -17,12 +17,12 @@ import torch
 
 from correlograph.command import ArgumentParser
 from correlograph.errors import InputError, check_device, memory_bytes
+from correlograph.files.manifest import claim
 from correlograph.files.output import sole_writer
-from correlograph.files.ownership import claim
 from correlograph.ranges import SEED, Range
 from invert.network.checkpoints import NETWORKS
 from invert.training.losses import LOSSES
-from invert.training.training_run import Training
+from invert.training.training_loop import Training
 
 BYTES_PER_CHANNEL = 3e5
 """Memory of a sample and its gradients per channel of width: 9 to 12 MB measured at width 40."""

@@ -48,7 +48,7 @@ class Electronics:
         full_well: electrons at which a pixel saturates.
         bits: bits of the ADC, whose range is the full well, or `gain` times its maximum number.
         gain: electrons per digital number.
-        gate: of a photon-counting camera, in which a pixel counts at most one photon per gate; its gates fill the exposure.
+        gate: duration in which a pixel of a photon-counting camera counts at most one photon; gates fill the exposure.
     """
 
     exposure_s: float

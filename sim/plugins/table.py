@@ -15,7 +15,7 @@ OTHERS = (
     "| `phase_screen` | `depolarising` | true or false | false | |",
     "| `phase_screen` | `velocity` | metres per second, vector | 0, 0, 0 | finite |",
 )
-"""Parameters that are no required numbers; `mi.traverse` does not list them."""
+"""Optional and non-numeric parameters, which `mi.traverse` does not list."""
 
 PLUGINS = {"laser": LASER, "phase_screen": PHASE_SCREEN, "speckle_camera": (*OPTICAL, *ELECTRONIC)}
 

@@ -75,7 +75,7 @@ class OtherLight:
     weight: np.ndarray
     fractions: Mapping[str, float]
 
-    def scaled(self, factor: float) -> OtherLight:
+    def scale(self, factor: float) -> OtherLight:
         """Return the same light, stronger by a factor."""
         total = self.total
         total = MonteCarlo(factor * total.per_frame, factor * total.standard_error, total.samples)

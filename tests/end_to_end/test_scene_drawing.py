@@ -5,7 +5,7 @@ import json
 import pytest
 
 import correlograph as cg
-from correlograph.files.scene_drawing import SceneDrawing
+from correlograph.files.drawing import SceneDrawing
 from invert.measure.capture import read_capture
 
 

@@ -19,8 +19,8 @@ import pytest
 pytest.importorskip("mitsuba")
 
 from correlograph.files.exr_frames import read_frame
+from correlograph.files.manifest import MANIFEST
 from correlograph.files.output import LOCK, PARTIAL
-from correlograph.files.ownership import MANIFEST
 from invert.network.checkpoints import DEFAULT_WEIGHTS, read_weights
 
 ROOT = Path(__file__).parents[2]

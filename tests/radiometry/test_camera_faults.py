@@ -222,7 +222,7 @@ def test_third_moment_tells_speckle_from_texture(rng, photons):
 
 
 def test_independent_frames_show_no_shift(rng):
-    """Of 40 pairs, of sizes and brightness at random; a false alarm in 1e4 is allowed for each."""
+    """40 pairs of sizes and brightness at random; a false alarm in 1e4 is allowed for each."""
     for _ in range(40):
         shape = (int(rng.integers(200, 520)), int(rng.integers(200, 520)))
         estimator = AutocorrelationEstimator(patch_grid(shape, PATCH))

@@ -18,7 +18,7 @@ def table(folder, line, header=HEADER):
 
 def test_binning_adds_charge_or_numbers(tmp_path):
     line = "A,3,1001,700,2,0.5,9000,{},0.4,0.8"
-    charge, numbers = (read_cameras(table(tmp_path, line.format(answer)))[0].binned(3) for answer in ("yes", "no"))
+    charge, numbers = (read_cameras(table(tmp_path, line.format(answer)))[0].bin_pixels(3) for answer in ("yes", "no"))
     assert (charge.read_noise, numbers.read_noise) == (2.0, 6.0)  # the variances of nine readings add up
     for camera in (charge, numbers):
         assert camera.pixel_m == pytest.approx(9e-6)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from correlograph.errors import InputError
+from radiometry.light_budget_rows import LightPath, closed_form
 from radiometry.photons import grain_area, photon_rate
-from radiometry.throughput import LightPath, closed_form
 
 LAB = LightPath(
     wavelength_m=532e-9,

@@ -8,8 +8,8 @@ pytest.importorskip("mitsuba")
 
 from radiometry.camera_choice import Arrangement, arrangements, compare_cameras
 from radiometry.cameras import Camera
+from radiometry.light_budget_rows import light_budget
 from radiometry.prediction import predict
-from radiometry.throughput import light_budget
 from sim.plan import check
 
 PLATE = (
@@ -59,7 +59,7 @@ def test_plans_are_ranked_and_impossible_ones_named(scene):
 
 
 def test_a_stronger_laser_needs_a_proportionally_shorter_exposure(scene):
-    """Without dark current the detection depends on power and exposure only through their product."""
+    """The detection depends on power and exposure only through their product, because there is no dark current."""
     camera = replace(CAMERA, dark_current=0.0)
     choices = arrangements([0.5], powers_w=[0.1, 0.4])
     weak, strong = sorted(compare_cameras(scene(), [camera], choices, check)[0], key=lambda plan: plan.arrangement.power_w)

@@ -14,8 +14,8 @@ from correlograph.errors import InputError
 from scenes import scene_path
 from sim.effects import parse_effects
 from sim.frame import Simulation
+from sim.optics.camera import expose
 from sim.optics.coherence import coherence, spectral_lines, variance_lost_to_linewidth
-from sim.optics.detection import expose
 from sim.optics.illumination import overlap, specular_field, specular_share
 from sim.plan import Settings
 from sim.plan_report import make_plan

@@ -6,8 +6,8 @@ import torch
 
 pytest.importorskip("mitsuba")
 
+from radiometry.light_budget_rows import light_budget
 from radiometry.prediction import predict
-from radiometry.throughput import light_budget
 from sim.gradients import expected_autocorrelation, mean_photoelectrons, setup_of, throughput
 
 STEPS = {

@@ -9,7 +9,7 @@ pytest.importorskip("mitsuba")
 
 import sim
 from radiometry.autocorrelation import autocorrelate
-from radiometry.throughput import light_budget
+from radiometry.light_budget_rows import light_budget
 from sim.memory_effect import MemoryEffect, autocovariance
 
 

@@ -10,7 +10,7 @@ mi = pytest.importorskip("mitsuba")
 
 import sim  # noqa: E402, F401
 from correlograph.errors import InputError  # noqa: E402
-from radiometry.throughput import closed_form  # noqa: E402
+from radiometry.light_budget_rows import closed_form  # noqa: E402
 from scenes import scene_path  # noqa: E402
 from sim.scene_file import load_scene  # noqa: E402
 from sim.scene_reader import read_geometry  # noqa: E402

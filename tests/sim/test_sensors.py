@@ -12,7 +12,7 @@ from correlograph.errors import InputError
 from radiometry.noise.budget import NoiseTerms
 from radiometry.prediction import predict
 from sim.frame import Simulation
-from sim.optics.detection import count_photons
+from sim.optics.camera import count_photons
 from sim.plan import Settings
 from sim.plugins.speckle_camera import Electronics
 

@@ -6,7 +6,7 @@ import torch
 
 pytest.importorskip("mitsuba")
 
-from sim.optics.detection import expose
+from sim.optics.camera import expose
 from sim.optics.illumination import grain_m, illuminate
 from sim.optics.object_samples import sample_object
 from sim.plugins.speckle_camera import Electronics

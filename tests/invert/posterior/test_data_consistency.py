@@ -51,7 +51,7 @@ def test_the_gradient_is_that_of_the_likelihood(albedo):
 
 @pytest.mark.parametrize("lags", [63, 40])
 def test_derivatives_with_a_transfer_are_those_of_autograd(lags):
-    """In double precision, for objects that reach the edge of the window, at any number of lags."""
+    """Double precision, objects that reach the edge of the window, at any number of lags."""
     rng = torch.Generator().manual_seed(lags)
     albedo = torch.rand(2, lags + 1, lags + 1, generator=rng, dtype=torch.float64)
     transfer = torch.rand(2 * lags + 1, 2 * lags + 1, generator=rng, dtype=torch.float64)

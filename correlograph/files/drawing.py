@@ -21,7 +21,7 @@ class Line:
     Attributes:
         x, y: points in metres.
         label: name of the shape, or entry of the legend; one that begins with an underscore has no entry.
-        colour, style, width: as in matplotlib; a style that is a marker shows points.
+        colour, style, width: arguments of matplotlib; a style that is a marker shows points.
         is_filled: whether the line is the outline of a shape, which is filled and named.
     """
 

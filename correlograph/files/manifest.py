@@ -63,7 +63,7 @@ def may_write(path: Path) -> bool:
 
 
 def is_own(path: Path) -> bool:
-    """Return whether this program wrote a file, and nobody changed it since."""
+    """Return whether this program wrote a file that is unchanged since."""
     known = _read(path.parent).get(path.name, ())
     return bool(known) and not path.is_symlink() and path.is_file() and digest_of(path) in known
 

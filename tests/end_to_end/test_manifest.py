@@ -13,8 +13,8 @@ import pytest
 import correlograph as cg
 from correlograph.cli import COMMANDS, dispatch
 from correlograph.files.capture_folder import stage_capture
+from correlograph.files.manifest import MANIFEST, are_intact, claim, is_own, own_files
 from correlograph.files.output import LOCK, atomic, save_json, sole_writer
-from correlograph.files.ownership import MANIFEST, are_intact, claim, is_own, own_files
 
 NAMES = """
 albedo.npy albedo.png autocorrelation.npy samples.npy report.png result.json table.md captures.json
@@ -22,7 +22,7 @@ contact_sheet.png contact_sheet_of_my_wedding.png frame_0000.exr frame_0001.exr 
 truth.npy plan.png plan.json validation.json noise_statistics.png photon_budget.png lab_floor.png G.png G.ply
 w.safetensors w.png w.json w.checkpoint.safetensors m.ply results.json pareto.png shapes.png thesis.partial
 .capture-is-being-moved .correlograph-partial-1-x a/albedo.npy a/result.json b/samples.npy cells/notes.txt
-preview.png
+preview.png cameras.json cameras.png
 """.split()  # noqa: SIM905
 
 
@@ -55,6 +55,7 @@ WRITING = {
     "sim": ["corner_letter", "-o", "OUT", "--frames", "2"],
     "sim --plan": ["corner_letter", "-o", "OUT", "--plan"],
     "plan": ["corner_letter", "-o", "OUT", "--budget-s", "1"],
+    "plan cameras": ["corner_letter", "-o", "OUT", "--cameras", "--magnification", "0.5", "--binning", "1"],
     "validate": ["-o", "OUT"],
     "invert": ["IN/captures/a", "-o", "OUT", "--method", "er"],
     "invert many": ["IN/captures", "-o", "OUT", "--method", "er", "--workers", "1"],
@@ -66,8 +67,8 @@ WRITING = {
     "evaluate": ["-o", "OUT", "--sets", "shapes", "--methods", "er:fast", "--count", "1", "--levels", "1"],
 }
 WITHOUT_OUTPUT = {"radiometry", "doctor"}
-OTHER_RULES = {"data-gen", "warm-starts", "calibrate"}
-"""The first two refuse any store or folder that is not theirs; the last changes the file that it reads."""
+OTHER_RULES = {"data-gen", "warm-starts", "calibrate", "live"}
+"""The first two refuse any store or folder that is not theirs; calibrate changes the file that it reads; live saves into new folders."""
 
 
 def test_every_command_is_covered():
