@@ -44,7 +44,7 @@ class PatchGrid:
         return self.size, self.width or self.size
 
     def lag_pitch_m(self, wavelength_m: float, distance_m: float, pixel_pitch_m: float) -> float:
-        """Return the object distance of one lag along the row axis: lambda z / (N pitch)."""
+        """Return the lag pitch on the object along the row axis, in metres: lambda z / (N pitch)."""
         return wavelength_m * distance_m / (self.size * pixel_pitch_m)
 
     def lag_pitches_m(self, wavelength_m: float, distance_m: float, pixel_pitch_m: tuple[float, float]) -> tuple[float, float]:
@@ -132,8 +132,8 @@ def peak_of_cell_means(albedo_autocorrelation: np.ndarray) -> float:
     """Return (r*r)(0) of the albedo, from the autocorrelation of its cell means.
 
     Averaging over cells rounds off the cusp of r*r at zero lag. For edges along an axis, r*r falls by c per lag, and the means lose
-    c / 3 at zero lag and nothing at a lag of one. Half of the difference of the two per axis therefore restores the peak. The error
-    is below 5 % for letters four cells thick, oblique edges included.
+    c / 3 at zero lag and nothing at a lag of one. Half of the difference between these two lags, added for each axis, restores
+    the peak. The error is below 5 % for letters four cells thick, oblique edges included.
     """
     middle = albedo_autocorrelation.shape[0] // 2
     peak = albedo_autocorrelation[middle, middle]

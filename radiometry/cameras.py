@@ -62,7 +62,7 @@ class Camera:
         return float(np.interp(wavelength_m, wavelengths, values))
 
     def bin_pixels(self, pixels: int) -> Camera:
-        """Return the camera with `pixels` x `pixels` added to one."""
+        """Return the camera with `pixels` x `pixels` binned to one pixel."""
         area = pixels**2
         return Camera(
             self.name,

@@ -38,7 +38,7 @@ def lag_transfer(
 ) -> np.ndarray:
     """H of the noise model S = H (r*r) + b, on a square grid of lags.
 
-    Lag k of a patch of N pixels is the frequency k / N in cycles a pixel, whatever angle the camera looks at the wall; H is
+    Lag k of a patch of N pixels is the frequency k / N in cycles per pixel, at any angle between camera and wall; H is
     the square of `amplitude_transfer` there, because the autocorrelation estimate is a power spectrum.
 
     Args:

@@ -68,7 +68,7 @@ class Simulation:
         oversampling: int = 1,
         progress: Callable[[int], object] = lambda parts: None,
     ) -> torch.Tensor:
-        """Return the complex field of one coherent mode on the virtual detector; its mean square is the brightness of the samples.
+        """Return the complex field of one coherent mode on the virtual detector; mean |E|^2 is the summed power of the samples.
 
         Args:
             polarisation: 0 or 1, each with independent random phases.
@@ -93,7 +93,7 @@ class Simulation:
         pose: Pose,
         progress: Callable[[int], object] = lambda parts: None,
     ) -> torch.Tensor:
-        """Return the field with a border around it for the blur of the camera."""
+        """Return the field on the frame and on a border, from which the camera blur brings light into the frame."""
         samples, option = self._samples, self.propagator
         height, width = samples.wall.shape
         wall = replace(
@@ -124,9 +124,9 @@ class Simulation:
         return chosen.propagate(scatterers, wall, terms)
 
     def _kernel_gain(self, visible: Visibility | None) -> np.ndarray:
-        """Return factors (n,) that cancel the mean amplitude of each sample in the propagator over the frame.
+        """Return factors (n,), one per sample, that divide out the propagator's rms amplitude over the frame.
 
-        The light of the samples already includes distances and occlusion.
+        The power of the samples already includes distance and occlusion, which would count twice otherwise.
         """
         if self._gain is None:
             samples = self._samples

@@ -57,25 +57,25 @@ class Geometry:
     is_direct_path_blocked: bool
     """Whether a shape stands on the straight line from the virtual source to the virtual detector."""
     direct_light: float
-    """Fraction of the laser light per square metre of the virtual detector that arrives directly from the virtual
-    source; zero if a baffle or the orientation of the walls blocks it."""
+    """Irradiance of the virtual detector by light straight from the virtual source, per laser power, in 1/m^2;
+    zero if a baffle or the orientation of the walls blocks it."""
     linewidth_hz: float
     is_depolarised: bool
-    """Whether the light of a frame has lost its polarisation, so that two incoherent speckle patterns share it."""
+    """Whether the light of a frame is depolarised, so that the frame is the incoherent sum of two speckle patterns."""
     detector_height_rms_m: float | None
     """Roughness of the virtual detector; None without a phase_screen."""
     detector_texture: np.ndarray | None
     """Albedo of the virtual detector under each pixel in units of its mean, float32 (H, W); None if it is uniform."""
     ambient_irradiance: np.ndarray | None
-    """Irradiance of the frame by other emitters in W/m^2, a coarse map (see `ambient.py`); None without any."""
+    """Irradiance of the imaged wall by emitters other than the laser, W/m^2; a coarse map (`ambient.py`), None without any."""
     object_velocity_m_s: np.ndarray = field(default_factory=lambda: np.zeros(3))
     """Velocity of the hidden object in world axes (3,)."""
     frame_interval_s: float = 0.0
     """Time between the starts of two frames; the exposure if that is longer."""
     polarisation_channels: int = 1
-    """Frames of one exposure, each with the speckle pattern of one polarisation."""
+    """Number of frames recorded in one exposure, each in another polarisation."""
     other_light: OtherLight | None = None
-    """Stray laser light, by clutter or several reflections; None for a flat object in place of the scene's."""
+    """Stray laser light, by clutter or several reflections; None if a flat object replaces that of the scene."""
 
     def with_exposure(self, exposure_s: float) -> Geometry:
         """Return the same scene at another exposure."""
@@ -86,7 +86,7 @@ class Geometry:
         return replace(self, light_path=replace(self.light_path, power_w=power_w))
 
     def with_wavelength(self, wavelength_m: float) -> Geometry:
-        """Return the same scene in light of another wavelength, to which its surfaces respond alike."""
+        """Return the same scene at another wavelength; the reflectances of its surfaces are assumed to be equal there."""
         return replace(self, light_path=replace(self.light_path, wavelength_m=wavelength_m))
 
     def with_camera(
@@ -178,8 +178,8 @@ class Geometry:
 
     @property
     def seen_pitch_m(self) -> tuple[float, float]:
-        """Distances of neighbouring rows and columns as the object sees them; a lag is lambda z over pixels times this
-        distance."""
+        """Pixel pitches on the wall (rows, columns) as seen from the object; the lag pitch is lambda z / (patch size x this
+        pitch)."""
         stretch = self.hidden_object.axes.stretch
         return self.pixel_pitch_m / stretch[0], self.pixel_pitch_m / stretch[1]
 
@@ -196,7 +196,7 @@ class Geometry:
 
     @property
     def period_shape(self) -> tuple[int, int]:
-        """Pixels after which the field of samples at `object_pitch_m` repeats."""
+        """Period (rows, columns), in pixels, of the wall field of samples spaced by `object_pitch_m`."""
         grains = [
             self.wavelength_m * self.distance_m / (extent * pitch)
             for extent, pitch in zip(self.hidden_object.extent_m, self.seen_pitch_m, strict=True)

@@ -32,7 +32,7 @@ OVERSAMPLING = 2
 
 @dataclass(frozen=True)
 class MemoryEffect:
-    """A scene imaged by the memory effect, with a stop that makes a grain one lag of the correlography estimate.
+    """A scene imaged through the memory effect; its stop makes the grain equal to the lag pitch of the correlography estimate.
 
     Attributes:
         cells: albedo of the object, one cell per grain, (64, 64), sum 1.
@@ -40,7 +40,7 @@ class MemoryEffect:
         aperture_m: diameter of the stop.
         frame_shape: pixels, `OVERSAMPLING` per grain; the solid angle is that of the scene's frame.
         photoelectrons_per_pixel_s: mean over the frame.
-        decorrelation: k s q along rows and columns, per radian.
+        decorrelation: k s q of the module docstring along rows and columns, per radian.
     """
 
     cells: np.ndarray

@@ -27,7 +27,7 @@ DISAGREEMENT = 0.02
 MAX_NAMED_SHAPES = 3
 
 MAX_STRAY_SHARE = 0.3
-"""Stray light over the light of the object that is worth a warning: its r*r is then a tenth of the object's."""
+"""Ratio of stray light to object light above which a warning is given; the stray light's r*r is then a tenth of the object's."""
 
 
 def make_plan(geometry: Geometry, frames: int, settings: Settings | None = None) -> dict[str, Any]:
@@ -145,7 +145,7 @@ def required_exposure(plan: Plan, frames: int) -> str:
 
 
 def stray_light_warning(plan: Plan, frames: int) -> str:
-    """Return what sends stray light, what it costs, and the remedy."""
+    """Return a warning that names the sources of stray light, its cost in exposure and a remedy."""
     geometry, exposure_s = plan.geometry, plan.geometry.electronics.exposure_s
     shapes = list(geometry.other_light.fractions.items())[:MAX_NAMED_SHAPES] if geometry.other_light else []
     named = ", ".join(f"{100.0 * fraction:.0f} % by {name}" for name, fraction in shapes)

@@ -34,7 +34,7 @@ class Scene:
     Attributes:
         mitsuba: the `mi.Scene`.
         name, digest, parameters: for the record; the digest is empty for a scene without a file.
-        sensor: the selected one; None for the only one.
+        sensor: index of the selected sensor; None if the scene has only one.
     """
 
     def __init__(

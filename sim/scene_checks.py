@@ -104,7 +104,7 @@ def direct_light(
     detector: np.ndarray,
     detector_normal: np.ndarray,
 ) -> float:
-    """Return the light from the spot to the frame centre past the object, as irradiance per laser power, 1/m^2."""
+    """Return the irradiance of the frame centre by light straight from the spot, not via the object, per laser power, 1/m^2."""
     way = detector - spot
     cosines = max(_cosine_signed(source_normal, way), 0.0) * max(_cosine_signed(detector_normal, -way), 0.0)
     if cosines == 0.0 or is_blocked(scene, spot, detector):

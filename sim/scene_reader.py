@@ -208,7 +208,7 @@ def _light_path(
 
 
 def _is_depolarised(shapes: Iterable[mi.Shape], camera: SpeckleCamera) -> bool:
-    """Return whether a frame contains both polarisations. Raises InputError for channels of light that keeps its polarisation."""
+    """Return whether a frame contains both polarisations. Raises InputError for channels without depolarised light."""
     is_depolarised = any(isinstance(shape.bsdf(), PhaseScreen) and shape.bsdf().depolarising for shape in shapes)
     if camera.polarisation_channels == 1:
         return is_depolarised

@@ -31,6 +31,8 @@ FRAME_KINDS = {
     ".fits": "FITS",
     ".fit": "FITS",
     ".fts": "FITS",
+    ".raw": "raw",
+    ".zarr": "Zarr",
 }
 """File type of a frame by the ending of its name."""
 

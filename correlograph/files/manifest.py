@@ -117,7 +117,11 @@ def remove_unused_manifest(folder: Path, lock: str) -> None:
 
 
 def digest_of(path: Path) -> str:
-    """Return the SHA-256 digest of a file as hexadecimal text."""
+    """Return the SHA-256 digest of a file, or of the names and files of a folder, as hexadecimal text."""
+    if path.is_dir():
+        inside = sorted(file for file in path.rglob("*") if file.is_file())
+        lines = "".join(f"{digest_of(file)}  {file.relative_to(path)}\n" for file in inside)
+        return hashlib.sha256(lines.encode("utf-8", "surrogateescape")).hexdigest()
     with open(path, "rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 

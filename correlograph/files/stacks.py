@@ -1,7 +1,7 @@
 """Frames of files that hold one frame or many, read one by one: any number of frames in the memory of a few.
 
-TIFF stacks (also BigTIFF, OME and ImageJ), NPY and NPZ arrays, HDF5 and NeXus datasets, FITS images, and files of one frame.
-`file.h5::/entry/data` names a dataset inside a file.
+TIFF stacks (also BigTIFF, OME and ImageJ), NPY and NPZ arrays, HDF5 and NeXus datasets, Zarr arrays, FITS images, raw frames with a
+description, and files of one frame. `file.h5::/entry/data` names a dataset inside a file, and `run.zarr::/data` an array of a Zarr group.
 """
 
 from __future__ import annotations
@@ -20,12 +20,16 @@ import numpy as np
 from correlograph.errors import InputError
 from correlograph.files.exr_frames import FrameHeader
 from correlograph.files.images import MAX_PIXELS, as_frame, check_tiff_page, decode_tiff_page, read_image
+from correlograph.files.raw_frames import RAW_KIND, RawFrames
 
 DATASET = "::"
 """Separates the name of a file and that of a dataset inside it."""
 
 HDF5_KINDS = {".h5", ".hdf5", ".hdf", ".nxs"}
 FITS_KINDS = {".fits", ".fit", ".fts"}
+ZARR_KIND = ".zarr"
+"""Ending of a folder that is one Zarr store and counts as a file."""
+
 MIN_SIDE = 16
 """Minimum rows and columns of a dataset that may hold frames, where none is named."""
 
@@ -41,6 +45,12 @@ Frame = tuple[np.ndarray, FrameHeader | None]
 def file_of(path: Path) -> Path:
     """Return the file of a name that may end in `::dataset`."""
     return Path(str(path).split(DATASET, 1)[0])
+
+
+def is_stack(path: Path) -> bool:
+    """Return whether a name that may end in `::dataset` is a file, or a folder that is a Zarr store."""
+    file = file_of(path)
+    return file.is_file() or (file.is_dir() and file.suffix.lower() == ZARR_KIND)
 
 
 class Stack:
@@ -66,8 +76,8 @@ def open_stack(path: Path) -> Stack:
     """Open a file of frames. Raises InputError for files that hold none, and for formats whose package is missing."""
     file, _, dataset = str(path).partition(DATASET)
     kind, source = Path(file).suffix.lower(), Path(file)
-    if dataset and kind not in HDF5_KINDS:
-        raise InputError("frame", "an HDF5 file before '::'", source.name, "name the file only")
+    if dataset and kind not in {*HDF5_KINDS, ZARR_KIND}:
+        raise InputError("frame", "an HDF5 file or a Zarr store before '::'", source.name, "name the file only")
     with ExitStack() as files:  # closes them on an error, otherwise when the stack is no longer used
         try:
             if kind in (".tif", ".tiff"):
@@ -78,6 +88,10 @@ def open_stack(path: Path) -> Stack:
                 stack = _open_hdf5(path, source, dataset, files)
             elif kind in FITS_KINDS:
                 stack = _open_fits(source, files)
+            elif kind == ZARR_KIND:
+                stack = _open_zarr(path, source, dataset)
+            elif kind == RAW_KIND:
+                stack = _stack_of_array(source, RawFrames(source))
             else:
                 stack = Stack(path, 1, lambda _: read_image(source))
         except InputError:
@@ -139,6 +153,19 @@ def _open_hdf5(path: Path, file: Path, dataset: str, files: ExitStack) -> Stack:
         named = f", such as {file.name}{DATASET}/{names[0]}" if names else ""
         raise InputError("frame", "one dataset of frames", found, f"name the dataset{named}")
     return _stack_of_array(path, opened[names[0]])
+
+
+def _open_zarr(path: Path, store: Path, name: str) -> Stack:
+    import zarr
+
+    opened = zarr.open(str(store), mode="r", path=name.strip("/"))
+    if isinstance(opened, zarr.Group):
+        names = [key for key, _ in opened.arrays()]
+        if len(names) != 1:
+            named = f", such as {store.name}{DATASET}/{names[0]}" if names else ""
+            raise InputError("frame", "one array of frames", f"{len(names)} in {path.name}", f"name the array{named}")
+        opened = opened[names[0]]
+    return _stack_of_array(path, opened)
 
 
 def _image_datasets(opened: Any) -> list[str]:

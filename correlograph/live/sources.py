@@ -11,7 +11,7 @@ import numpy as np
 
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata
-from correlograph.files.stacks import open_stack
+from correlograph.files.stacks import is_stack, open_stack
 
 if TYPE_CHECKING:
     from sim.geometry import Geometry
@@ -58,9 +58,9 @@ class GrowingFiles:
                 time.sleep(POLL_S)
 
     def _files(self) -> list[Path]:
-        if not self.path.is_dir():
+        if is_stack(self.path):
             return [self.path]
-        visible = (file for file in self.path.iterdir() if file.is_file() and not file.name.startswith("."))
+        visible = (file for file in self.path.iterdir() if is_stack(file) and not file.name.startswith("."))
         return sorted(visible, key=lambda file: (file.stat().st_mtime_ns, file.name))
 
     def _new_frames(self, file: Path) -> Iterator[np.ndarray]:

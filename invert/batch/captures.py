@@ -13,7 +13,8 @@ from correlograph.files.capture_folder import check_complete
 from correlograph.files.corrections import Corrections
 from correlograph.files.manifest import claim, digest_of
 from correlograph.files.output import output_folder, sole_writer
-from correlograph.files.stacks import file_of
+from correlograph.files.raw_frames import description_of
+from correlograph.files.stacks import file_of, is_stack
 from correlograph.version import version
 from invert.choices import BALANCED, UNET, Method, Quality
 from invert.measure.capture import CONTACT_SHEET, find_frames, frames_inside, printable
@@ -60,7 +61,8 @@ class Request:
         corrections = self.corrections
         weights = self.weights or DEFAULT_WEIGHTS if self.method.is_network else None
         content = hashlib.sha256()
-        for file in (*files, corrections.dark, corrections.flat, corrections.mask, weights, self.truth):
+        descriptions = [path for file in files if (path := description_of(file)) is not None]
+        for file in (*files, *descriptions, corrections.dark, corrections.flat, corrections.mask, weights, self.truth):
             content.update(bytes.fromhex(digest_of(file_of(file))) if file else b"none")
         options = replace(self, corrections=Corrections(), weights=None, truth=None, device="any")
         datasets = [str(file).removeprefix(str(file_of(file))) for file in files]
@@ -98,7 +100,7 @@ def find_captures(inputs: Sequence[str], autocorrelation: bool) -> Captures:
     for path in paths:
         if not file_of(path).exists():
             raise InputError("inputs", "files or folders", f"no {path}", "check the path")
-    folders = [path for path in paths if path.is_dir()]
+    folders = [path for path in paths if path.is_dir() and not is_stack(path)]
     if autocorrelation:
         return {"": (paths[0],)} if len(paths) == 1 else _check_names((path.stem, (path.resolve(),)) for path in paths)
     if 0 < len(folders) < len(paths):
@@ -119,7 +121,7 @@ def find_captures(inputs: Sequence[str], autocorrelation: bool) -> Captures:
 def _captures_inside(folder: Path) -> list[Path]:
     """Return the folders of frames in a folder that holds no frames itself."""
     check_complete(folder)
-    found = sorted(one for one in folder.iterdir() if one.is_dir() and not one.name.startswith(".") and frames_inside(one))
+    found = sorted(one for one in folder.iterdir() if _is_folder(one) and frames_inside(one))
     if found and frames_inside(folder):
         raise InputError(
             "inputs",
@@ -130,10 +132,15 @@ def _captures_inside(folder: Path) -> list[Path]:
     return found
 
 
+def _is_folder(path: Path) -> bool:
+    """Return whether a path is a visible folder that may hold frames or captures."""
+    return path.is_dir() and not path.name.startswith(".") and not is_stack(path)
+
+
 def skipped_folders(inputs: Sequence[str]) -> list[Path]:
     """Return the folders among the inputs, and directly inside them, that hold files but no frames."""
-    folders = [Path(item) for item in inputs if Path(item).is_dir()]
-    inside = [one for folder in folders for one in sorted(folder.iterdir()) if one.is_dir() and not one.name.startswith(".")]
+    folders = [Path(item) for item in inputs if _is_folder(Path(item))]
+    inside = [one for folder in folders for one in sorted(folder.iterdir()) if _is_folder(one)]
     return [one for one in inside if not frames_inside(one) and any(path.is_file() for path in one.iterdir())]
 
 

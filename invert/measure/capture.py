@@ -19,7 +19,7 @@ from correlograph.files.capture_folder import check_complete
 from correlograph.files.exr_frames import FrameHeader
 from correlograph.files.images import FRAME_KINDS, MAX_PIXEL, read_image
 from correlograph.files.manifest import is_own
-from correlograph.files.stacks import FileFrames, file_of, open_stack
+from correlograph.files.stacks import FileFrames, file_of, is_stack, open_stack
 from correlograph.lags import LAG_SIDE
 
 MIN_PIXEL = 1e-9
@@ -31,7 +31,7 @@ RESULT_NAMES = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png",
 MAX_KEPT_BYTES = 2**30
 """Size of the frames up to which they are kept in memory; larger captures are read again when they are needed."""
 
-OTHER_PICTURES = {".jpg", ".jpeg", ".bmp", ".gif", ".webp", ".jp2", ".raw", ".dng"}
+OTHER_PICTURES = {".jpg", ".jpeg", ".bmp", ".gif", ".webp", ".jp2", ".dng"}
 """Suffixes of image files that are not read; a message reports such files in a folder of frames."""
 
 MAX_RECORD_BYTES = 2**22
@@ -45,7 +45,7 @@ def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
     """Return the frame files of the inputs in order; a folder stands for its frames."""
     files: list[Path] = []
     for item in map(Path, inputs):
-        if item.is_dir():
+        if item.is_dir() and not is_stack(item):
             check_complete(item)
             found = frames_inside(item)
             if not found:
@@ -53,7 +53,7 @@ def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
                     "frames", f"a folder with frames ({', '.join(FRAME_KINDS)})", f"none in {item}", "check the folder"
                 )
             files.extend(found)
-        elif file_of(item).is_file():
+        elif is_stack(item):
             check_complete(file_of(item).parent)
             files.append(item)
         else:
@@ -71,7 +71,7 @@ def _name_other_pictures(folder: Path) -> None:
 def frames_inside(folder: Path) -> list[Path]:
     """Return the frame files of a folder in order. Raises InputError for frames of several types, such as TIFF and PNG."""
     named = sorted(path for path in folder.iterdir() if not path.name.startswith(".") and path.suffix.lower() in FRAME_KINDS)
-    if odd := [path for path in named if not path.is_file()]:
+    if odd := [path for path in named if not is_stack(path)]:
         raise InputError("frames", "files", f"a folder, a pipe or a link that leads nowhere: {odd[0]}", "move it elsewhere")
     inside = [path for path in named if not _is_result(path)]
     types = {FRAME_KINDS[path.suffix.lower()]: path for path in inside}
@@ -100,7 +100,7 @@ def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture
     that is given twice.
     """
     files = find_frames(inputs)
-    for folder in (path for path in map(Path, inputs) if path.is_dir()):
+    for folder in (path for path in map(Path, inputs) if path.is_dir() and not is_stack(path)):
         _name_other_pictures(folder)
     frames = FileFrames([open_stack(file) for file in files], _CaptureCheck())
     pixels, first = frames.read(0)

@@ -56,9 +56,9 @@ def shared_lags(shared: np.ndarray, power: np.ndarray, dof: float) -> np.ndarray
 def shift_between(first: torch.Tensor, other: torch.Tensor, shape: tuple[int, int], number: int = 1) -> tuple[float, float]:
     """Return the shift (rows, columns) of the shared pattern from one frame to another, in fractions of a pixel.
 
-    The shift is zero unless the peak of the cross-correlation exceeds what independent frames reach by chance with a
-    probability of 6 / (pi number)^2 times `SHIFT_FALSE_ALARMS`; these add up to it over all frames. The variance and the
-    skewness of their cross-correlation are those beyond the largest shift.
+    The shift is zero unless the peak of the cross-correlation exceeds the level that independent frames reach with
+    a probability of 6 / (pi number)^2 times `SHIFT_FALSE_ALARMS`; over all frames, the probabilities sum to this constant. The
+    variance and the skewness for independent frames are measured beyond the largest shift.
 
     Args:
         first, other: spectra of the frames (rows, columns // 2 + 1) on a grid of `shape`.

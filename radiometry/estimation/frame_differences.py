@@ -27,7 +27,7 @@ class FrameDifferences(NamedTuple):
 
     Attributes:
         relative: standard deviation between frames at a lag, relative to the mean and in excess of noise; 0 for one frame.
-        chance: probability of as much by noise.
+        chance: probability that noise alone gives at least as much.
     """
 
     relative: float

@@ -15,7 +15,7 @@ MAX_MODES_PER_PATCH = 0.75
 """Highest frequency of the illumination model in half waves per patch; 0.75 corresponds to a lag of 0.375."""
 
 REFERENCE = 1.25
-"""Half waves per patch up to which the modes beyond the illumination model measure the power of speckle alone."""
+"""Highest frequency, in half waves per patch, of the modes beyond the illumination model that measure the power of speckle."""
 
 MIN_POWER_RATIO = 25.0
 """Minimum power of a cosine mode in units of that of speckle for a non-uniform illumination; by chance once in 40 000 frames."""
@@ -35,7 +35,7 @@ MIN_PIXEL_RATIO = -0.05
 
 
 def is_uneven(image: torch.Tensor, patch: tuple[int, int]) -> bool:
-    """Return whether the illumination of a frame (H, W) exceeds its speckle; False for light that is negative somewhere.
+    """Return whether uneven illumination of a frame (H, W) exceeds its speckle; False if the mean of a block is clearly negative.
 
     Args:
         patch: rows and columns of a patch.

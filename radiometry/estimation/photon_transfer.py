@@ -83,9 +83,9 @@ def combine(found: Sequence[PhotonTransfer]) -> PhotonTransfer:
 
 
 def shot_noise(found: PhotonTransfer, level: float, floor: float) -> PhotonTransfer:
-    """Return the gain with its error, and as its variance that of the shot noise alone.
+    """Return the gain and its error, with `variance` replaced by that of the shot noise alone.
 
-    Where the gain is not known to the fraction floor / level, the shot noise may be anything from none to the floor. Grains as small as a
+    If the error of the gain exceeds floor / level, the shot noise may be anything from zero to the floor. Grains as small as a
     pixel raise the variance between neighbours above the floor; all of the floor is then taken for shot noise.
 
     Args:

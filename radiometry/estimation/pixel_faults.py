@@ -11,7 +11,7 @@ from scipy.ndimage import find_objects, label, median_filter
 from scipy.stats import norm
 
 TAIL_DECADES = 5.0
-"""Decades beyond one pixel per frame to which the exponential tail is extrapolated; brighter pixels are hot."""
+"""Decades below a frequency of one pixel per frame to which the exponential tail is extrapolated; brighter pixels are hot."""
 
 LINE_SIGMA = 9.0
 """Minimum deviation, in standard deviations, of the mean of a defective line from the median of its nine neighbours;

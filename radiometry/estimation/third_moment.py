@@ -94,10 +94,10 @@ class FilteredFrames:
     def power_differences(self, weight: np.ndarray, lags: np.ndarray) -> tuple[float, float]:
         """Return how much the mean of J^2 differs between parts of a frame, relative to its mean, and the probability of this.
 
-        Speckle has the same statistics everywhere, so parts of 2 x 2 blocks differ no more than the blocks within them let
-        expect (analysis of variance), and the spectrum: the power of a Gaussian J over an area A has the relative variance
-        2 sum P^2 / (sum P)^2 a / A, with P = w^2 S and a the area of a patch. The larger of the two counts. Blocks that differ by
-        more than `MAX_SCATTER` of the second are no speckle either: a specular highlight lies in one block.
+        Speckle has the same statistics everywhere, so parts of 2 x 2 blocks differ no more than expected from the blocks within
+        them (analysis of variance) or from the spectrum: the power of a Gaussian J over an area A has the relative variance 2 sum
+        P^2 / (sum P)^2 a / A, with P = w^2 S and a the area of a patch. The larger expectation is used, but at most `MAX_SCATTER`
+        times that from the spectrum: blocks that differ by more, as by a specular highlight, are not speckle.
 
         Args:
             weight: w (127, 127). lags: the estimate S (127, 127).

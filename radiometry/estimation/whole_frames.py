@@ -179,8 +179,8 @@ class AutocorrelationEstimator:
         return shared_lags(shared, estimate, pairs * degrees_of_freedom(1, self.grid.frame_shape, self._patch))
 
     def _drift(self) -> float:
-        """Return the mean square of the frame levels over the mean product of two; a drifting lamp scales its own
-        pattern by this factor."""
+        """Return the mean square of the frame levels over the mean product of the levels of two frames; drift of a lamp scales
+        the power of its pattern by this factor."""
         levels = np.array(self._levels)
         pairs = (levels.sum() ** 2 - (levels**2).sum()) / (self.frames - 1)
         return float((levels**2).sum() / pairs) if levels.min() > 0.0 else 1.0

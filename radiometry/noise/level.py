@@ -64,8 +64,8 @@ def _moments(values: np.ndarray, quantisation: float) -> tuple[float, float | No
 def _inflation(estimate: np.ndarray, outside: np.ndarray) -> float:
     """Return the variance inflation of sums of lags, from the correlation of neighbours outside the signal.
 
-    It follows from the differences of neighbours and of lags `_APART` apart, independent of the slope of the floor. Correlations
-    that fall as 1 / n^2 (`radiometry.noise.model.lag_correlation`) are summed.
+    This correlation follows from the differences of neighbours and of lags `_APART` apart, whatever the slope of the floor. It is
+    summed over all distances n, assuming that it falls as 1 / n^2 (`radiometry.noise.model.lag_correlation`).
     """
     inflation = 1.0
     for view, used in ((estimate, outside), (estimate.T, outside.T)):

@@ -48,7 +48,8 @@ def autocorrelate_windowed(albedo: torch.Tensor) -> torch.Tensor:
 def lag_correlation(distance: np.ndarray) -> np.ndarray:
     """Return the correlation of the noise of lags at a distance along one axis, for an estimate from all pixel pairs.
 
-    It is the transform of the squared triangle: 1, then 3 / (2 pi^2 n^2), 0.152 for neighbours. The values of both axes multiply.
+    It is the Fourier transform of the squared patch triangle: 1 at n = 0, then 3 / (2 pi^2 n^2), which is 0.152 for neighbours.
+    The values along both axes multiply.
     """
     apart = np.abs(distance)
     return np.where(apart == 0, 1.0, 1.5 / (np.pi * np.maximum(apart, 1)) ** 2)
@@ -79,7 +80,7 @@ def draw_estimate(
     Args:
         spectrum: S (..., n, n), n odd, zero lag in the middle.
         dof: K, a number or (...,), above zero.
-        form: `gamma`, exact; or `gaussian`, Eq. (10): N(S, S^2 / K), which can be negative.
+        form: `gamma`, exact; or `gaussian`, Metzler et al. 2020, Eq. (10): N(S, S^2 / K), which can be negative.
         correlated: whether lags are correlated like those of whole frames (`lag_correlation`) or independent like those of
             non-overlapping patches. Correlated Gamma variates are Wilson and Hilferty's cubes of normal ones
             (doi:10.1073/pnas.17.12.684), whose variance is accurate to a fraction 2 / (9 K).

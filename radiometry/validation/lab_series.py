@@ -16,20 +16,20 @@ from correlograph.lags import lag_grid_of
 from radiometry.noise.level import extrapolated_peak, fill_zero_lag, fit_known_signal, read_noise_level
 
 CORNER = 20
-"""Side of the signal-free corner whose mean and variance the paper plots."""
+"""Side of the signal-free corner whose mean and variance Metzler et al. 2020 plot."""
 
 BROKEN_EXPOSURE_S = 1.5
 """The lab's longest exposure, whose floor rises again: left out of the fit."""
 
 
 def corner(estimate: np.ndarray, dof: int, **facts: float) -> dict[str, float]:
-    """Mean and variance of the signal-free corner; fixed lines through zero lag never reach it."""
+    """Return mean and variance of the signal-free corner, which excludes the row and column through zero lag."""
     values = estimate[:CORNER, :CORNER].astype(np.float64)
     return {**facts, "dof": dof, "mean": float(values.mean()), "variance": float(values.var(ddof=1))}
 
 
 def slope(x: Sequence[float], y: Sequence[float]) -> float:
-    """Slope through the origin as the geometric mean of y / x: points weigh alike, as suits multiplicative noise."""
+    """Return the slope through the origin as the geometric mean of y / x: equal weights, because noise is multiplicative."""
     ratio = np.asarray(y) / np.asarray(x)
     return float(np.exp(np.log(ratio).mean()))
 
@@ -69,8 +69,8 @@ def lab_over_patches(folder: Path) -> list[dict[str, float]]:
 def lab_floor(folder: Path) -> dict[str, Any]:
     """Fit b / peak = a / t + c to the lab's exposure series, by least relative error.
 
-    The object's r*r is taken from the exposures of half a second and more, floor removed, and fitted to each
-    picture, so that short exposures, with peaks lost in noise, have a scale.
+    The object's r*r is the mean of the estimates at exposures from 0.5 s on, without their floor. Its fit to each
+    estimate also gives a scale to short exposures, whose peaks are lost in noise.
     """
     series = _lab_series(folder)
     long = [fill_zero_lag(lags - read_noise_level(lags, 1.0).floor, 0.0) for t, lags in series if 0.5 <= t < BROKEN_EXPOSURE_S]

@@ -12,7 +12,7 @@ NAME = "DRJIT_LIBLLVM_PATH"
 """Environment variable that selects a libLLVM."""
 
 MIN_LLVM_VERSION = 17
-"""Dr.Jit's minimum and maximum need this version on x86; spheres, smooth meshes, masks and microfacets use them."""
+"""Oldest libLLVM that compiles min and max of Dr.Jit on x86, which spheres, smooth meshes, masks and microfacets use."""
 
 _PLACES = (
     "/usr/lib/*/libLLVM*.so*",

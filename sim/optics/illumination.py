@@ -91,7 +91,7 @@ def illuminate(
 
 
 def specular_share(geometry: Geometry) -> float:
-    """Return the fraction of the light that a smooth wall does not scatter, exp(-(4 pi s / lambda)^2) at normal
+    """Return the fraction of the light that a wall of height rms s reflects specularly, exp(-(4 pi s / lambda)^2) at normal
     incidence (Beckmann)."""
     return float(np.exp(-((4.0 * np.pi * geometry.spot.height_rms_m / geometry.wavelength_m) ** 2)))
 
@@ -125,7 +125,7 @@ def _strip(rng: np.random.Generator, across: int, first: int, count: int) -> np.
 def _fourier_kernel(
     samples: int, pitch: float, source_position: np.ndarray, geometry: Geometry, displaced_m: float
 ) -> np.ndarray:
-    """Return exp(-2 pi i x s / (lambda d1)) along one axis, complex64 (samples, sources)."""
+    """Return exp(-2 pi i x s / (lambda d1)) for object samples x and spot samples s, one axis, complex64 (samples, sources)."""
     position = (np.arange(samples) - 0.5 * (samples - 1)) * pitch + displaced_m
     turns = np.outer(position, source_position) / (geometry.wavelength_m * geometry.source_distance_m)
     return np.exp(-2j * np.pi * turns).astype(np.complex64)

@@ -1,8 +1,8 @@
 """Motion during and between exposures: a spot that moves over the wall, and an object that moves.
 
 A frame is the mean intensity of sub-exposures, which are close enough to share their grains. An object displaced by u across the
-line of sight meets other grains of its illumination, and its speckle moves over the wall by u (1 + z / d1). Both follow from the
-phases of its scatterers. `radiometry/motion.py` has the closed forms of the remaining speckle.
+line of sight is illuminated by other grains, and its speckle moves over the wall by u (1 + z / d1). Both effects result from the
+phases of its scatterers. `radiometry/motion.py` gives the remaining speckle in closed form.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Pose:
 
 
 def poses(geometry: Geometry, number: int, count: int, *, moving: bool) -> list[Pose]:
-    """Return the `count` sub-exposures of a frame, each at its middle."""
+    """Return the pose of spot and object at the middle of each of `count` sub-exposures."""
     exposure_s, interval_s = geometry.electronics.exposure_s, geometry.frame_interval_s
     begin_s = number * max(interval_s, exposure_s)
     speed = geometry.object_speed_m_s
@@ -54,7 +54,8 @@ def poses(geometry: Geometry, number: int, count: int, *, moving: bool) -> list[
 def sub_exposures(geometry: Geometry, samples: ObjectSamples, tolerance: float) -> int:
     """Return the number of sub-exposures for which the variance of the speckle is accurate to the tolerance.
 
-    Each sub-exposure is free of motion blur, so too few leave excess variance. Raises InputError if no speckle would remain.
+    Each sub-exposure is simulated without motion blur, so too few of them give too much variance. Raises InputError if no speckle
+    would remain.
     """
     if len(samples.amplitude) == 0:
         return 1
@@ -91,8 +92,8 @@ def _likeness(geometry: Geometry, samples: ObjectSamples) -> np.ndarray:
 
 
 def correlation(geometry: Geometry, samples: ObjectSamples, seconds: float) -> float:
-    """Return the correlation of the speckle intensity after a time: by overlap of the spots, by grains of the
-    illumination that the object has left, and by grains that move over the wall."""
+    """Return the correlation of the speckle intensity after a time: the product of three factors, for the overlap
+    of the spots, for the object's motion through the illumination grains, and for the motion of the speckle over the wall."""
     motion, share = geometry.motion, seconds / geometry.electronics.exposure_s
     power = samples.amplitude.astype(np.float64) ** 2
     waves = motion.waves(*samples.coordinates_m.T) * share
@@ -101,13 +102,13 @@ def correlation(geometry: Geometry, samples: ObjectSamples, seconds: float) -> f
 
 
 def travel_phase(geometry: Geometry, coordinates_m: np.ndarray, pose: Pose) -> np.ndarray:
-    """Return the phase turns (n,) by which a displacement advances samples at coordinates (n, 2): x.u (1 / d1 + 1 / z) /
-    lambda."""
+    """Return the phase in cycles, (n,), that an object displacement u adds to samples at coordinates x, (n, 2):
+    x.u (1 / d1 + 1 / z) / lambda."""
     return coordinates_m @ np.array(pose.object_m) * geometry.motion.fringes_per_m2
 
 
 def _grains(geometry: Geometry) -> float:
-    """Return the number of grains, of the finest kind, that pass during one exposure."""
+    """Return the largest motion in one exposure: of wall speckle or object in grains, of the spot in diameters."""
     motion = geometry.motion
     way = math.hypot(*motion.object_way_m)
     on_wall = way * motion.fringes_per_m2 * max(geometry.hidden_object.extent_m)

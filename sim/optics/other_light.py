@@ -1,8 +1,8 @@
 """Stray laser light: a partially coherent background by clutter and multiple reflections.
 
 Clutter next to the object and reflections between surfaces emit light from a wider region than the object, with other path
-lengths, so it adds to the object's light in intensity. Its speckle is that of all its positions of origin (an extended
-autocorrelation), as far as pupil and pixel resolve it. Light with unresolved speckle adds a uniform background.
+lengths, so it adds to the object's light in intensity. Its speckle is that of a source that comprises all positions which emit it
+(an extended autocorrelation), as far as pupil and pixel resolve it. Light with unresolved speckle adds a uniform background.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def background_of(geometry: Geometry, even_below: float) -> Background | None:
 
 
 def _transfer(geometry: Geometry, lag: np.ndarray) -> np.ndarray:
-    """Return H at lags (n, 2) in cells of the period's lattice, (n,)."""
+    """Return H, (n,), at lags (n, 2) in units of the pitch of the lattice."""
     row, column = (lag / geometry.period_shape / geometry.pixel_pitch_m).T
     return (
         amplitude_transfer(

@@ -13,8 +13,8 @@ def options(task: Task, wanted: str | None = None) -> list[Option]:
     """Return the propagators for a task, fastest first.
 
     Args:
-        wanted: name of a single propagator; `auto` for those among which the choice lies, because predicting the errors of slower
-            ones takes longer than using a fast one; None for all.
+        wanted: name of a single propagator; None for all; `auto` omits those that need not be considered, because predicting the
+            errors of a slow one takes longer than using a fast one.
     """
     found: list[Option] = []
     for name, kernel in KERNELS.items():

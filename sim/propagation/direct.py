@@ -27,7 +27,7 @@ TILE = 64
 _PAIRS_AT_ONCE, _TILES_AT_ONCE = 2**22, 64
 """Tiles x scatterers, and tiles, in memory at once."""
 _PIXELS_A_LANE = 8
-"""Pixels of a tile per lane and per read of a scatterer."""
+"""Pixels of a tile that one Dr.Jit lane computes per read of a scatterer."""
 
 PAIRS_PER_SECOND = {"float32": 2e9, "float64": 1e9}
 """Speed on two cores; it predicts times only."""

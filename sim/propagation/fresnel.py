@@ -1,8 +1,8 @@
 """Fresnel propagation: the exact phase of each sample at the frame's centre, then one FFT.
 
 Approximation: the path difference changes from pixel to pixel in proportion to the sample's offset across the line of
-sight, and amplitudes are constant (Goodman, Introduction to Fourier Optics, Eq. 4-17). Depth enters the phase at the
-frame's centre, not the directions. Valid where what is left is small; `validity.py` predicts the error. Cost: one FFT
+sight, and amplitudes are constant (Goodman, Introduction to Fourier Optics, Eq. 4-17). Depth enters only the phase at the frame's
+centre; the directions neglect it. Valid where the remaining phase error is small; `validity.py` predicts the error. Cost: one FFT
 of the frame, rows without object skipped.
 """
 

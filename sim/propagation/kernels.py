@@ -41,4 +41,4 @@ KERNELS = {
     "direct": Kernel(direct.propagate, direct.predict, sees_occluders=True),
     "nufft": Kernel(nufft.propagate, nufft.predict, planning_seconds=0.5),
 }
-"""fastest predictions first"""
+"""Kernels, fastest prediction first."""

@@ -1,9 +1,10 @@
 """Propagation from scatterers in space to patches of the wall by non-uniform FFTs (finufft; cufinufft on a GPU).
 
-Within a patch of centre c the path difference is p(c, s) + u.g(s) + rest. The first phase multiplies the amplitude. The second,
-g = (c - s) / |c - s| - c / |c|, is a non-uniform FFT over the pixels u. The slow rest, with the amplitude, is a short sum of
-products alpha_j(u) beta_j(s), found by a singular value decomposition on Chebyshev nodes of patch and object. The error is
-therefore the tolerance, for any depth and tilt. The method is valid while that sum is short; patches are halved until it is.
+In a patch of centre c, the path difference at pixel offset u is p(c, s) + u.g(s) + remainder. The phase of p multiplies the
+amplitude of scatterer s. The term with g = (c - s) / |c - s| - c / |c| is a non-uniform FFT over the pixels u. The slowly varying
+remainder, together with the amplitude of the kernel, is a short sum of products alpha_j(u) beta_j(s), found by a singular value
+decomposition on Chebyshev nodes of patch and object. The error is therefore the tolerance, for any depth and tilt. The method is
+valid while that sum is short; patches are halved until it is.
 Cost: patches x terms x (scatterers x kernel width^2 + an FFT of the patch).
 Source: Barnett, Magland, af Klinteberg, SIAM J. Sci. Comput. 41, C479 (2019), doi:10.1137/18M120885X.
 """
@@ -49,7 +50,7 @@ _Basis = tuple[np.ndarray, list[np.ndarray]]
 
 @dataclass(frozen=True)
 class _Expansion:
-    """alpha on a patch's pixels (terms, P, P), beta on the scatterers (terms, n), error of the sum at random pairs."""
+    """Sum of products of a patch: alpha at pixels (terms, P, P), beta at the scatterers (terms, n), error at random pairs."""
 
     alpha: np.ndarray
     beta: np.ndarray
@@ -222,7 +223,7 @@ def _gradient(centre: np.ndarray, position: np.ndarray) -> np.ndarray:
 
 
 def _decompose(centre: np.ndarray, size: int, wall: Wall, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the singular value decomposition of the slow rest between nodes of the patch and of the object."""
+    """Return the singular value decomposition of the slowly varying remainder between nodes of the patch and of the object."""
     u = chebpts1(_NODES_PATCH) * 0.5 * size * wall.pitch_m
     offsets = (u[:, None, None] * wall.down + u[None, :, None] * wall.right).reshape(-1, 3)
     return np.linalg.svd(_slow(centre, offsets, nodes, wall), full_matrices=False)
@@ -244,7 +245,7 @@ def _expand(centre: np.ndarray, size: int, wall: Wall, position: np.ndarray, bas
 
 
 def _slow(centre: np.ndarray, offsets: np.ndarray, position: np.ndarray, wall: Wall) -> np.ndarray:
-    """Return K without the phase at the patch centre and its linear change, (offsets, scatterers)."""
+    """Return the kernel K without its phase at the patch centre and its linear phase over the patch, (offsets, scatterers)."""
     linear = path_difference(centre, position)[None] + offsets @ _gradient(centre, position).T
     return kernel(wall, (centre + offsets)[:, None], position[None]) * phasor(-linear, wall.wavelength_m)
 

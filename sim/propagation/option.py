@@ -45,9 +45,9 @@ class Task:
 
 @dataclass(frozen=True)
 class Option:
-    """One propagator in one precision, with its predicted error, seconds and bytes per frame; `why` states why it is unavailable.
+    """One propagator in one precision, with its predicted error, seconds and bytes per frame; `why` is a remark for the plan.
 
-    `patches` is the number of parts of the object that `nufft` propagates one by one; other propagators do not use it.
+    `patches` is the division of the wall into patches that `nufft` has planned; other propagators do not use it.
     """
 
     propagator: str

@@ -6,8 +6,8 @@ frame centre and n the direction from o to the frame centre. The field is
     E(w) = sum_s a_s K(w, s),    K = d n.(w - s) / r^2  exp(2 pi i (r - r_o) / lambda),    r = |w - s|, r_o = |w - o|:
 
 the first Rayleigh-Sommerfeld integral (Goodman, Introduction to Fourier Optics, Eq. 3-43) with k r >> 1, without its carrier at
-each pixel, and with its scale at the frame centre. The carrier has modulus 1 and is equal for all scatterers, so it cancels in the
-intensity.
+each pixel, and normalised to K = 1 between the object's centre and the frame centre. The carrier has modulus 1 and is equal for
+all scatterers, so it cancels in the intensity.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ BORDER = 8
 """Pixels around the frame whose light the blur of the camera brings into it; both are computed, and the border is cut off."""
 
 GRAINS_APART = 8
-"""Grains between one edge of the frame and the opposite edge of the next period; their speckle correlates by at most (1
-/ 8 pi)^2."""
+"""Distance in grains from an edge of the frame to the opposite edge of the next period; the speckle at these edges correlates by
+at most (1 / 8 pi)^2."""
 
 
 def canvas(frame_shape: tuple[int, int]) -> tuple[int, int]:

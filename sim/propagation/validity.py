@@ -5,8 +5,8 @@ phases, so its mean square is that of the propagators over pairs of pixel and sc
 pairs predict it.
 
 *Statistical* error is the relative L2 error of the expected autocorrelation. In a patch around c a scatterer adds a plane
-wave whose fringes have the frequency g(c, s) / lambda (see `nufft.py`), so the expected autocorrelation is that of the
-brightness at -d g instead of the scatterer's position.
+wave whose fringes have the frequency g(c, s) / lambda (see `nufft.py`), so the expected autocorrelation is that of
+scatterers of the same brightness at the positions -d g.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def statistical_error(
     """Return the predicted error of the expected autocorrelation by `fraunhofer` and `fresnel`, on lags of pitch `lag_m`.
 
     Args:
-        place: see `fresnel_error`. lag_m: in its units, one number or (rows, columns).
+        place: see `fresnel_error`. lag_m: lag pitch in the unit of `place`, one number or (rows, columns).
     """
     power = np.abs(scatterers.amplitude) ** 2
     flat = _lags(place, power, lag_m)
@@ -85,7 +85,7 @@ def _sample(scatterers: Scatterers, place: np.ndarray) -> tuple[Scatterers, np.n
 
 
 def _distance(exact: np.ndarray, other: np.ndarray) -> float:
-    """Return the relative L2 distance of two propagators (pixels, scatterers) after one global phase."""
+    """Return the relative L2 distance of two kernel matrices (pixels, scatterers), minimised over a global phase."""
     ours, theirs = (np.abs(exact) ** 2).sum(), (np.abs(other) ** 2).sum()
     overlap = abs((exact.conj() * other).sum())
     return float(np.sqrt(max(ours + theirs - 2.0 * overlap, 0.0) / ours))

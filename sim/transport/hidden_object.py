@@ -40,8 +40,8 @@ class ObjectTotals:
     Attributes:
         throughput: photoelectrons in a pixel per laser photon.
         albedo_area_m2: integral of the albedo over the visible, lit surface.
-        cosine_in, cosine_out: means over that integral.
-        albedo_over_radiance: effective albedo of a unit of radiance.
+        cosine_in, cosine_out: mean cosines towards virtual source and virtual detector, weighted as in that integral.
+        albedo_over_radiance: ratio that converts radiance to effective albedo.
     """
 
     throughput: float
@@ -238,7 +238,7 @@ class HiddenObject:
     def _before(self, length: Any) -> Any:
         """Return the distance along a ray to just before the object, whose centre plane is `length` along it.
 
-        Depth then keeps its digits at any distance of the wall.
+        Rays that start there keep the precision of the depth at any distance from the wall.
         """
         gap, least = length - (2.0 * self._radius_m + 1e-3 * self._distance_m), 1e-4 * self._distance_m
         return np.maximum(gap, least) if isinstance(gap, np.ndarray) else dr.select(gap > least, gap, least)

@@ -52,7 +52,7 @@ class LightTransport:
     Attributes:
         frame_centre: centre of the frame in the world. right, down: steps on the wall between adjacent pixels, per metre of pitch.
         wall_albedo: mean albedo of the frame.
-        most_foreshortened: maximum `foreshortening` of a pixel that rays from the frame centre represent.
+        most_foreshortened: maximum `foreshortening` up to which rays from the frame centre represent a pixel.
     """
 
     scene: mi.Scene
@@ -72,7 +72,7 @@ class LightTransport:
         return max(float(np.linalg.norm(height * self.down + side * width * self.right)) for side in (-1.0, 1.0))
 
     def frame_points(self, count: int) -> mi.Point3f:
-        """Return the points of the frame that `compute_carried_light` pairs with as many points of a surface."""
+        """Return `count` points of the frame, which `compute_carried_light` pairs one by one with `count` surface points."""
         return self._wall(_spread(count)[1])[0].p
 
     def foreshortening(self, hit: mi.SurfaceInteraction3f, place: mi.Point3f) -> mi.Float:
@@ -86,7 +86,7 @@ class LightTransport:
         """Return the light carried by points of a surface.
 
         Args:
-            hit: points met by rays from the frame centre, or else from those of `frame_points`.
+            hit: surface points met by rays from the frame centre or, without `from_centre`, from `frame_points`.
         """
         masks = has_masks(self.scene)
         spot, pixel, pupil = _spread(dr.width(hit.p))
