@@ -91,6 +91,8 @@ def _invert_one(request: Request, files: Sequence[Path], output: Path, *, overwr
         result, summary = invert_capture(request, files, output, bar.update, overwrite=overwrite)
     for warning in result.warnings:
         print(f"warning: {warning}", file=sys.stderr)
+    for note in result.notes:
+        print(f"note: {note}", file=sys.stderr)
     parts = ["object found" if result.object_found else "no object found", f"confidence {result.confidence:.2f}"]
     if "pearson" in summary:
         parts.append(f"correlation {summary['pearson']:.2f}")

@@ -19,7 +19,7 @@ from correlograph.files.output import path_of
 from correlograph.files.stacks import FileFrames, open_stack
 from correlograph.lags import LAG_SIDE
 from correlograph.ranges import LAG_COUNT, SEED
-from invert.assess.reliability import assess_reliability
+from invert.assess.reliability import assess_reliability, describe_limits
 from invert.assess.speckle_test import speckle_test
 from invert.blur_fit import estimate_blur, likelihood_before_division
 from invert.choices import BALANCED, FAST, UNET, Method, Quality, check_mean_model, method_named, quality_named
@@ -113,7 +113,8 @@ def reconstruct(
     )
     seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
     settings = Settings(method.name, quality.name, seed)
-    return Result(estimate, measurement, reconstruction, settings, seconds, test, tuple(warnings))
+    notes = tuple(describe_limits(reconstruction, measurement))
+    return Result(estimate, measurement, reconstruction, settings, seconds, test, tuple(warnings), notes)
 
 
 def read_source(source: Source, camera: CameraMetadata, autocorrelation: bool | None = None) -> Capture | Estimate:

@@ -1,6 +1,7 @@
 """Raw frames of a camera: pixels without a header, described by a JSON file beside them.
 
-`run.raw` needs `run.raw.json` or `run.json` with `width`, `height`, `pixel_format`, and optionally `header_bytes` (skipped before each frame).
+`run.raw` needs `run.raw.json` or `run.json` with `width`, `height`, `pixel_format`, and optionally `header_bytes`, which are skipped
+before each frame.
 Pixel formats have their GenICam names (EMVA, Pixel Format Naming Convention 2.4).
 """
 

@@ -220,6 +220,8 @@ def _stack_of_array(path: Path, array: Any) -> Stack:
                 pixels = np.fromfile(array.filename, array.dtype, size, offset=start).reshape(shape[-2:])
             else:
                 pixels = np.array(array[tuple(number if one == axis else 0 for one in range(len(shape) - 2))])
+        except InputError:
+            raise
         except (OSError, ValueError) as error:
             raise _unreadable(path, error) from None
         return as_frame(pixels, path), None

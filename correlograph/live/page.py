@@ -160,4 +160,5 @@ def _result_rows(result: Result) -> list[tuple[str, str]]:
     rows = [("object", f"{'found' if result.object_found else 'none'}, confidence {result.confidence:.2f} ({quality})")]
     if result.speckle_test is not None:
         rows.append(("third moment over that of speckle", f"{result.speckle_test.third_moment_ratio:.2f}"))
-    return rows + [("warning", warning.replace("|", "/")) for warning in result.warnings]
+    remarks = [*(("warning", warning) for warning in result.warnings), *(("note", note) for note in result.notes)]
+    return rows + [(name, text.replace("|", "/")) for name, text in remarks]

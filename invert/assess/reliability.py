@@ -65,33 +65,28 @@ def assess_reliability(
     doubts = [] if test is None or test.third_moment_ratio is None else _check_speckle(test, record)
     if found.posterior is not None:
         doubts += _check_samples(found.posterior, likelihood())
-    warnings = (
-        doubts
-        + _describe_light(measurement)
-        + _describe_size(found, measurement)
-        + ([] if record is None else _describe_frames(record, measurement))
-    )
+    warnings = doubts + ([] if record is None else _describe_frames(record, measurement))
     return (replace(found, confidence=min(found.confidence, MAX_UNVERIFIED_CONFIDENCE)) if doubts else found), warnings
 
 
-def _describe_size(found: Reconstruction, measurement: Measurement) -> list[str]:
-    side = measurement.lag_grid.object_side
-    if not found.object_found or found.features is None or side <= OBJECT_SIDE:
-        return []
-    return [f"the confidence is calibrated for {OBJECT_SIDE} lags; for {side} lags it can exceed the correlation by 0.2"]
+def describe_limits(found: Reconstruction, measurement: Measurement) -> list[str]:
+    """Describe what the frames did not allow: which light an undetected object would need, and how far the confidence holds.
 
-
-def _describe_light(measurement: Measurement) -> list[str]:
-    """Report how much more light or how many more frames detection needs. The significance is proportional to the light, if the
-    light sets the floor, and to the root of the number of frames; in 19 of 20 cases the true significance is at most two standard
-    deviations above the measured one."""
-    if measurement.detection >= DETECTION_LIMIT:
-        return []
-    times = max(1.0, DETECTION_LIMIT / (max(measurement.detection, 0.0) + 2.0))
-    found = f"{measurement.detection:.1f} of the {DETECTION_LIMIT:g} standard deviations that detection needs"
-    return [
-        f"no signal: {found}; if there is an object, it needs more than {times:.1f} times the light, or {times**2:.1f} times the frames"
-    ]
+    The significance is proportional to the light, if the light sets the floor, and to the root of the number of frames. In 19 of
+    20 cases the true significance is at most two standard deviations above the measured one.
+    """
+    notes, side = [], measurement.lag_grid.object_side
+    if measurement.detection < DETECTION_LIMIT:
+        times = max(1.0, DETECTION_LIMIT / (max(measurement.detection, 0.0) + 2.0))
+        notes.append(
+            f"no signal: {measurement.detection:.1f} of the {DETECTION_LIMIT:g} standard deviations that detection needs; "
+            f"if there is an object, it needs more than {times:.1f} times the light, or {times**2:.1f} times the frames"
+        )
+    if found.object_found and found.features is not None and side > OBJECT_SIDE:
+        notes.append(
+            f"the confidence is calibrated for {OBJECT_SIDE} lags; for {side} lags it can exceed the correlation by 0.2"
+        )
+    return notes
 
 
 def _check_speckle(test: SpeckleTest, record: EstimateRecord | None) -> list[str]:

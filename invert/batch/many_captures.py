@@ -120,6 +120,7 @@ def _row(summary: dict[str, Any]) -> dict[str, Any]:
         "floor_over_peak": noise["floor_over_peak"],
         "dof": noise["dof"],
         "warnings": summary["warnings"],
+        "notes": summary["notes"],
         "pitches_m": summary["pitches_m"],
     }
     return row | ({"pearson": summary["pearson"]} if "pearson" in summary else {})
@@ -138,7 +139,7 @@ def _write_table(path: Path, rows: list[dict[str, Any]]) -> None:
                 row["name"],
                 "yes" if row["object_found"] else "no",
                 *("" if value is None else f"{value:.3g}" for value in numbers),
-                "; ".join(row["warnings"]),
+                "; ".join([*row["warnings"], *row["notes"]]),
             ]
         lines.append(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |")
     with atomic(path) as partial_file:

@@ -157,7 +157,8 @@ def report_lines(result: Result, pearson: float | None) -> list[str]:
     if pearson is not None:
         parts.append(f"correlation with the truth {pearson:.2f}")
     parts.append(f"{settings.method}:{settings.quality}, {result.seconds_total:.1f} s")
-    return [result.estimate.name, found, ", ".join(parts), *(f"warning: {warning}" for warning in result.warnings)]
+    remarks = [*(f"warning: {warning}" for warning in result.warnings), *(f"note: {note}" for note in result.notes)]
+    return [result.estimate.name, found, ", ".join(parts), *remarks]
 
 
 def save_contact_sheet(path: Path, albedos: Sequence[np.ndarray], titles: Sequence[str]) -> None:

@@ -41,6 +41,7 @@ class Result:
         seconds: duration of reading, autocorrelation and retrieval.
         speckle_test: consistency of the light with speckle of this object; None if no object was found.
         warnings: observations about the frames, and reasons for a low confidence.
+        notes: what the frames did not allow: light that detection needs, and limits of the confidence.
     """
 
     estimate: Estimate
@@ -50,6 +51,7 @@ class Result:
     seconds: dict[str, float]
     speckle_test: SpeckleTest | None = None
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @property
     def albedo(self) -> np.ndarray:
@@ -165,14 +167,14 @@ class Result:
             )
             test = SpeckleTest.from_dict(summary["speckle_test"])
             settings = Settings(*(summary[name] for name in ("method", "quality", "seed")))
-            warnings = tuple(map(str, list(summary["warnings"])))
+            warnings, notes = (tuple(map(str, list(summary.get(name, ())))) for name in ("warnings", "notes"))
             seconds = {str(name): float(value) for name, value in summary["seconds"].items()}
         except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, RecursionError) as error:
             found = f"{type(error).__name__} in {path} ({error!s:.80})"
             raise InputError("result", "a folder that python -m invert wrote", found, "check the path") from None
-        return cls(estimate, read_measurement(lags), reconstruction, settings, seconds, test, warnings)
+        return cls(estimate, read_measurement(lags), reconstruction, settings, seconds, test, warnings, notes)
 
     def settings_as_dict(self) -> dict[str, Any]:
-        """Return method, quality, seed, warnings and speckle test for JSON."""
+        """Return method, quality, seed, warnings, notes and speckle test for JSON."""
         test = None if self.speckle_test is None else self.speckle_test.as_dict()
-        return asdict(self.settings) | {"warnings": list(self.warnings), "speckle_test": test}
+        return asdict(self.settings) | {"warnings": list(self.warnings), "notes": list(self.notes), "speckle_test": test}

@@ -27,8 +27,8 @@ def test_a_result_without_an_object_asks_for_light_that_does_not_suffice_and_not
     photons = 0.0008
     dim = result_at(photons)
     assert not dim.object_found
-    (warning,) = (text for text in dim.warnings if text.startswith("no signal"))
-    times, frames = map(float, re.findall(r"more than (.*?) times the light, or (.*?) times", warning)[0])
+    (note,) = (text for text in dim.notes if text.startswith("no signal"))
+    times, frames = map(float, re.findall(r"more than (.*?) times the light, or (.*?) times", note)[0])
     assert frames == np.round(times**2, 1) or abs(frames - times**2) < 0.1 * frames
     assert not result_at(0.9 * times * photons).measurement.detectable
     assert result_at(6.0 * times * photons).measurement.detectable

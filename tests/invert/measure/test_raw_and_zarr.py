@@ -14,7 +14,7 @@ from correlograph.files.stacks import open_stack
 from invert.batch.captures import Request
 from invert.measure.capture import find_frames, read_capture
 
-SHAPE = (5, 60, 76)
+SHAPE = (5, 130, 148)
 
 
 def pack(pixels: np.ndarray, name: str) -> bytes:
@@ -94,7 +94,7 @@ def test_a_raw_file_without_a_description_says_how_to_write_one(tmp_path):
 def test_a_changed_description_is_another_request(tmp_path):
     file, _ = write_raw(tmp_path, "Mono16")
     before = Request(False, cg.CameraMetadata(), cg.Corrections()).sha256([file])
-    (tmp_path / "Mono16.raw.json").write_text(json.dumps({"width": 60, "height": 76, "pixel_format": "Mono16"}))
+    (tmp_path / "Mono16.raw.json").write_text(json.dumps({"width": SHAPE[1], "height": SHAPE[2], "pixel_format": "Mono16"}))
     assert Request(False, cg.CameraMetadata(), cg.Corrections()).sha256([file]) != before
 
 
