@@ -12,7 +12,6 @@ import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 import correlograph as cg
-from correlograph.commands.camera_choice import RequiredError
+from correlograph.commands.required_error import RequiredError
 from correlograph.files.figures import save_figure
 from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import read_measurement
@@ -106,9 +105,7 @@ def main() -> None:
     file = options.output / "cameras.json"
     rows: list[dict[str, Any]] = json.loads(file.read_text()) if file.exists() else []
     geometry = load("corner_letter").geometry
-    required = RequiredError(
-        SimpleNamespace(frames=FRAMES, correlation=options.correlation, quality=options.quality, seed=1000)
-    )
+    required = RequiredError(options.correlation, FRAMES, options.quality, seed=1000)
     for number in tqdm(range(options.first + len(rows), options.first + options.count), desc="cameras"):
         camera, choice = draw_camera(number, geometry)
         plan = compare_cameras(geometry, [camera], [choice], check, FRAMES, required)[0][0]

@@ -98,7 +98,7 @@ def compare_cameras(
     choices: Sequence[Arrangement],
     check: Callable[[Any], None],
     frames: int = 2,
-    required_error: Callable[[Prediction], float] | None = None,
+    required_error: Callable[[Any, Prediction], float] | None = None,
 ) -> tuple[list[CameraPlan], list[str]]:
     """Predict every camera in every arrangement.
 
@@ -106,7 +106,8 @@ def compare_cameras(
         geometry: geometry of the scene.
         check: raises InputError for a geometry that cannot be modelled, as `sim.plan.check` does.
         frames: frames that share the exposure equally.
-        required_error: returns the relative error of an estimate that its reconstruction needs; None for detection only.
+        required_error: called with the geometry and the prediction of a camera; returns the relative error of an estimate that its
+            reconstruction needs. None for detection only.
 
     Returns:
         the plans, best first, and one line for each combination that is impossible.
@@ -127,7 +128,7 @@ def _predict_one(
     choice: Arrangement,
     check: Callable[[Any], None],
     frames: int,
-    required_error: Callable[[Prediction], float] | None,
+    required_error: Callable[[Any, Prediction], float] | None,
 ) -> CameraPlan:
     other = choice.apply(geometry, camera)
     check(other)
@@ -141,7 +142,9 @@ def _predict_one(
         return None if factor is None else factor * exposure_s * frames
 
     detection_s = seconds(prediction.detection_factor(frames))
-    correlation_s = None if required_error is None else seconds(prediction.error_factor(frames, required_error(prediction)))
+    correlation_s = (
+        None if required_error is None else seconds(prediction.error_factor(frames, required_error(other, prediction)))
+    )
     longest_s = max((one for one in (detection_s, correlation_s) if one is not None), default=0.0) / frames
     mean = (terms.signal + terms.ambient + terms.dark) * longest_s / exposure_s
     full_well = other.electronics.full_well

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from correlograph.command import ArgumentParser
-from correlograph.errors import InputError
+from correlograph.commands.required_error import RequiredError
 from correlograph.ranges import CONFIDENCE, FRAMES, SI, WAVELENGTH, Range
-
-if TYPE_CHECKING:
-    from radiometry.prediction import Prediction
 
 SHOWN = 3
 """Lines of each camera that the terminal shows; the files hold all."""
@@ -51,7 +47,9 @@ def compare(options: Any, geometry: Any, folder: Path | None) -> None:
 
     cameras = read_cameras(Path(options.cameras) if options.cameras else TABLE)
     choices = arrangements(options.magnification, options.binning, options.pupil_m, options.wavelength_m, options.power_w)
-    required = None if options.correlation is None else RequiredError(options)
+    required = None
+    if options.correlation is not None:
+        required = RequiredError(options.correlation, options.frames, options.quality, options.seed)
     plans, impossible = compare_cameras(geometry, cameras, choices, check, options.frames, required)
     print_table(plans, options.correlation)
     if impossible:
@@ -63,47 +61,6 @@ def compare(options: Any, geometry: Any, folder: Path | None) -> None:
         save_json(folder / "cameras.json", {**content, "plans": [asdict(plan) for plan in plans], "impossible": impossible})
         draw(folder / "cameras.png", plans, options.correlation)
         print(folder / "cameras.png")
-
-
-class RequiredError:
-    """Error of an estimate at which reconstructions of the scene's object have the correlation on average.
-
-    It is found once for all cameras whose lag pitches agree within 10 %.
-    """
-
-    def __init__(self, options: Any) -> None:
-        self.options = options
-        self._known: dict[int, float] = {}
-
-    def __call__(self, prediction: Prediction) -> float:
-        """Return the error for a prediction. Raises InputError for an object that the lags do not hold."""
-        if not prediction.cells.any():
-            raise InputError("--correlation", "an object as wide as 64 lags or narrower", "a wider one", "omit --correlation")
-        key = round(5.0 * math.log2(prediction.pitch_m))
-        if key not in self._known:
-            self._known[key] = self._find(prediction)
-        return self._known[key]
-
-    def _find(self, prediction: Prediction) -> float:
-        from tqdm import tqdm
-
-        from invert.choices import quality_named
-        from invert.evaluation.required_error import required_error
-
-        dof = prediction.dof(self.options.frames)
-        quality = quality_named(self.options.quality)
-        label = f"reconstructions, {1e6 * prediction.pitch_m:.0f} um"
-        with tqdm(desc=label, unit="image", disable=None) as bar:
-            return required_error(
-                prediction.cells,
-                prediction.signal,
-                prediction.transfer,
-                dof,
-                self.options.correlation,
-                quality,
-                self.options.seed,
-                bar.update,
-            )
 
 
 def print_table(plans: list[Any], correlation: float | None) -> None:

@@ -68,6 +68,6 @@ def test_a_stronger_laser_needs_a_proportionally_shorter_exposure(scene):
 
 
 def test_the_exposure_for_a_correlation_is_that_of_its_error(scene):
-    plan = compare_cameras(scene(), [CAMERA], [Arrangement(0.5)], check, 3, lambda prediction: 0.7)[0][0]
+    plan = compare_cameras(scene(), [CAMERA], [Arrangement(0.5)], check, 3, lambda geometry, prediction: 0.7)[0][0]
     geometry = Arrangement(0.5).apply(scene(), CAMERA).with_exposure(plan.correlation_s / 3)
     assert predict(geometry).error(3) == pytest.approx(0.7, rel=0.01)
