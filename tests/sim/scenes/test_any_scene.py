@@ -18,7 +18,7 @@ from sim.plan import Settings  # noqa: E402
 from sim.plan_report import disagreement, make_plan  # noqa: E402
 from sim.scene_reader import read_geometry  # noqa: E402
 from sim.transport.monte_carlo import estimate_throughput  # noqa: E402
-from tests.sim.random_scenes import path_traced, random_scene  # noqa: E402
+from tests.sim.scenes.random_scenes import path_traced, random_scene  # noqa: E402
 
 HALF_PLANE, RING = lag_grid(LAGS).half_plane, lag_grid(LAGS).ring
 

@@ -12,7 +12,7 @@ from sim.plugins.table import PLUGINS, table
 
 
 def test_documented_parameters_agree_with_the_code():
-    assert (Path(__file__).parents[2] / "docs" / "parameters.md").read_text() == table()
+    assert (Path(__file__).parents[3] / "docs" / "parameters.md").read_text() == table()
 
 
 @pytest.mark.parametrize(("plugin", "parameter"), [(plugin, known) for plugin, many in PLUGINS.items() for known in many])
