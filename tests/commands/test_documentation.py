@@ -26,8 +26,9 @@ COMMANDS = [
     line.split("  #")[0].strip()
     for page in PAGES
     for line in page.read_text().splitlines()
-    if re.match(r"    (?:correlograph|python -m) ", line) and "COPY" not in line
+    if re.match(r"    (?:correlograph|python -m) ", line) and "COPY" not in line and "correlograph live" not in line
 ]
+"""Commands in their order, without the live view, which runs until it is interrupted (tests/live)."""
 
 SMALLER = {
     "200000": "1024",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -180,3 +181,29 @@ def test_the_grain_width_is_that_of_a_filtered_field():
     assert grain_width(line) == pytest.approx(expected, abs=2.5)
     # The covariance one pixel apart falls short of the variance by the fraction 1 - exp(-2 (pi width)^2).
     assert line[1] / 2.0**2 == pytest.approx(np.exp(-2.0 * (np.pi * width) ** 2), rel=0.1)
+
+
+def test_the_documented_camera_runs(tmp_path, monkeypatch):
+    """The block of docs/live.md with a camera that delivers two frames, without waiting for the user."""
+    pytest.importorskip("panel")
+    monkeypatch.chdir(tmp_path)
+    page = Path(__file__).parents[2] / "docs" / "live.md"
+    block = page.read_text().split("```py\n")[1].split("```")[0].replace("page.wait()", "")
+    frames = iter(letter_frames(2))
+
+    def read_one_frame() -> np.ndarray:
+        time.sleep(0.1)
+        return next(frames, None) if values["acquisition"].received < 2 else values["acquisition"].finished.wait()
+
+    values = {"read_one_frame": read_one_frame}
+    exec(compile(block, "docs/live.md", "exec"), values)
+    acquisition = values["acquisition"]
+    deadline = time.monotonic() + 30.0
+    while acquisition.result is None and time.monotonic() < deadline:
+        time.sleep(0.1)
+    acquisition.stop()
+    acquisition.join()
+    values["page"].server.stop()
+    assert acquisition.problem == ""
+    assert acquisition.result.estimate.record.frames <= 2
+    assert values["page"].address.startswith("http://127.0.0.1:")
