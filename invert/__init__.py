@@ -21,8 +21,6 @@ Only the rendered test sets of the evaluation import Mitsuba.
 
 from typing import TYPE_CHECKING, Any
 
-from correlograph.version import version
-
 if TYPE_CHECKING:
     from correlograph.files.capture import CameraMetadata, Capture
     from correlograph.files.corrections import Corrections
@@ -33,7 +31,6 @@ if TYPE_CHECKING:
     CameraFacts = CameraMetadata
 
 __all__ = ["CameraFacts", "CameraMetadata", "Capture", "Corrections", "Result", "Samples", "reconstruct"]
-__version__ = version()
 
 _MODULES = {
     "CameraFacts": "correlograph.files.capture",
@@ -47,6 +44,10 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from correlograph.version import version
+
+        return version()
     from correlograph.lazy import load_attribute
 
     return load_attribute(__name__, _MODULES, name)

@@ -18,15 +18,20 @@
 Of the project, this package imports only the foundation in `correlograph`.
 """
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import lazy_loader
-
-from correlograph.version import version
 
 if TYPE_CHECKING:
     from radiometry.scene_budget import Forecast, light_budget, predict
 
 __all__ = ["Forecast", "light_budget", "predict"]
-__version__ = version()
-__getattr__, __dir__, _ = lazy_loader.attach(__name__, submod_attrs={"scene_budget": __all__})
+_load_attribute, __dir__, _ = lazy_loader.attach(__name__, submod_attrs={"scene_budget": __all__})
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from correlograph.version import version
+
+        return version()
+    return _load_attribute(name)

@@ -25,11 +25,9 @@ The import sets a Mitsuba variant (unless one is set) and registers the plugins,
 
 import sys
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import lazy_loader
-
-from correlograph.version import version
 
 if TYPE_CHECKING:
     from sim.plan import Settings
@@ -37,10 +35,17 @@ if TYPE_CHECKING:
     from sim.scene import Scene, load
 
 __all__ = ["Scene", "Settings", "activate", "load", "render", "wall_field"]
-__version__ = version()
-__getattr__, __dir__, _ = lazy_loader.attach(
+_load_attribute, __dir__, _ = lazy_loader.attach(
     __name__, submod_attrs={"plan": ["Settings"], "rendering": ["render", "wall_field"], "scene": ["Scene", "load"]}
 )
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from correlograph.version import version
+
+        return version()
+    return _load_attribute(name)
 
 
 @cache
