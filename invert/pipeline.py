@@ -52,6 +52,7 @@ def reconstruct(
     seed: int = 0,
     device: str = "cpu",
     autocorrelation: bool | None = None,
+    sums_file: str | Path | None = None,
     progress: Progress = no_progress,
 ) -> Result:
     """Reconstruct the albedo of the hidden object.
@@ -70,6 +71,7 @@ def reconstruct(
         mean_model: background model: auto, pooled, fixed or published; see `radiometry.estimation.whole_frames`.
         weights: network weights for `unet` instead of those that ship.
         autocorrelation: whether files hold autocorrelations; None decides by their shape.
+        sums_file: file (.npz) that keeps the sums over the frames of a capture above 1 GB, so that a later call continues from it.
         progress: called with the number of steps done since the last call.
 
     Returns:
@@ -92,7 +94,8 @@ def reconstruct(
     read_s = time.perf_counter() - begin
     known_blur = None if blur_pixels == "auto" else blur_pixels
     if isinstance(capture, Capture):
-        estimate = estimate_from_frames(capture, patch, device, mean_model, known_blur, lags, pitch_m)
+        kept = None if sums_file is None else path_of("sums_file", sums_file)
+        estimate = estimate_from_frames(capture, patch, device, mean_model, known_blur, lags, pitch_m, kept)
     else:
         estimate = capture
 

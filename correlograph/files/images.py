@@ -62,7 +62,9 @@ def as_frame(pixels: np.ndarray, file: Path, *, booleans: bool = False) -> np.nd
         raise InputError("frame", "numbers", f"{file.name} of type {pixels.dtype}", "convert it to 16-bit integers or floats")
     if not booleans and pixels.dtype.kind == "b":
         raise InputError("frame", "numbers", f"true and false in {file.name}", "convert it to 16-bit integers or floats")
-    if pixels.size and not (np.abs(np.nan_to_num(pixels, posinf=0.0, neginf=0.0)) <= MAX_PIXEL).all():
+    if (pixels.dtype.kind == "f" or pixels.dtype.itemsize > 2) and not (
+        np.abs(np.nan_to_num(pixels, posinf=0.0, neginf=0.0)) <= MAX_PIXEL
+    ).all():
         raise InputError("frame", f"pixels up to {MAX_PIXEL:g}", f"larger ones in {file.name}", "scale the frames down")
     return pixels.astype(np.float32)
 

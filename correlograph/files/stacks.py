@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from copy import copy
 from importlib import import_module
 from pathlib import Path
+from threading import Lock
 from typing import Any, overload
 from weakref import finalize
 
@@ -256,7 +257,7 @@ class FileFrames(Sequence[np.ndarray]):
         check: Callable[[np.ndarray, FrameHeader | None, int, Path], None],
         change: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> None:
-        self._check, self._change = check, change
+        self._check, self._change, self._lock = check, change, Lock()
         self._places = [(stack, number) for stack in stacks for number in range(stack.count)]
 
     def __len__(self) -> int:
@@ -285,7 +286,8 @@ class FileFrames(Sequence[np.ndarray]):
     def read(self, number: int) -> Frame:
         """Return a frame after checks and correction, and its header."""
         stack, place = self._places[number]
-        pixels, header = stack.read(place)
+        with self._lock:  # not every decoder serves several threads
+            pixels, header = stack.read(place)
         self._check(pixels, header, number, stack.path)
         return (pixels if self._change is None else self._change(pixels)), header
 

@@ -27,11 +27,14 @@ from invert.pipeline import Blur, reconstruct
 from invert.solvers.base import Progress, no_progress
 from radiometry.estimation.background import MeanModel
 
-REVISION = 11
+REVISION = 12
 """Revision of the results; to be raised whenever a code change alters the result of a request."""
 
 RESERVED_NAMES = {"table.md", "captures.json"}
 """Names of output files next to the folders of results."""
+
+SUMS_FILE = "frame_sums.npz"
+"""File in the folder of results that keeps the sums over the frames of a capture above 1 GB."""
 
 Captures = dict[str, tuple[Path, ...]]
 """Files of each capture by the name of its folder of results; the name is empty for a single capture."""
@@ -69,8 +72,8 @@ class Request:
         text = ", ".join(f"{name}={value}" for name, value in vars(options).items())
         return hashlib.sha256(f"{version()} {REVISION} {text} {datasets}".encode() + content.digest()).hexdigest()
 
-    def reconstruct(self, files: Sequence[Path], progress: Progress = no_progress) -> Result:
-        """Reconstruct one capture."""
+    def reconstruct(self, files: Sequence[Path], folder: Path, progress: Progress = no_progress) -> Result:
+        """Reconstruct one capture; `folder` keeps the sums over its frames if it is large."""
         return reconstruct(
             files,
             method=self.method,
@@ -86,6 +89,7 @@ class Request:
             seed=self.seed,
             device=self.device,
             autocorrelation=self.autocorrelation,
+            sums_file=folder / SUMS_FILE,
             progress=progress,
         )
 
@@ -191,8 +195,8 @@ def invert_capture(
     is_new = not folder.exists()
     try:
         with sole_writer(output_folder(folder)):
-            claim(folder, RESULT_FILES, overwrite=overwrite)
-            result = request.reconstruct(files, progress)
+            claim(folder, (*RESULT_FILES, SUMS_FILE), overwrite=overwrite)
+            result = request.reconstruct(files, folder, progress)
             return result, result.save(folder, truth, digest)
     finally:
         if is_new and folder.is_dir() and not any(folder.iterdir()):

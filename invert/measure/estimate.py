@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -25,7 +25,9 @@ from invert.measure.patch_fit import choose_patch_grid
 from invert.measure.spectrum import read_measurement
 from radiometry.autocorrelation import PITCH_M, PatchGrid, automatic_patch_size, patch_grid
 from radiometry.estimation.background import BackgroundRecord, MeanModel
+from radiometry.estimation.parallel_frames import PART_FRAMES, add_frames
 from radiometry.estimation.published import PublishedEstimator
+from radiometry.estimation.saved_sums import SavedSums
 from radiometry.estimation.third_moment import FilteredFrames
 from radiometry.estimation.whole_frames import AutocorrelationEstimator, estimator_of
 from radiometry.transfer import gaussian_transfer, lag_transfer
@@ -148,6 +150,7 @@ def estimate_from_frames(
     blur_pixels: float | None = None,
     lags: int | None = None,
     pitch_m: float | None = None,
+    sums_file: Path | None = None,
 ) -> Estimate:
     """Estimate r*r from frames.
 
@@ -158,6 +161,7 @@ def estimate_from_frames(
         blur_pixels: standard deviation of a known Gaussian blur in addition to pupil and pixel; 0 for no blur.
         lags, pitch_m: largest lag on either side of zero, and lag pitch. Without patch, lags and pitch, both are adapted to
             the object (`invert.measure.lag_choice`); if only some are given, the others are 63 and 300 um.
+        sums_file: file (.npz) of the sums over the frames of a capture above 1 GB. A later call with more frames continues from it.
     """
     if blur_pixels is not None:
         BLUR.check("blur_pixels", blur_pixels)
@@ -175,10 +179,16 @@ def estimate_from_frames(
 
     few = capture.frames[:FRAMES_FOR_CHOICE] if isinstance(capture.frames, FileFrames) else capture.frames
 
-    def run_over(frames: Iterable[np.ndarray], tried: PatchGrid) -> _Run:
+    def run_over(frames: Sequence[np.ndarray], tried: PatchGrid) -> _Run:
         estimator = estimator_of(tried, mean_model, device)
-        for frame in tqdm(frames, unit="frame", disable=None if frames is not few else True, leave=False):
-            estimator.add(frame)
+        with tqdm(total=len(frames), unit="frame", disable=None if frames is not few else True, leave=False) as bar:
+            if isinstance(estimator, AutocorrelationEstimator) and len(frames) > PART_FRAMES and device == "cpu":
+                is_kept = sums_file is not None and frames is not few
+                add_frames(estimator, frames, bar.update, SavedSums(sums_file) if is_kept else None)
+            else:
+                for frame in frames:
+                    estimator.add(frame)
+                    bar.update(1)
         return estimator, estimator.estimate()
 
     @cache  # the grid that is chosen has already been tried

@@ -18,6 +18,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
+from threading import local
 from typing import Any
 
 import numpy as np
@@ -28,9 +29,10 @@ from correlograph.errors import InputError
 from radiometry.autocorrelation import PatchGrid
 from radiometry.estimation.background import BackgroundRecord, MeanModel
 from radiometry.estimation.fixed_pattern import shared_lags, shift_between
+from radiometry.estimation.frame_sums import FrameSums
 from radiometry.estimation.illumination import flatten_illumination, is_uneven
-from radiometry.estimation.photon_transfer import PhotonTransfer, combine, photon_transfer
-from radiometry.estimation.pixel_faults import PixelFaults, repair
+from radiometry.estimation.photon_transfer import combine, photon_transfer
+from radiometry.estimation.pixel_faults import repair
 from radiometry.estimation.published import PublishedEstimator
 from radiometry.estimation.spectral_lines import MIN_PATCHES, find_lines, lower_lines, subtract_waves
 from radiometry.estimation.third_moment import MAX_FRAMES, FilteredFrames, narrow
@@ -63,67 +65,97 @@ class AutocorrelationEstimator:
 
     def __init__(self, grid: PatchGrid, device: torch.device | str = "cpu", mean: MeanModel = "auto") -> None:
         self.grid, self.device, self.mean = grid, torch.device(device), mean
-        self.frames = 0
         self.background = BackgroundRecord(mean)
         """Background and sensor faults; complete after estimate()."""
         self._patch = grid.patch_shape
         self.padded = (
             next_fast_len(grid.frame_shape[0] + self._patch[0] - 1),
-            next_fast_len(grid.frame_shape[1] + self._patch[1] - 1, real=True),
+            next_fast_len(grid.frame_shape[1] + self._patch[1] - 1),
         )
-        self._first = self._sum = self._power = torch.empty(0)
-        self._first_lags: np.ndarray | None = None
-        self._levels: list[float] = []
-        self._uneven: bool | None = None
-        self._narrow: list[torch.Tensor] = []
-        self._faults: list[PixelFaults] = []
-        self._lines = 0
-        self._noise: list[PhotonTransfer] = []
+        self.sums = FrameSums()
+        """Sums over the frames that were added."""
+        self._memory = local()
+        self._first = torch.empty(0)
+        self._first_lags = np.empty(0)
+        self._uneven = self._is_pattern_shared = False
 
     def add(self, frame: np.ndarray | torch.Tensor) -> None:
         """Add one frame, shape (H, W), any real dtype."""
+        if self.frames == 0:
+            self.start(frame)
+        else:
+            self.sums.add(self.sums_of(frame, self.frames))
+
+    def start(self, frame: np.ndarray | torch.Tensor) -> None:
+        """Add the first frame, with which the others are compared."""
+        self._first = torch.empty(0)
+        self.sums = FrameSums()
+        self.sums.add(self.sums_of(frame, 0))
+        self._first = self.sums.spectrum.clone()
+        self._first_lags = self._at_lags(self.sums.power)
+        self._is_pattern_shared = False
+
+    def sums_of(self, frame: np.ndarray | torch.Tensor, number: int) -> FrameSums:
+        """Return the sums of one frame; `number` counts the frames of the capture from 0.
+
+        Several threads may call this method for frames after the first one. The tensors last until the next call in the same thread.
+        """
         image = torch.as_tensor(frame, device=self.device).to(torch.float32)
+        sums = FrameSums()
         if self.mean == "auto":
-            image, faults = repair(image)
-            self._faults.append(faults)
-        if len(self._noise) < MAX_FRAMES:
-            self._noise.append(photon_transfer(image))
+            image, sums.faults = repair(image)
+        if number < MAX_FRAMES:
+            sums.noise.append(photon_transfer(image))
         if self.mean == "auto":
-            if self._uneven is None:  # All frames are treated alike; otherwise their shared part would not cancel.
+            if number == 0:  # All frames are treated alike; otherwise their shared part would not cancel.
                 self._uneven = is_uneven(image, self._patch)
             if self._uneven:
                 image = flatten_illumination(image, self._patch)
-        level = float(image.mean(dtype=torch.float64))
-        image = image - level
-        self._levels.append(level)
-        spectrum, power = self._spectrum(image)
+        sums.levels.append(float(image.mean(1).mean(dtype=torch.float64)))  # all in double precision takes as long as the FFT
+        spectrum, power = self._spectrum(image, sums.levels[0])
         if self.mean == "auto" and self.grid.count >= MIN_PATCHES:
             per_lag = self.padded[0] / self._patch[0], self.padded[1] / self._patch[1]
             if lines := find_lines(power, per_lag, self.grid.lags):
-                spectrum, power = self._spectrum(subtract_waves(image, lines, self.padded))
+                spectrum, power = self._spectrum(subtract_waves(image - sums.levels[0], lines, self.padded))
                 lower_lines(spectrum, power, lines)
-                self._lines += len(lines)
-        if len(self._narrow) < MAX_FRAMES:
-            self._narrow.append(narrow(spectrum, self.padded, self._patch, self.grid.lags))
-        if self.frames == 0:
-            self._first = self._sum = spectrum
-            self._power = power
-        else:
-            self._sum = self._sum + self._moved_back(spectrum)
-            self._power.add_(power)
-        self.frames += 1
+                sums.spectral_lines = len(lines)
+        if number < MAX_FRAMES:
+            sums.narrow.append(narrow(spectrum, self.padded, self._patch, self.grid.lags))
+        if number > 0 and self.mean == "auto":
+            spectrum, sums.shift_pixels = self._moved_back(spectrum, number)
+        sums.spectrum, sums.power = spectrum, power
+        return sums
 
-    def _spectrum(self, image: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the spectrum (rows, columns // 2 + 1) of a padded frame, and its power."""
-        spectrum = torch.fft.rfft2(image, s=self.padded)
-        return spectrum, spectrum.real.square().add_(spectrum.imag.square())
+    @property
+    def frames(self) -> int:
+        """Number of frames that were added."""
+        return self.sums.frames
+
+    def _spectrum(self, image: torch.Tensor, level: float = 0.0) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return the spectrum (rows, columns // 2 + 1) of a padded frame minus a level, and its power."""
+        padded, spectrum, power = self._buffers()
+        torch.sub(image, level, out=padded[: image.shape[0], : image.shape[1]])
+        torch.fft.rfft2(padded, out=spectrum)
+        torch.mul(spectrum.real, spectrum.real, out=power).addcmul_(spectrum.imag, spectrum.imag)
+        return spectrum, power
+
+    def _buffers(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Return a padded frame, a spectrum and its power for the calling thread. New memory for each frame would cost more than sums."""
+        if not hasattr(self._memory, "buffers"):
+            half = (self.padded[0], self.padded[1] // 2 + 1)
+            self._memory.buffers = (
+                torch.zeros(self.padded, device=self.device),
+                torch.empty(half, dtype=torch.complex64, device=self.device),
+                torch.empty(half, device=self.device),
+            )
+        return self._memory.buffers
 
     def filtered_frames(self) -> FilteredFrames:
         """Return the band-limited frames for the third moment."""
-        level = float(np.mean(self._levels))
-        noise = combine(self._noise)
+        level = float(np.mean(self.sums.levels))
+        noise = combine(self.sums.noise)
         return FilteredFrames(
-            tuple(self._narrow), self.padded, self.grid.frame_shape, self._patch, level, noise, self.grid.lags
+            tuple(self.sums.narrow), self.padded, self.grid.frame_shape, self._patch, level, noise, self.grid.lags
         )
 
     @property
@@ -146,7 +178,7 @@ class AutocorrelationEstimator:
                 f"{self.grid.count} of {self.grid.size} pixels",
                 "choose a smaller --patch or add a frame",
             )
-        estimate = self._at_lags(self._power / self.frames)
+        estimate = self._at_lags(self.sums.power / self.frames)
         if self.frames > 1:
             shared_power = self._shared_power()
             self._check_copies(shared_power)
@@ -154,13 +186,14 @@ class AutocorrelationEstimator:
             chosen = self._chosen(shared, estimate)
             estimate = np.where(chosen, estimate - self._drift() * shared, estimate)
             self._record(fixed_pattern_lags=float(chosen.mean()))
-        self._record(uneven_illumination=bool(self._uneven), spectral_lines=self._lines)
-        if self._faults:
-            self._record(
-                hot_pixels=sum(one.hot_pixels for one in self._faults),
-                faulty_lines=max(one.lines for one in self._faults),
-                saturated=max(one.saturated for one in self._faults),
-            )
+        faults = self.sums.faults
+        self._record(
+            uneven_illumination=self._uneven,
+            spectral_lines=self.sums.spectral_lines,
+            shift_pixels=self.sums.shift_pixels,
+        )
+        if self.mean == "auto":
+            self._record(hot_pixels=faults.hot_pixels, faulty_lines=faults.lines, saturated=faults.saturated)
         return estimate.astype(np.float32)
 
     def _record(self, **found: Any) -> None:
@@ -168,8 +201,8 @@ class AutocorrelationEstimator:
 
     def _shared_power(self) -> torch.Tensor:
         """Return the real part of the cross-spectrum, averaged over pairs of frames."""
-        total = self._sum.real.square().add_(self._sum.imag.square())
-        return total.sub_(self._power).div_(self.frames * (self.frames - 1))
+        total = self.sums.spectrum.real.square().add_(self.sums.spectrum.imag.square())
+        return total.sub_(self.sums.power).div_(self.frames * (self.frames - 1))
 
     def _chosen(self, shared: np.ndarray, estimate: np.ndarray) -> np.ndarray:
         """Return a mask (127, 127) of the lags at which the power that all frames share is subtracted."""
@@ -181,29 +214,29 @@ class AutocorrelationEstimator:
     def _drift(self) -> float:
         """Return the mean square of the frame levels over the mean product of the levels of two frames; drift of a lamp scales
         the power of its pattern by this factor."""
-        levels = np.array(self._levels)
+        levels = np.array(self.sums.levels)
         pairs = (levels.sum() ** 2 - (levels**2).sum()) / (self.frames - 1)
         return float((levels**2).sum() / pairs) if levels.min() > 0.0 else 1.0
 
-    def _moved_back(self, spectrum: torch.Tensor) -> torch.Tensor:
-        """Return the spectrum of a frame, corrected for camera shift if a static pattern shows one."""
-        if self.mean != "auto":
-            return spectrum
+    def _moved_back(self, spectrum: torch.Tensor, number: int) -> tuple[torch.Tensor, tuple[float, float] | None]:
+        """Return the spectrum of a frame, corrected for camera shift, and the shift; None without a static pattern.
+
+        Later frames are not searched for a pattern if none of the first `MAX_FRAMES` shares one with the first frame.
+        """
+        if number >= MAX_FRAMES and not self._is_pattern_shared:
+            return spectrum, None
         cross = self._first.real * spectrum.real + self._first.imag * spectrum.imag
-        if self._first_lags is None:
-            self._first_lags = self._at_lags(self._power)  # so far, of the first frame alone
         dof = 2.0 * degrees_of_freedom(1, self.grid.frame_shape, self._patch)
         if not shared_lags(self._at_lags(cross), self._first_lags, dof).any():
-            return spectrum
-        shift = shift_between(self._first, spectrum, self.padded, self.frames)
-        largest = max(shift, self.background.shift_pixels or (0.0, 0.0), key=lambda pixels: math.hypot(*pixels))
-        self._record(shift_pixels=largest)
+            return spectrum, None
+        shift = shift_between(self._first, spectrum, self.padded, number)
+        self._is_pattern_shared |= shift != (0.0, 0.0)
         rows, columns = torch.fft.fftfreq(self.padded[0]), torch.fft.rfftfreq(self.padded[1])
         turn = 2.0 * math.pi * (rows[:, None] * shift[0] + columns[None] * shift[1]).to(self.device)
-        return spectrum * torch.polar(torch.ones_like(turn), turn)
+        return spectrum * torch.polar(torch.ones_like(turn), turn), shift
 
     def _check_copies(self, shared_power: torch.Tensor) -> None:
-        power = float(self._power.sum()) / self.frames
+        power = float(self.sums.power.sum()) / self.frames
         correlation = float(shared_power.sum()) / power if power > 0.0 else 0.0
         self._record(frames_correlate=correlation)
         if correlation > MIN_COPY_CORRELATION:

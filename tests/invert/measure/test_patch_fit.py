@@ -46,7 +46,7 @@ def likeness(result, lags: float) -> float:
 @pytest.mark.parametrize(("lags", "patch", "gain"), [(10, 520, 0.02), (90, (130, 150), 0.15)])
 def test_small_objects_are_magnified_and_large_ones_held(lags, patch, gain):
     gains = []
-    for seed in (5, 6):
+    for seed in range(5, 11):  # single gains scatter by 0.05
         seen = frames(lags, seed)
         plain, fitted = reconstruct(seen, lags=63, quality="fast"), reconstruct(seen, patch="fit", quality="fast")
         size = fitted.estimate.record.grid.size
