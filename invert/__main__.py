@@ -28,7 +28,9 @@ def parser() -> ArgumentParser:
     p.add_argument("--method", choices=tuple(METHODS), default="unet")
     p.add_argument("--quality", choices=tuple(QUALITIES), default="balanced")
     p.add_argument("--autocorrelation", action="store_true", help="inputs are estimates of 127 x 127 lags, one result each")
-    p.add_argument("--pixel-pitch-m", type=SI, help="pixel pitch on the relay wall in metres; optional; sets the scale")
+    p.add_argument(
+        "--pixel-pitch-m", type=SI, help="pixel pitch on the relay wall in metres; default: that of the metadata of the file"
+    )
     p.add_argument("--wavelength-m", type=WAVELENGTH, help="wavelength in metres, for example 532e-9")
     p.add_argument("--distance-m", type=SI, help="distance from the hidden object to the relay wall in metres")
     p.add_argument(

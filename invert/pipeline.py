@@ -23,7 +23,7 @@ from invert.assess.reliability import assess_reliability, describe_limits
 from invert.assess.speckle_test import speckle_test
 from invert.blur_fit import estimate_blur, likelihood_before_division
 from invert.choices import BALANCED, FAST, UNET, Method, Quality, check_mean_model, method_named, quality_named
-from invert.measure.capture import check_frame, read_capture
+from invert.measure.capture import check_frame, describe_pitch, read_capture
 from invert.measure.estimate import Estimate, Patch, check_power, estimate_from_frames, published_estimate
 from invert.measure.spectrum import read_measurement
 from invert.methods import reconstruct_measurement
@@ -116,8 +116,10 @@ def reconstruct(
     )
     seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
     settings = Settings(method.name, quality.name, seed)
-    notes = tuple(describe_limits(reconstruction, measurement))
-    return Result(estimate, measurement, reconstruction, settings, seconds, test, tuple(warnings), notes)
+    notes = describe_limits(reconstruction, measurement)
+    if isinstance(capture, Capture):
+        notes += describe_pitch(capture)
+    return Result(estimate, measurement, reconstruction, settings, seconds, test, tuple(warnings), tuple(notes))
 
 
 def read_source(source: Source, camera: CameraMetadata, autocorrelation: bool | None = None) -> Capture | Estimate:

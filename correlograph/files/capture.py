@@ -14,6 +14,7 @@ from correlograph.errors import InputError, check_positive
 from correlograph.files.capture_folder import check_complete, frame_path, replace_capture, stage_capture
 from correlograph.files.exr_frames import FrameHeader, read_frame, write_frame
 from correlograph.files.figures import add_scale_bar, figure_as_html, show_figure
+from correlograph.files.file_metadata import FileMetadata
 from correlograph.files.output import output_folder, path_of, save_array, save_json
 from correlograph.files.stacks import FileFrames
 from correlograph.ranges import FRAMES
@@ -96,6 +97,7 @@ class Capture:
         truth: albedo of the hidden object on the lag grid, (64, 64), for rendered frames.
         record: content of `sim.json` for rendered frames, including the plan.
         headers: headers of rendered frames.
+        file_metadata: exposure, gain and other values that the first file states.
     """
 
     frames: Sequence[np.ndarray]
@@ -104,6 +106,7 @@ class Capture:
     truth: np.ndarray | None = None
     record: dict[str, Any] = field(default_factory=dict)
     headers: tuple[FrameHeader, ...] = ()
+    file_metadata: FileMetadata = field(default_factory=FileMetadata)
 
     def __post_init__(self) -> None:
         """Raise InputError for no frames, for frames of several sizes or with channels, and for incomplete metadata."""

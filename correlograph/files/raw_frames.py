@@ -62,7 +62,7 @@ class RawFrames:
     def __init__(self, file: Path) -> None:
         """Raise InputError for a missing or unsuitable description, and for a file of another size."""
         self._file = file
-        described = _read_description(file)
+        described = read_description(file)
         height, width = (_SIDE.check(f"{name} ({file.name})", described.get(name)) for name in ("height", "width"))
         name = described.get("pixel_format")
         if not isinstance(name, str) or name not in _FORMATS:
@@ -92,7 +92,7 @@ def description_of(file: Path) -> Path | None:
     return next((path for path in beside if path.is_file()), None) if file.suffix.lower() == RAW_KIND else None
 
 
-def _read_description(file: Path) -> dict[str, object]:
+def read_description(file: Path) -> dict[str, object]:
     description = description_of(file)
     if description is None:
         remedy = 'write {"width": W, "height": H, "pixel_format": "Mono12p"} into it'

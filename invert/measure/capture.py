@@ -17,6 +17,7 @@ from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.capture_folder import check_complete
 from correlograph.files.exr_frames import FrameHeader
+from correlograph.files.file_metadata import read_metadata
 from correlograph.files.images import FRAME_KINDS, MAX_PIXEL, read_image
 from correlograph.files.manifest import is_own
 from correlograph.files.stacks import FileFrames, file_of, is_stack, open_stack
@@ -110,9 +111,21 @@ def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture
     given = {name: value for name, value in vars(known).items() if value is not None}
     if "pixel_pitch_m" in given:  # the angles of the header belong to its own pitch
         given = {"row_pitch_m": None, "column_pitch_m": None, **given}
+    written = read_metadata(files[0])
+    if {"wavelength_m", "distance_m"} <= given.keys() and written.pixel_pitch_m is not None:
+        given = {"pixel_pitch_m": written.pixel_pitch_m, **given}
     metadata = replace(CameraMetadata.of(first), **given)
     kept = list(frames) if len(frames) * pixels.nbytes <= MAX_KEPT_BYTES else frames
-    return Capture(kept, metadata, tuple(printable(file.name) for file in files), record=_read_drawing(files[0], first))
+    names = tuple(printable(file.name) for file in files)
+    return Capture(kept, metadata, names, record=_read_drawing(files[0], first), file_metadata=written)
+
+
+def describe_pitch(capture: Capture) -> list[str]:
+    """Return a note if the pixel pitch of a capture comes from the metadata of its first file."""
+    pitch_m = capture.file_metadata.pixel_pitch_m
+    if pitch_m is None or capture.camera.pixel_pitch_m != pitch_m:
+        return []
+    return [f"the pixel pitch of {pitch_m * 1e6:.4g} um comes from the metadata of {capture.names[0]}"]
 
 
 class _CaptureCheck:

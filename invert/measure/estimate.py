@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -15,6 +15,7 @@ from tqdm import tqdm
 from correlograph.errors import InputError, check_positive
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.drawing import SceneDrawing
+from correlograph.files.file_metadata import FileMetadata
 from correlograph.files.images import read_autocorrelation
 from correlograph.files.stacks import FileFrames
 from correlograph.lags import LAGS, LagGrid, lag_grid_of
@@ -56,6 +57,7 @@ class EstimateRecord:
         background: background and sensor faults in the frames.
         blur_found_pixels: standard deviation (rows, columns) of the blur that was estimated, if one was.
         lags_reason: why the estimate has these lags.
+        file_metadata: metadata of the first file (`correlograph.files.file_metadata`).
     """
 
     frames: int
@@ -64,6 +66,7 @@ class EstimateRecord:
     background: BackgroundRecord
     blur_found_pixels: tuple[float, float] | None = None
     lags_reason: str = "chosen by the user"
+    file_metadata: FileMetadata = field(default_factory=FileMetadata)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the record for JSON."""
@@ -74,6 +77,7 @@ class EstimateRecord:
             "lags": {"largest": grid.lags, "reason": self.lags_reason},
             "dof_expected": round(self.dof_expected, 1),
             "mean_model": self.background.as_dict(),
+            "file_metadata": self.file_metadata.as_dict(),
         }
         return content if self.blur_found_pixels is None else content | {"blur_found_pixels": self.blur_found_pixels}
 
@@ -202,8 +206,11 @@ def estimate_from_frames(
         grid, reason = choice.grid, choice.reason
     estimator, lags = run_estimator(grid) if few is capture.frames else run_over(capture.frames, grid)
     name = ", ".join(capture.names) or f"{len(capture.frames)} frames"
+    estimate = estimate_of(estimator, lags, capture.camera, name, capture.frames[0], reason)
+    assert estimate.record is not None
     estimate = replace(
-        estimate_of(estimator, lags, capture.camera, name, capture.frames[0], reason),
+        estimate,
+        record=replace(estimate.record, file_metadata=capture.file_metadata),
         drawing=SceneDrawing.from_json(capture.record.get("drawing")),
         seconds=time.perf_counter() - begin,
     )

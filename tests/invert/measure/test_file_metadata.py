@@ -1,0 +1,98 @@
+"""Exposure, pixel pitch, gain, bits and time from files, and what becomes of them."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import tifffile
+
+import correlograph as cg
+from correlograph.errors import InputError
+from correlograph.files.file_metadata import FileMetadata, read_metadata
+
+SHAPE = (160, 210)
+
+
+@pytest.fixture
+def frames(rng) -> np.ndarray:
+    return rng.poisson(5.0, (2, *SHAPE)).astype(np.uint16)
+
+
+def _write_ome(file, frames, **changed) -> None:
+    plane = {"ExposureTime": [125.0, 125.0], "ExposureTimeUnit": ["ms", "ms"]}
+    metadata = {"axes": "TYX", "PhysicalSizeX": 6.9, "PhysicalSizeXUnit": "µm", "SignificantBits": 12, "Plane": plane}
+    tifffile.imwrite(file, frames, ome=True, metadata=metadata | changed)
+
+
+def test_ome_metadata(tmp_path, frames):
+    _write_ome(tmp_path / "a.ome.tif", frames)
+    found = read_metadata(tmp_path / "a.ome.tif")
+    assert found == FileMetadata(exposure_s=0.125, pixel_pitch_m=pytest.approx(6.9e-6), bits=12)
+
+
+def test_micro_manager_tags(tmp_path, frames):
+    tag = json.dumps({"Exposure-ms": 8.0, "PixelSizeUm": 3.45, "BitDepth": 16, "ReceivedTime": "2026-11-23 10:00:00"})
+    extra = [(51123, "s", 0, tag, True)]
+    tifffile.imwrite(tmp_path / "a.tif", frames, photometric="minisblack", metadata=None, extratags=extra)
+    found = read_metadata(tmp_path / "a.tif")
+    expected = FileMetadata(0.008, pytest.approx(3.45e-6), None, 16, "2026-11-23 10:00:00")
+    assert found == expected
+
+
+def test_fits_header(tmp_path, frames):
+    fits = pytest.importorskip("astropy.io.fits")
+    header = fits.Header({"EXPTIME": 0.5, "EGAIN": 0.37, "DATE-OBS": "2026-11-23T10:00:00"})
+    fits.writeto(tmp_path / "a.fits", frames.astype(np.int16), header)
+    assert read_metadata(tmp_path / "a.fits") == FileMetadata(0.5, None, 0.37, None, "2026-11-23T10:00:00")
+
+
+@pytest.mark.parametrize(("unit", "exposure_s"), [("ms", 0.02), ("s", 20.0), ("furlong", None)])
+def test_nexus_datasets(tmp_path, frames, unit, exposure_s):
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.nxs", "w") as file:
+        file["entry/detector/data"] = frames
+        file["entry/detector/count_time"] = 20.0
+        file["entry/detector/count_time"].attrs["units"] = unit
+        file["entry/start_time"] = "2026-11-23T10:00:00"
+    assert read_metadata(tmp_path / "a.nxs::/entry/detector/data") == FileMetadata(exposure_s, time="2026-11-23T10:00:00")
+
+
+def test_description_of_raw_frames(tmp_path, frames):
+    frames.astype("<u2").tofile(tmp_path / "a.raw")
+    description = {"width": SHAPE[1], "height": SHAPE[0], "pixel_format": "Mono16", "exposure_s": 0.01, "gain_e": 0.4}
+    (tmp_path / "a.raw.json").write_text(json.dumps(description))
+    assert read_metadata(tmp_path / "a.raw") == FileMetadata(0.01, gain_e=0.4)
+
+
+@pytest.mark.parametrize("changed", [{"PhysicalSizeX": -1.0}, {"PhysicalSizeXUnit": "pixel"}, {"PhysicalSizeX": "nan"}])
+def test_impossible_values_count_as_missing(tmp_path, frames, changed):
+    _write_ome(tmp_path / "a.ome.tif", frames, **changed)
+    assert read_metadata(tmp_path / "a.ome.tif").pixel_pitch_m is None
+
+
+def test_files_without_metadata_and_damaged_ones(tmp_path, frames):
+    np.save(tmp_path / "a.npy", frames)
+    tifffile.imwrite(tmp_path / "a.tif", frames, photometric="minisblack", metadata=None)
+    (tmp_path / "b.tif").write_bytes(b"II*\0")
+    for name in ("a.npy", "a.tif", "b.tif"):
+        assert read_metadata(tmp_path / name) == FileMetadata()
+
+
+def test_the_pitch_of_a_file_sets_the_scale_where_no_option_does(tmp_path, frames):
+    _write_ome(tmp_path / "a.ome.tif", frames)
+    camera = {"wavelength_m": 532e-9, "distance_m": 0.3}
+    settings = {"patch": 150, "method": "classical", "quality": "fast"}
+    found = cg.reconstruct(tmp_path / "a.ome.tif", camera=cg.CameraMetadata(**camera), **settings)
+    assert found.estimate.pitches_m == pytest.approx((532e-9 * 0.3 / (150 * 6.9e-6),) * 2)
+    assert any("6.9 um comes from the metadata of a.ome.tif" in note for note in found.notes)
+    assert found.save(tmp_path / "out")["file_metadata"]["exposure_s"] == 0.125
+    own = cg.CameraMetadata(**camera, pixel_pitch_m=5e-6)
+    given = cg.reconstruct(tmp_path / "a.ome.tif", camera=own, **settings)
+    assert given.estimate.pitches_m == pytest.approx((532e-9 * 0.3 / (150 * 5e-6),) * 2)
+    assert not any("metadata" in note for note in given.notes)
+    assert cg.reconstruct(tmp_path / "a.ome.tif", **settings).estimate.pitches_m is None
+    np.save(tmp_path / "a.npy", frames)
+    with pytest.raises(InputError, match="pixel_pitch_m"):
+        cg.reconstruct(tmp_path / "a.npy", camera=cg.CameraMetadata(**camera), **settings)

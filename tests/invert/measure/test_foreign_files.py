@@ -1,0 +1,61 @@
+"""Sample files that other packages ship for their own tests: read as these packages read them, or refused in one line."""
+
+from __future__ import annotations
+
+import warnings
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+import skimage.io
+
+from correlograph.errors import InputError
+from correlograph.files.stacks import FITS_KINDS, HDF5_KINDS, open_stack
+
+PACKAGES = ("astropy", "h5py", "skimage", "scipy", "numpy")
+KINDS = {".tif", ".tiff", ".png", ".npy", ".npz", *FITS_KINDS, *HDF5_KINDS}
+
+
+def _samples() -> list[Path]:
+    folders = [Path(spec.origin).parent for name in PACKAGES if (spec := find_spec(name)) and spec.origin]
+    return [file for folder in folders for file in sorted(folder.rglob("*")) if file.suffix.lower() in KINDS]
+
+
+def _read_by_owner(file: Path) -> np.ndarray:
+    """Return the only array of a file, as the package that is made for this format reads it."""
+    kind = file.suffix.lower()
+    if kind == ".npz":
+        with np.load(file) as archive:
+            return archive[archive.files[0]]
+    if kind == ".npy":
+        return np.load(file)
+    if kind in FITS_KINDS:
+        from astropy.io import fits
+
+        with fits.open(file) as units:
+            return np.array(next(unit.data for unit in units if unit.is_image and unit.data is not None))
+    return skimage.io.imread(file)
+
+
+def test_samples_of_other_packages_are_read_exactly_or_refused_in_one_line() -> None:
+    counts, samples = {"read": 0, "refused": 0}, 0
+    for file in _samples():
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # the packages warn of their own damaged samples
+                stack = open_stack(file)
+                found = np.stack([stack.read(number)[0] for number in range(stack.count)])
+                expected = _read_by_owner(file)
+        except InputError as refusal:
+            counts["refused"] += "\n" not in str(refusal)
+            continue
+        np.testing.assert_array_equal(found, expected.reshape(found.shape).astype(np.float32), err_msg=str(file))
+        counts["read"] += 1
+        finally:
+            samples += 1
+    assert sum(counts.values()) == samples
+    if samples < 30:
+        pytest.skip(f"the packages ship only {samples} samples")
+    assert counts["read"] >= 15
+    assert counts["refused"] >= 15
