@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -38,24 +37,26 @@ def _read_by_owner(file: Path) -> np.ndarray:
     return skimage.io.imread(file)
 
 
+def _read(file: Path) -> np.ndarray | None:
+    """Return the frames of a file; None if it is refused in one line."""
+    try:
+        stack = open_stack(file)
+        return np.stack([stack.read(number)[0] for number in range(stack.count)])
+    except InputError as refusal:
+        if "\n" in str(refusal):
+            raise
+        return None
+
+
+@pytest.mark.filterwarnings("ignore")  # the packages warn of their own damaged samples
 def test_samples_of_other_packages_are_read_exactly_or_refused_in_one_line() -> None:
-    counts, samples = {"read": 0, "refused": 0}, 0
-    for file in _samples():
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # the packages warn of their own damaged samples
-                stack = open_stack(file)
-                found = np.stack([stack.read(number)[0] for number in range(stack.count)])
-                expected = _read_by_owner(file)
-        except InputError as refusal:
-            counts["refused"] += "\n" not in str(refusal)
-            continue
-        np.testing.assert_array_equal(found, expected.reshape(found.shape).astype(np.float32), err_msg=str(file))
-        counts["read"] += 1
-        finally:
-            samples += 1
-    assert sum(counts.values()) == samples
-    if samples < 30:
-        pytest.skip(f"the packages ship only {samples} samples")
-    assert counts["read"] >= 15
-    assert counts["refused"] >= 15
+    samples = {file: _read(file) for file in _samples()}
+    if len(samples) < 30:
+        pytest.skip(f"the packages ship only {len(samples)} samples")
+    for file, found in samples.items():
+        if found is not None:
+            expected = _read_by_owner(file).reshape(found.shape).astype(np.float32)
+            np.testing.assert_array_equal(found, expected, err_msg=str(file))
+    read = sum(found is not None for found in samples.values())
+    assert read >= 15
+    assert len(samples) - read >= 15
