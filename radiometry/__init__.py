@@ -15,7 +15,7 @@
     safety.py           laser safety of the spot
     validation/         published lab series and figures of the noise validation
 
-Of the project, this package imports only the foundation in `correlograph`.
+This package imports nothing of the project except the basic modules of `correlograph`.
 """
 
 from typing import TYPE_CHECKING, Any

@@ -44,7 +44,7 @@ class PatchGrid:
         return self.size, self.width or self.size
 
     def lag_pitch_m(self, wavelength_m: float, distance_m: float, pixel_pitch_m: float) -> float:
-        """Return the lag pitch on the object along the row axis, in metres: lambda z / (N pitch)."""
+        """Return the lag pitch on the object between rows, in metres: lambda z / (N pitch)."""
         return wavelength_m * distance_m / (self.size * pixel_pitch_m)
 
     def lag_pitches_m(self, wavelength_m: float, distance_m: float, pixel_pitch_m: tuple[float, float]) -> tuple[float, float]:
@@ -61,7 +61,8 @@ class PatchGrid:
 
 
 def patch_grid(frame_shape: tuple[int, int], size: int | tuple[int, int], lags: int = LAGS) -> PatchGrid:
-    """Return a grid of `size`-pixel patches for a frame; the larger of its two patch counts is a multiple of the smaller.
+    """Return a grid of `size`-pixel patches for a frame; the number of patches along one axis is a multiple of that along
+    the other.
 
     A 2056 x 2464 frame and 257 pixels give the 8 x 8 patches of Metzler et al. 2020. Raises InputError if no patch fits, or if a
     patch is too small for the lags.
@@ -141,7 +142,8 @@ def peak_of_cell_means(albedo_autocorrelation: np.ndarray) -> float:
 
 
 def smooth_by_window(albedo_autocorrelation: np.ndarray, cells_per_lag: int = 1, lags: int | None = None) -> np.ndarray:
-    """Convolve r*r with sinc^2 along each axis, as a boxcar patch does, and sample it at whole lags.
+    """Convolve r*r with sinc^2 along each axis, which is the effect of a boxcar patch on the estimate, and sample it at
+    whole lags.
 
     r*r of an image of square cells is bilinear between cell lags, so the convolution is exact.
 
@@ -160,7 +162,8 @@ def smooth_by_window(albedo_autocorrelation: np.ndarray, cells_per_lag: int = 1,
 
 @lru_cache(maxsize=16)
 def window_kernel(lags: int = LAGS, reach: int | None = None, cells_per_lag: int = 1) -> np.ndarray:
-    """Return the effect of a boxcar patch on r*r of square cells along one axis (bilinear, then sinc^2).
+    """Return the matrix that converts r*r at the spacing of cells to lags along one axis: linear interpolation between
+    cells, then convolution with sinc^2.
 
     Its shape is (2 lags + 1, 2 reach + 1); `reach`, the number of cells on either side of zero, is `lags` by default.
     """

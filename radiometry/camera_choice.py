@@ -19,7 +19,9 @@ from radiometry.prediction import Prediction, predict
 
 @dataclass(frozen=True)
 class Arrangement:
-    """Choices of a lab around a camera; None keeps the value of the scene."""
+    """Magnification, binning, pupil, wavelength and laser power with which a camera is used; None keeps the value of the
+    scene.
+    """
 
     magnification: float
     binning: int = 1
@@ -55,13 +57,15 @@ class CameraPlan:
     """Prediction for one camera in one arrangement.
 
     Attributes:
-        photoelectrons: mean of a pixel in one exposure of the scene, by light of the object.
+        photoelectrons: mean photoelectrons per pixel and frame from the object, at the exposure time of the scene.
         floor_over_peak, dof: noise of an estimate from the frames at the exposure of the scene.
-        lag_pitch_m: object distance of one lag.
+        lag_pitch_m: lag pitch on the object in metres.
         field_m: part of the wall that the camera sees (rows, columns).
         detection_s: exposure of all frames together at which the object is detected; None if no exposure suffices.
-        correlation_s: the same for the required error of the estimate; None also if no error is required.
-        saturated: fraction of saturated pixels at the longer of these exposures.
+        correlation_s: total exposure at which the error of the estimate is small enough for the required correlation; None
+            also if no error is required.
+        saturated: expected fraction of saturated pixels of a frame if the longer of these total exposures is divided among
+            the frames.
     """
 
     camera: str
@@ -77,7 +81,9 @@ class CameraPlan:
 
     @property
     def rank(self) -> tuple[float, float]:
-        """Order of the plans: exposure for the correlation, then for the detection."""
+        """Sort key: the shortest exposure for the required correlation first, then the shortest for detection; None comes
+        last.
+        """
         return tuple(math.inf if seconds is None else seconds for seconds in (self.correlation_s, self.detection_s))
 
 
@@ -105,7 +111,7 @@ def compare_cameras(
     Args:
         geometry: geometry of the scene.
         check: raises InputError for a geometry that cannot be modelled, as `sim.plan.check` does.
-        frames: frames that share the exposure equally.
+        frames: number of frames; the total exposure is divided equally among them.
         required_error: called with the geometry and the prediction of a camera; returns the relative error of an estimate that its
             reconstruction needs. None for detection only.
 

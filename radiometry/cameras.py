@@ -37,7 +37,8 @@ class Camera:
     Attributes:
         pixel_m: pitch of the pixels on the sensor.
         shape: pixels (rows, columns).
-        bins_charge: whether binning adds charge before it is read, so that one read noise serves all; otherwise it adds numbers.
+        bins_charge: whether binning adds charge before it is read, so that one read noise serves all; otherwise it adds
+            digital numbers after the readout, so that the read noise adds up.
         efficiencies: quantum efficiency by wavelength in metres, shortest first.
     """
 

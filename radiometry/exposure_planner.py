@@ -1,7 +1,7 @@
 """Division of an exposure into frames and patches for the lowest error of the estimate.
 
 Metzler et al. 2020, section 4.B ("Goldilocks zone"): a few long exposures give too few samples (small K), and many short ones
-hide each in shot noise (high floor over peak). Patches trade resolution for samples.
+hide each in shot noise (high floor over peak). Smaller patches give more samples, but a coarser lag pitch.
 """
 
 from __future__ import annotations

@@ -103,8 +103,9 @@ class Budget:
         return self.photoelectrons_per_pixel_s * self.pixels
 
     def as_dict(self) -> dict[str, object]:
-        """Return the budget for JSON: `per_pixel_db`, `per_frame_db`, `photoelectrons_per_frame_s`, `rows`; null for a
-        dark path."""
+        """Return the budget for JSON: `per_pixel_db`, `per_frame_db`, `photoelectrons_per_frame_s`, `rows`; null if no light
+        arrives.
+        """
 
         def finite(value: float) -> float | None:
             return value if math.isfinite(value) else None
@@ -128,8 +129,9 @@ def pupil_fraction(diameter_m: float, distance_m: float) -> float:
 
 
 def light_budget(path: LightPath) -> Budget:
-    """Return the light budget of one pixel that frames follow: the rows of the closed form, and the traced rays relative
-    to it."""
+    """Return the light budget of one pixel, on which frames are based: the rows of the closed form, and one row for the
+    ratio of the traced light to the closed form.
+    """
     flat = closed_form(path)
     return replace(flat, rows=(*flat.rows, ("shape and BSDFs, beyond flat and Lambertian", path.beyond_flat)))
 

@@ -1,7 +1,8 @@
 """Reduction of the speckle by motion during the exposure, in closed form.
 
-A frame is the mean intensity over its exposure. The fringes of lag l move over the wall by `waves(l)` of their own periods and
-decorrelate at the same time. The estimate at that lag is therefore multiplied by
+A frame is the mean intensity over its exposure. Two points of the object that are a lag l apart interfere in fringes on the
+wall. During the exposure these move by `waves(l)` periods and decorrelate. The estimate at that lag is therefore multiplied
+by
 
     M(l) = 2 int_0^1 (1 - t) c(t) cos(2 pi t waves(l)) dt
 
@@ -60,7 +61,9 @@ class Motion:
 
 
 def disc_overlap(shift: float | np.ndarray) -> np.ndarray:
-    """Return the area shared by two equal discs in units of one; `shift` in diameters."""
+    """Return the area shared by two equal discs as a fraction of the area of one; `shift` is the distance of their centres
+    in diameters.
+    """
     shift = np.minimum(shift, 1.0)
     return 2.0 / np.pi * (np.arccos(shift) - shift * np.sqrt(1.0 - shift**2))
 

@@ -1,6 +1,6 @@
 """Prediction for a scene: noise terms, floor over peak, degrees of freedom, known r*r.
 
-It takes a `sim.geometry.Geometry` without an import of the simulator.
+The functions accept a `sim.geometry.Geometry`, but this module does not import the simulator.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Prediction:
         return self.terms.over_peak()["signal"]
 
     def dof(self, frames: int) -> float:
-        """Return K of an estimate from a number of frames without static pattern."""
+        """Return K of an estimate from `frames` frames that have no static pattern."""
         return degrees_of_freedom(frames, self.grid.frame_shape, self.grid.patch_shape)
 
     def with_exposure_factor(self, factor: float) -> Prediction:
@@ -117,7 +117,7 @@ class Prediction:
 
     def third_moment_signal_to_noise(self, frames: int) -> float | None:
         """Return the third moment of filtered frames over its standard error, which limits how well `invert`
-        distinguishes speckle from texture; None if no lag contains a fifth of signal."""
+        distinguishes speckle from texture; None if signal is less than a fifth of the estimate at every lag."""
         floor = self.terms.floor_over_peak()
         if floor is None:
             return None
@@ -153,7 +153,7 @@ def noise_terms(geometry: Any, albedo: np.ndarray, cell_area_m2: float, square_s
     """Return the noise terms of one frame of a scene.
 
     Args:
-        albedo: effective albedo of the object on cells of `cell_area_m2` across the line of sight.
+        albedo: albedo of the object, weighted by its illumination, on cells of `cell_area_m2` across the line of sight.
         square_sum: see `grain_area`.
     """
     electronics = geometry.electronics
@@ -185,7 +185,7 @@ def noise_terms(geometry: Any, albedo: np.ndarray, cell_area_m2: float, square_s
 def patches_of(geometry: Any, patch: int | None = None, lags: int = LAGS) -> tuple[PatchGrid, tuple[float, float]]:
     """Return the division of a scene's frames into patches of `patch` pixels (None: as in `invert`), and the lag pitches in metres.
 
-    The pitches belong to rows and columns.
+    The pitches are (rows, columns).
     """
     facts = (geometry.wavelength_m, geometry.distance_m, geometry.seen_pitch_m)
     grid = patch_grid(geometry.frame_shape, patch or automatic_patch_size(geometry.frame_shape, facts, lags=lags), lags)

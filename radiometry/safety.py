@@ -31,7 +31,7 @@ def spot_safety(power_w: float, wavelength_m: float, spot_diameter_m: float, alb
     """Return the irradiance of the spot in units of the limit, and the safe distance of an eye from the diffusely lit spot.
 
     `hazard_distance_m` is the distance at which the light of a Lambertian wall, P albedo / (pi d^2) on its normal, falls to the
-    limit. The beam itself is unsafe wherever `spot_over_limit` exceeds one.
+    limit. If `spot_over_limit`, the irradiance of the spot over the limit, exceeds one, the direct beam is unsafe at the wall.
     """
     limit = maximum_permissible_exposure(wavelength_m)
     area = 0.25 * math.pi * check_positive("spot_diameter", spot_diameter_m) ** 2

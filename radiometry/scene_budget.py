@@ -22,7 +22,7 @@ class Forecast:
         signal: H (r*r), smoothed by the window, (127, 127), in units of (r*r)(0).
         floor_over_peak: noise floor in the same unit; None without light.
         dof: degrees of freedom K.
-        signal_to_noise: mean over the lags of the object; None without light.
+        signal_to_noise: signal-to-noise ratio of the estimate, averaged over the lags of the object; None without light.
         pitches_m: object distance of one lag along rows and columns.
     """
 

@@ -44,7 +44,7 @@ def lag_transfer(
     Args:
         lags: integer lags of one axis, shape (n,).
         patch_shape: pixels of a patch (rows, columns).
-        pixel_pitch_m: on a wall that faces the camera.
+        pixel_pitch_m: pixel pitch on the virtual detector, as if it faced the camera.
 
     Returns:
         shape (n, n), 1 at zero lag.

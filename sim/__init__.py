@@ -1,4 +1,4 @@
-"""Coherent simulator: one Mitsuba scene file to speckle frames.
+"""Coherent simulator: speckle frames of a Mitsuba scene file.
 
     scene.py         loaded scene: geometry, plan, drawing, sweeps
     rendering.py     render and wall_field

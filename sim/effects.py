@@ -48,8 +48,8 @@ class Effect:
     """One line of the plan.
 
     Attributes:
-        predicted_error: error of the omission (or of the model), as relative error of the expected autocorrelation or as floor
-            over peak.
+        predicted_error: error that results if the effect is omitted, or from its model if it is modelled: a relative error
+            of the expected autocorrelation, or a floor over peak for noise.
     """
 
     name: str
@@ -59,7 +59,9 @@ class Effect:
 
 
 def parse_effects(texts: Iterable[str]) -> tuple[tuple[str, bool], ...]:
-    """Parse `--effect NAME=on|off|auto` options into (name, on) of those that are not auto. Raises InputError for any other."""
+    """Parse `--effect NAME=on|off|auto` options into (name, on) of those that are not auto. Raises InputError for an unknown
+    effect or value.
+    """
     forced: dict[str, bool] = {}
     for text in texts:
         name, _, value = text.partition("=")

@@ -68,7 +68,8 @@ class Simulation:
         oversampling: int = 1,
         progress: Callable[[int], object] = lambda parts: None,
     ) -> torch.Tensor:
-        """Return the complex field of one coherent mode on the virtual detector; mean |E|^2 is the summed power of the samples.
+        """Return the complex field of one coherent mode on the virtual detector; |E|^2 averages to the total relative power
+        of the object's samples.
 
         Args:
             polarisation: 0 or 1, each with independent random phases.
@@ -126,7 +127,8 @@ class Simulation:
     def _kernel_gain(self, visible: Visibility | None) -> np.ndarray:
         """Return factors (n,), one per sample, that divide out the propagator's rms amplitude over the frame.
 
-        The power of the samples already includes distance and occlusion, which would count twice otherwise.
+        The power of the samples already includes distance and occlusion; without these factors, the propagator would apply
+        them again.
         """
         if self._gain is None:
             samples = self._samples
@@ -205,9 +207,9 @@ class Simulation:
     def frame(self, seed: int, number: int) -> torch.Tensor:
         """Return one recorded frame in electrons, float32 (H, W).
 
-        Frame `number` of a capture illuminates another spot of the virtual source, at least one spot diameter away unless the
-        laser's `scan_step` is smaller. Its speckle and its noise are therefore independent of other frames. Both polarisation
-        channels of an exposure share the spot; their speckle is independent too.
+        Frame `number` of a capture illuminates another spot of the virtual source, at least one spot diameter away unless
+        the laser's `scan_step` is smaller. Its speckle and its noise are therefore independent of other frames. The two
+        polarisation channels of an exposure have the same spot, but independent speckle.
         """
         noise = expose(
             self.expected_frame(seed, number).numpy(), self._electronics, _stream(seed, number, 1), self._models("shot_noise")

@@ -96,7 +96,8 @@ class Geometry:
         electronics: Electronics,
         pupil_diameter_m: float | None = None,
     ) -> Geometry:
-        """Return the same scene with another camera in the same place. The part of the wall that it sees is uniform.
+        """Return the same scene with another camera in the same place. The wall that the new camera sees is assumed to be
+        uniform.
 
         Args:
             pixel_pitch_m: pitch of the pixels on the wall.
@@ -124,7 +125,9 @@ class Geometry:
         )
 
     def with_object(self, cells: np.ndarray, pitch_m: float | tuple[float, float]) -> Geometry:
-        """Return the same scene with a flat object of albedo cells (n, n) in its place, `pitch_m` apart (rows, columns)."""
+        """Return the same scene with a flat object of albedo cells (n, n) in its place; neighbouring cells are `pitch_m`
+        (rows, columns) apart.
+        """
         pitches = pitch_m if isinstance(pitch_m, tuple) else (pitch_m, pitch_m)
         shown = FlatObject(cells, pitches, self.hidden_object)
         path = replace(self.light_path, object_albedo_area_m2=shown.albedo_area_m2(), beyond_flat=1.0)
@@ -145,7 +148,7 @@ class Geometry:
 
     @property
     def other_light_share(self) -> float:
-        """Stray laser light in units of the hidden object's light."""
+        """Ratio of stray laser light to the light of the hidden object, without ambient light."""
         if self.other_light is None or self.hidden_object.throughput == 0.0:
             return 0.0
         return self.other_light.total.per_frame / (light_budget(self.light_path).per_pixel * self.light_path.pixels)

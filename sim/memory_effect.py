@@ -98,7 +98,7 @@ class MemoryEffect:
         return float(mean * self.contrast**2 * np.sqrt(np.prod(self.frame_shape)))
 
     def frame(self, seconds: float, rng: np.random.Generator) -> np.ndarray:
-        """Return one noisy frame of another position on the wall, (H, W)."""
+        """Return one noisy frame; each call uses another, independent position on the wall, (H, W)."""
         side = next_fast_len(max(self.frame_shape) + 64 * OVERSAMPLING)
         across = side // OVERSAMPLING  # diameter of the aperture in pixels of the grain
         place = (np.arange(across) + 0.5) / across - 0.5
@@ -134,7 +134,7 @@ def _decorrelation(geometry: Geometry) -> tuple[float, float]:
 
 
 def autocovariance(frames: list[np.ndarray]) -> np.ndarray:
-    """Return the autocovariance of frames at lags of one grain, each per pixel pair; (127, 127)."""
+    """Return the autocovariance of frames at lags that are multiples of one grain, averaged over pixel pairs; (127, 127)."""
     total = np.zeros((127, 127))
     for frame in frames:
         height, width = (n // OVERSAMPLING * OVERSAMPLING for n in frame.shape)

@@ -87,7 +87,7 @@ class Plan:
     """All decisions about a scene.
 
     Attributes:
-        samples: the object as it will propagate.
+        samples: the sampled object, from which light is propagated.
         kernels: propagators that were considered, fastest first; `kernel` is the selected one.
         effects: effects by name, modelled or omitted.
     """
@@ -144,7 +144,9 @@ def check(geometry: Geometry) -> None:
 
 
 def check_sampling(geometry: Geometry) -> None:
-    """Check that the frame samples the finest speckle fringes of the object: extent <= lambda z / (2 pitch)."""
+    """Check that the frame samples the finest speckle fringes of the object: object extent <= lambda z / (2 x pixel pitch on
+    the wall).
+    """
     for extent, pitch in zip(geometry.hidden_object.extent_m, geometry.seen_pitch_m, strict=True):
         field_of_view = 0.5 * geometry.wavelength_m * geometry.distance_m / pitch
         if extent > field_of_view:
@@ -171,7 +173,7 @@ def check_rough(geometry: Geometry) -> None:
 
 
 def check_exposure(geometry: Geometry) -> None:
-    """Check that photoelectrons fit the random generator and single precision."""
+    """Check that the number of photoelectrons is within the range of the Poisson generator and of single precision."""
     electronics = geometry.electronics
     rate = light_budget(geometry.light_path).photoelectrons_per_pixel_s * (1.0 + geometry.other_light_share)
     rate += electronics.dark_current
@@ -185,7 +187,9 @@ def check_exposure(geometry: Geometry) -> None:
 
 
 def _kernels(geometry: Geometry, samples: ObjectSamples, settings: Settings) -> list[Option]:
-    """Return the propagators for a scene with predicted errors and costs, fastest first, as far as the choice needs them."""
+    """Return the propagators for a scene with predicted errors and costs, fastest first, without those that cannot be
+    chosen.
+    """
     if len(samples.amplitude) == 0:
         return [Option("fraunhofer", "float32", 0.0, 0.0, 0, "nothing reflects")]
     bare = Scatterers(samples.position_m, samples.amplitude.astype(np.float64))

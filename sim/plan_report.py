@@ -105,7 +105,9 @@ def warnings_of(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) 
 
 
 def defocus_pixels(geometry: Geometry) -> float:
-    """Return the diameter, in pixels, of the blur in the frame corner of a camera whose sensor is not tilted with the wall."""
+    """Return the diameter, in pixels, of the blur in the corner of the frame if the sensor were not tilted to bring the
+    whole wall into focus (Scheimpflug).
+    """
     height, width = (0.5 * n * geometry.pixel_pitch_m for n in geometry.frame_shape)
     corner = max(float(np.linalg.norm(height * geometry.down + side * width * geometry.right)) for side in (-1.0, 1.0))
     nearer = corner * math.sqrt(1.0 - geometry.light_path.detector_cosine_out**2)
@@ -133,7 +135,9 @@ def detection_exposure_s(prediction: Prediction, exposure_s: float, frames: int)
 
 
 def required_exposure(plan: Plan, frames: int) -> str:
-    """Return the exposure, and the number of frames, at which the object becomes detectable."""
+    """Return text that names a longer exposure of each frame or, alternatively, a larger number of frames at which the
+    object becomes detectable.
+    """
     exposure_s, expected = plan.geometry.electronics.exposure_s, plan.prediction.detection(frames)
     if expected <= 0.0:
         return "light from the object"

@@ -152,7 +152,7 @@ def lag_grid_albedo(geometry: Geometry, patch: int | None = None, lags: int = LA
 
 
 def saturation(plan: Plan, frames: list[np.ndarray]) -> float:
-    """Return the fraction of the pixels at the full well."""
+    """Return the fraction of pixels, over all frames, that reached the full well."""
     full_well = plan.geometry.electronics.full_well
     return float(np.mean([(frame >= full_well).mean() for frame in frames])) if full_well else 0.0
 

@@ -33,7 +33,7 @@ class Scene:
 
     Attributes:
         mitsuba: the `mi.Scene`.
-        name, digest, parameters: for the record; the digest is empty for a scene without a file.
+        name, digest, parameters: of the scene file, for sim.json; the digest is empty for a scene without a file.
         sensor: index of the selected sensor; None if the scene has only one.
     """
 
@@ -116,7 +116,8 @@ class Scene:
         return seen
 
     def sweep(self, parameter: str, values: Iterable[float]) -> list[Scene]:
-        """Return copies of the scene with other values of `exposure` (s) or `power` (W); they share one set-up.
+        """Return copies of the scene with other values of `exposure` (s) or `power` (W); the samples of the object and the
+        propagator are computed once.
 
         The scene file must declare the parameter by `<default name="exposure" .../>`. Load the scene again for other
         parameters, because these change its geometry.
@@ -185,7 +186,7 @@ def load(scene: str | Path | dict[str, Any] | mi.Scene, /, **parameters: Any) ->
 
 
 def _check_bitmaps(content: Mapping[str, Any]) -> None:
-    """Refuse a bitmap texture without an image, which would end the process."""
+    """Refuse a bitmap texture without an image, on which Mitsuba would end the process."""
     if content.get("type") == "bitmap" and not {"filename", "data", "bitmap"} & set(content):
         raise InputError("bitmap", "a texture with filename, data or bitmap", "none of them", "add one")
     for value in content.values():

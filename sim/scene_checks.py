@@ -1,4 +1,6 @@
-"""Rays and sizes of a scene: what its axes meet, whether light is blocked, and whether film and spot fit."""
+"""Rays and sizes of a scene: which shapes the axes of laser and camera meet, whether light is blocked, and whether film and
+spot fit.
+"""
 
 from __future__ import annotations
 
@@ -70,7 +72,9 @@ def first_hit(
 
 
 def film_size(camera: SpeckleCamera) -> tuple[int, int]:
-    """Return rows and columns of the film, which must not be cropped and must hold one patch of all lags."""
+    """Return rows and columns of the film, which must not be cropped and must be large enough for one patch that has all
+    lags.
+    """
     film = camera.film()
     height, width = int(film.size()[1]), int(film.size()[0])
     if [int(n) for n in film.crop_size()] != [width, height]:
@@ -104,7 +108,9 @@ def direct_light(
     detector: np.ndarray,
     detector_normal: np.ndarray,
 ) -> float:
-    """Return the irradiance of the frame centre by light straight from the spot, not via the object, per laser power, 1/m^2."""
+    """Return the irradiance of the frame centre by light straight from the spot, not via the object, divided by the laser
+    power, in 1/m^2.
+    """
     way = detector - spot
     cosines = max(_cosine_signed(source_normal, way), 0.0) * max(_cosine_signed(detector_normal, -way), 0.0)
     if cosines == 0.0 or is_blocked(scene, spot, detector):
@@ -143,5 +149,5 @@ def _cosine_signed(normal: np.ndarray, way: np.ndarray) -> float:
 
 
 def cosine_between(normal: np.ndarray, way: np.ndarray) -> float:
-    """Return the cosine between a normal and a direction, zero if it points behind the surface."""
+    """Return the cosine between a normal and a direction, zero if the direction points behind the surface."""
     return min(max(_cosine_signed(normal, way), 0.0), 1.0)

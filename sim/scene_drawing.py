@@ -26,7 +26,8 @@ SHAPE_COLOURS = {"virtual_source": "tab:green", "virtual_detector": "tab:blue", 
 def draw_scene(scene: mi.Scene, geometry: Geometry) -> SceneDrawing:
     """Draw a scene from above and from the side.
 
-    The view from above shows the plane of spot, object and frame centre; the view from the side is along that plane.
+    The view from above shows the plane of spot, object and frame centre; the view from the side looks along the relay walls,
+    parallel to that plane.
     """
     first, second, normal = _view_axes(geometry)
     surfaces = {shape.id(): _surface_points(shape) for shape in scene.shapes()}

@@ -101,7 +101,9 @@ def _file_parameters(root: ElementTree.Element, parameters: Mapping[str, str]) -
 
 
 def _assets(root: ElementTree.Element, folder: Path, parameters: Mapping[str, str], parents: tuple[Path, ...]) -> list[Path]:
-    """Return the files that the scene names or includes, and recursively those of its includes, with parameters substituted."""
+    """Return the files that the scene names or includes, and recursively those of the files that it includes, with
+    parameters substituted.
+    """
     files: list[Path] = []
     folders = [folder, *(folder / node.get("value", "") for node in root.iter("path"))]
     for node in root.iter("include"):
@@ -147,7 +149,7 @@ def _digest(content: bytes, assets: list[Path], definitions: Mapping[str, str]) 
 
 
 def _as_input_error(error: Exception, path: Path) -> InputError:
-    """Return the cause in Mitsuba's message as an InputError."""
+    """Return an InputError that states the cause found in Mitsuba's message."""
     lines = [line.strip(" -") for line in str(error).splitlines() if line.strip()]
     telling = [line for line in lines if "rror" in line or "expected" in line]
     reason = (telling or lines or [type(error).__name__])[-1]

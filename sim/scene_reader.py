@@ -208,7 +208,9 @@ def _light_path(
 
 
 def _is_depolarised(shapes: Iterable[mi.Shape], camera: SpeckleCamera) -> bool:
-    """Return whether a frame contains both polarisations. Raises InputError for channels without depolarised light."""
+    """Return whether a frame contains both polarisations. Raises InputError if the camera has polarisation channels but no
+    surface depolarises.
+    """
     is_depolarised = any(isinstance(shape.bsdf(), PhaseScreen) and shape.bsdf().depolarising for shape in shapes)
     if camera.polarisation_channels == 1:
         return is_depolarised
@@ -220,7 +222,7 @@ def _is_depolarised(shapes: Iterable[mi.Shape], camera: SpeckleCamera) -> bool:
 
 
 def _velocity(shapes: list[mi.Shape]) -> np.ndarray:
-    """Return the velocity of the hidden object. Raises InputError if its parts move apart."""
+    """Return the velocity of the hidden object. Raises InputError if its shapes have different velocities."""
     found = np.array([shape.bsdf().velocity_m_s if isinstance(shape.bsdf(), PhaseScreen) else np.zeros(3) for shape in shapes])
     if np.ptp(found, axis=0).any():
         raise InputError("hidden_object", "one velocity for all of its shapes", found.tolist(), "correct their phase_screens")

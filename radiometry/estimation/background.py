@@ -17,11 +17,11 @@ class BackgroundRecord:
 
     Attributes:
         mean: background model, as `--mean-model` names it.
-        frames_correlate: fraction of their power that the frames share.
+        frames_correlate: fraction of the spectral power of the frames that is common to all of them.
         fixed_pattern_lags: fraction of the lags at which a static background pattern was subtracted.
         shift_pixels: largest camera shift between frames along rows and columns.
         uneven_illumination: whether a non-uniform illumination was divided out.
-        spectral_lines: number of periodic waves that were subtracted.
+        spectral_lines: number of sine waves that were subtracted from the frames.
         hot_pixels: number of pixels that were replaced.
         faulty_lines: number of rows and columns that were replaced.
         saturated: fraction of saturated pixels in the brightest frame.

@@ -32,7 +32,8 @@ SHIFT_FALSE_ALARMS = 1e-4
 
 
 def shared_lags(shared: np.ndarray, power: np.ndarray, dof: float) -> np.ndarray:
-    """Return the lags at which frames share power, individually, in blocks, or on rings around zero lag; bool (127, 127).
+    """Return a mask of the lags at which the frames have significant common power, tested for single lags, for blocks of
+    lags, and for discs around zero lag; bool (127, 127).
 
     Args:
         shared: real part of the cross-spectrum of the frames. power: their power spectrum in the same unit.
@@ -54,11 +55,12 @@ def shared_lags(shared: np.ndarray, power: np.ndarray, dof: float) -> np.ndarray
 
 
 def shift_between(first: torch.Tensor, other: torch.Tensor, shape: tuple[int, int], number: int = 1) -> tuple[float, float]:
-    """Return the shift (rows, columns) of the shared pattern from one frame to another, in fractions of a pixel.
+    """Return the shift (rows, columns) of the shared pattern from one frame to another in pixels, with subpixel precision.
 
-    The shift is zero unless the peak of the cross-correlation exceeds the level that independent frames reach with
-    a probability of 6 / (pi number)^2 times `SHIFT_FALSE_ALARMS`; over all frames, the probabilities sum to this constant. The
-    variance and the skewness for independent frames are measured beyond the largest shift.
+    The shift is zero unless the peak of the cross-correlation exceeds the level that independent frames reach with a
+    probability of 6 / (pi number)^2 times `SHIFT_FALSE_ALARMS`; over all frames, the probabilities sum to this constant. The
+    variance and the skewness of the cross-correlation of independent frames are measured at shifts beyond the largest one
+    that is searched.
 
     Args:
         first, other: spectra of the frames (rows, columns // 2 + 1) on a grid of `shape`.

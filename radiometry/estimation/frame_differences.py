@@ -1,8 +1,9 @@
 """Differences between the autocorrelations of single frames: speckle of one object has none beyond noise.
 
-The power of a frame at a lag is Gamma-distributed with shape K around a_i S + c_i, where S is the mean of all frames; the two numbers of
-each frame absorb its brightness and its shot noise. They are fitted with the neighbouring lags as instrument, because S is noisy itself.
-Photographs of different scenes, and objects that change between frames, scatter more.
+The power of a frame at a lag is Gamma-distributed with shape K around a_i S + c_i, where S is the mean of all frames; the
+factor a_i absorbs the brightness of frame i, and the constant c_i its shot noise. They are fitted with the mean of the
+neighbouring lags as instrumental variable, because noise in S would bias an ordinary fit. Photographs of different scenes,
+and objects that change between frames, scatter more.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class FrameDifferences(NamedTuple):
 
     Attributes:
         relative: standard deviation between frames at a lag, relative to the mean and in excess of noise; 0 for one frame.
-        chance: probability that noise alone gives at least as much.
+        chance: probability that noise alone causes at least this scatter.
     """
 
     relative: float

@@ -56,9 +56,9 @@ def is_uneven(image: torch.Tensor, patch: tuple[int, int]) -> bool:
 def flatten_illumination(image: torch.Tensor, patch: tuple[int, int]) -> torch.Tensor:
     """Correct a frame (H, W) for smooth illumination.
 
-    The deviation from the illumination is divided by the relative illumination plus ILLUMINATION_OFFSET, so that the speckle is
-    equally bright everywhere except where there is hardly any light. The illumination is the exponential of a polynomial, whose
-    cosine modes are much longer than a patch, so only zero lag can contain them. A frame without light remains unchanged.
+    The deviation from the illumination is divided by the relative illumination plus ILLUMINATION_OFFSET, so that the speckle
+    is equally bright everywhere except where there is hardly any light. The illumination is the exponential of a polynomial
+    that varies so slowly over a patch that it affects zero lag only. A frame without light remains unchanged.
     """
     mean = float(image.mean())
     if mean <= 0.0:
@@ -71,7 +71,9 @@ def flatten_illumination(image: torch.Tensor, patch: tuple[int, int]) -> torch.T
 
 
 def _half_waves_over(image: torch.Tensor, patch: tuple[int, int], share: float) -> list[int]:
-    """Return the numbers of half waves along rows and columns: a fraction of the patches that fit."""
+    """Return the highest numbers of half waves of a cosine mode along rows and columns: `share` times the number of patches
+    along that axis, rounded down.
+    """
     return [math.floor(share * length / size) for length, size in zip(image.shape, patch, strict=True)]
 
 

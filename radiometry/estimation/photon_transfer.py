@@ -1,9 +1,10 @@
 """Gain of a camera from its frames: the slope of the noise's variance over the light (photon transfer).
 
-Shot noise of variance g I at the light I multiplies the third moment of a frame; read noise does not. The floor of an estimate does not
-tell one from the other, the slope does. Blocks of 2 x 2 pixels are compared with the 12 pixels around them:
-g = cov(ring, d^2) / cov(ring, mean), where d is the diagonal difference of a block, of which light changes little. The noise of the ring
-is independent of that of the block, so that neither covariance has an offset by noise (instrumental variable).
+Shot noise, whose variance is g I at the intensity I, contributes to the third moment of a frame; read noise does not. The
+floor of an estimate cannot distinguish the two, but the slope of the variance over the intensity does. Blocks of 2 x 2
+pixels are compared with the mean of the 12 pixels around them, the ring: g = cov(ring, d^2) / cov(ring, mean), where d is
+half the difference between the two diagonal sums of a block, which smooth light hardly changes. The noise of the ring is
+independent of that of the block, so that neither covariance has an offset by noise (instrumental variable).
 """
 
 from __future__ import annotations
@@ -72,7 +73,9 @@ def _mean_product(first: torch.Tensor, second: torch.Tensor) -> float:
 
 
 def combine(found: Sequence[PhotonTransfer]) -> PhotonTransfer:
-    """Return the gain of several frames, weighted by the inverse squares of their errors."""
+    """Return the mean gain of several frames, weighted by inverse squared errors, its error, and the mean variance of the
+    noise.
+    """
     known = [one for one in found if np.isfinite(one.error) and one.error > 0.0]
     variance = float(np.mean([one.variance for one in found])) if found else 0.0
     if not known:
@@ -85,11 +88,12 @@ def combine(found: Sequence[PhotonTransfer]) -> PhotonTransfer:
 def shot_noise(found: PhotonTransfer, level: float, floor: float) -> PhotonTransfer:
     """Return the gain and its error, with `variance` replaced by that of the shot noise alone.
 
-    If the error of the gain exceeds floor / level, the shot noise may be anything from zero to the floor. Grains as small as a
-    pixel raise the variance between neighbours above the floor; all of the floor is then taken for shot noise.
+    If the error of the gain exceeds floor / level, half of the floor counts as shot noise, with an error of the same size.
+    Grains as small as a pixel raise the variance between neighbours above the floor; all of the floor is then taken for shot
+    noise.
 
     Args:
-        level: mean of the frames. floor: variance of all noise, from the autocorrelation.
+        level: mean of the frames. floor: noise floor of the estimate: variance of all noise per pixel, in frame units squared.
     """
     largest = floor / level if level > 0.0 else 0.0
     if found.variance > MAX_VARIANCE_RATIO * floor:

@@ -45,9 +45,10 @@ def repair(image: torch.Tensor) -> tuple[torch.Tensor, PixelFaults]:
 
 
 def _saturated_fraction(sampled: np.ndarray) -> float:
-    """Return the fraction of pixels with the maximum value, zero unless these are more than those with the value below.
+    """Return the fraction of pixels with the maximum value; zero unless significantly more pixels have it than have the next
+    lower value.
 
-    Counts of light decrease with their value. A saturated camera adds all larger counts to the pixels of its maximum.
+    Without saturation, fewer pixels have a higher value. Saturation adds all brighter pixels to those at the maximum.
     """
     _, counts = np.unique(sampled, return_counts=True)
     if len(counts) < 2:
@@ -63,13 +64,15 @@ def _subsample(image: torch.Tensor) -> np.ndarray:
 
 
 def _smallest_step(sampled: np.ndarray) -> float:
-    """Return the smallest difference of pixels that differ: that of one count in a dark frame; 0 if all are equal."""
+    """Return the smallest nonzero difference between pixel values, which is one count in a dim frame; 0 if all are equal."""
     steps = np.diff(np.unique(sampled))
     return float(steps.min()) if len(steps) else 0.0
 
 
 def _replace_hot_pixels(image: torch.Tensor) -> tuple[torch.Tensor, int]:
-    """Replace pixels beyond the exponential tail of the speckle, which is extrapolated from its last decade."""
+    """Replace, by the local median, pixels brighter than speckle can be. The exponential tail of its histogram is
+    extrapolated from the brightest percent.
+    """
     sampled = np.sort(_subsample(image))
     middle, hundredth, thousandth = (float(sampled[int(share * len(sampled))]) for share in (0.5, 0.99, 0.999))
     # Counts of a few photons have few values, so the fraction that reaches one of them is not that of the quantile.
@@ -95,8 +98,9 @@ def _replace_hot_pixels(image: torch.Tensor) -> tuple[torch.Tensor, int]:
 
 
 def _replace_highlights(image: torch.Tensor, hot: torch.Tensor, bright: float) -> torch.Tensor:
-    """Replace discs around adjacent hot pixels by the mean of the other pixels, out to the ring whose mean is not bright
-    for speckle."""
+    """Replace a disc around each cluster of hot pixels by the mean of the other pixels. The disc grows until the mean of the
+    ring around it is at most `bright`.
+    """
     repaired, mean = image.clone(), image[~hot].mean()
     labels, _ = label(hot.cpu().numpy())
     for number, place in enumerate(find_objects(labels), 1):
@@ -119,7 +123,7 @@ def _replace_highlights(image: torch.Tensor, hot: torch.Tensor, bright: float) -
 
 
 def _replace_lines(image: torch.Tensor) -> tuple[torch.Tensor, int]:
-    """Replace rows and columns whose mean differs from that of their neighbours by far more than such means do."""
+    """Replace rows and columns whose mean differs from that of their neighbours much more than the means of other lines do."""
     replaced, step = 0, _smallest_step(_subsample(image))
     for axis in (0, 1):
         means = image.mean(1 - axis).cpu().numpy().astype(np.float64)

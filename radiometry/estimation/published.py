@@ -22,8 +22,9 @@ def _spectra(patches: torch.Tensor, lags: int) -> torch.Tensor:
 class PublishedEstimator:
     """Running estimate over frames: add() each, then estimate().
 
-    Eq. (8) is the mean of |F I|^2 over frames and patches. Eq. (9) subtracts the squared mean field: at each patch position if there
-    are several frames, which also removes static patterns, and pooled over the patches for one frame. The estimate is unbiased.
+    Eq. (8) averages |F I|^2, the power spectrum of a patch, over frames and patches. Eq. (9) subtracts the squared modulus
+    of the mean spectrum: at each patch position if there are several frames, which also removes static patterns, and pooled
+    over the patches for one frame. The estimate is unbiased.
     """
 
     def __init__(self, grid: PatchGrid, device: torch.device | str = "cpu") -> None:
@@ -77,5 +78,7 @@ class PublishedEstimator:
 
 
 def published_dof(frames: int, patches: int) -> int:
-    """Return K: a mean per patch position costs one degree per position; with one frame, a pooled mean costs one."""
+    """Return K: patches x (frames - 1), because a mean is subtracted at each patch position; for one frame patches - 1,
+    because one mean of all patches is subtracted.
+    """
     return patches * (frames - 1) if frames > 1 else patches - 1

@@ -1,7 +1,8 @@
 """Lines in the spectrum of frames: fringes, lamp flicker and other periodic background.
 
-The power spectrum of speckle is exponentially distributed. Its mean changes over at least one lag, which is several frequencies
-of the frame. A periodic pattern, static or moving from frame to frame, concentrates its power in one frequency.
+The power spectrum of speckle is exponentially distributed. Its mean spectrum is smooth on the scale of one lag, which covers
+several frequencies of the frame. A periodic pattern, static or moving from frame to frame, concentrates its power in one
+frequency.
 """
 
 from __future__ import annotations

@@ -40,8 +40,9 @@ MAX_FRAMES = 8
 
 
 def narrow(spectrum: torch.Tensor, padded: tuple[int, int], patch: tuple[int, int], lags: int = LAGS) -> torch.Tensor:
-    """Crop the spectrum (rows, columns // 2 + 1) of a padded frame to the lags: an odd number of rows, in the order of
-    `torch.fft`, and columns from zero."""
+    """Crop the spectrum (rows, columns // 2 + 1) of a padded frame to the lags: an odd number of rows, in FFT order (zero
+    first, negative last), and the columns from zero on.
+    """
     rows, columns = (min(int((lags + 1) * side / size), side // 2 - 1) for side, size in zip(padded, patch, strict=True))
     return torch.cat((spectrum[: rows + 1, : columns + 1], spectrum[-rows:, : columns + 1]))
 
@@ -52,7 +53,7 @@ class FilteredFrames:
 
     Attributes:
         spectra: spectrum of each frame from `narrow`, complex64 (rows, columns).
-        padded, frame, patch: sizes in pixels, rows and columns.
+        padded, frame, patch: (rows, columns) in pixels of the zero-padded frame, of the frame and of a patch.
         level: mean of the frames.
         noise: noise of the pixels.
         lags: largest lag.
@@ -69,11 +70,13 @@ class FilteredFrames:
     def likeness(
         self, albedo: np.ndarray, weight: np.ndarray, amplitude: np.ndarray, signal: np.ndarray, floor: float, power: float
     ) -> tuple[float, float]:
-        """Return the third moment of the frames in units of that of speckle from an albedo (64, 64), and its standard error.
+        """Return the ratio of the measured third moment to that expected of speckle from an albedo (64, 64), and the
+        standard error of the ratio.
 
         Args:
             weight: w (127, 127). amplitude: amplitude transfer of the camera, the root of H (127, 127).
-            signal, floor: signal and noise floor of the estimate before division by H. power: scale of the albedo's r*r.
+            signal, floor: signal and noise floor of the estimate before division by H. power: factor that converts r*r of
+                the albedo to the unit of the estimate.
         """
         pixels, noise = math.prod(self.patch), shot_noise(self.noise, self.level, floor)
         measured, error = self.third_moment(weight)
@@ -92,11 +95,13 @@ class FilteredFrames:
         return float(every.mean()), float(every.std() / len(every) ** 0.5)
 
     def power_differences(self, weight: np.ndarray, lags: np.ndarray) -> tuple[float, float]:
-        """Return how much the mean of J^2 differs between parts of a frame, relative to its mean, and the probability of this.
+        """Return how much the mean of J^2 differs between parts of a frame, relative to its mean, and the probability that
+        speckle differs at least as much.
 
-        Speckle has the same statistics everywhere, so parts of 2 x 2 blocks differ no more than expected from the blocks within
-        them (analysis of variance) or from the spectrum: the power of a Gaussian J over an area A has the relative variance 2 sum
-        P^2 / (sum P)^2 a / A, with P = w^2 S and a the area of a patch. The larger expectation is used, but at most `MAX_SCATTER`
+        A frame has 8 x 8 blocks, and a part is 2 x 2 of them. Speckle has the same statistics everywhere, so parts differ no
+        more than expected from the blocks within them (analysis of variance) or from the spectrum: the power of a Gaussian J
+        over an area A has the relative variance (2 sum P^2 / (sum P)^2) (a / A), with P = w^2 S and a the area of a patch. The
+        larger expectation is used, but at most `MAX_SCATTER`
         times that from the spectrum: blocks that differ by more, as by a specular highlight, are not speckle.
 
         Args:
@@ -122,7 +127,7 @@ class FilteredFrames:
         return math.sqrt(max(between - within, 0.0) / 4.0), chance
 
     def _block_means(self, weight: np.ndarray, exponent: int) -> torch.Tensor:
-        """Return the mean of a power of J in each block of each frame, (frames, 8, 8).
+        """Return the mean of J to a power (`exponent`) in each block of each frame, (frames, 8, 8).
 
         J is sampled at three times its highest frequency, so that its cube has no alias at zero frequency.
         """
@@ -187,9 +192,9 @@ def drawn_third_moment(
 ) -> tuple[float, float]:
     """Return the mean of J^3 over a patch without shot noise, in photoelectrons cubed, and its standard deviation between patches.
 
-    Speckle is skewed and its cube is far from Gaussian. Patches are therefore simulated, as coarsely as their lags allow. The part
-    of the deviation that is proportional to the power of a patch is excluded, because it cancels when a moment is compared with that
-    of a reconstruction of the same power.
+    Speckle is skewed and its cube is far from Gaussian. Patches are therefore simulated on the coarsest grid of pixels that
+    holds their lags. The part of the deviation that is proportional to the power of a patch is excluded, because it cancels
+    when a moment is compared with that of a reconstruction of the same power.
 
     Args:
         albedo: (64, 64), one cell per lag. weight: w (127, 127). transfer: H (127, 127).

@@ -4,9 +4,10 @@ Metzler et al. 2020 average |F I|^2 over non-overlapping patches (Eq. 8) and sub
 (Eq. 9); see `radiometry/estimation/published.py`. That discards pixel pairs across patch borders. It also spends half of the
 information of two frames on a mean that is almost constant over the frame. This estimator differs in three ways:
 
-- Patches overlap fully. The expectation is unchanged, because the autocovariance of all pixel pairs is weighted by the triangle of
-  a boxcar patch (Blackman and Tukey, doi:10.1002/j.1538-7305.1958.tb03874.x; Welch, doi:10.1109/TAU.1967.1161901). K is
-  `degrees_of_freedom`, and neighbouring lags are correlated (`radiometry.noise.model.lag_correlation`).
+- Patches overlap fully. The expectation is unchanged, because the autocovariance of all pixel pairs is weighted by a
+  triangle, the autocorrelation of a boxcar patch (Blackman and Tukey, doi:10.1002/j.1538-7305.1958.tb03874.x; Welch,
+  doi:10.1109/TAU.1967.1161901). K is `degrees_of_freedom`, and neighbouring lags are correlated
+  (`radiometry.noise.model.lag_correlation`).
 - Only background detected in the frames is subtracted: their mean, a smooth illumination (`illumination.py`), and a static pattern
   at those lags at which frames share power (`fixed_pattern.py`).
 - Hot pixels, defective lines and periodic light are removed first (`pixel_faults.py`, `spectral_lines.py`).
@@ -59,8 +60,8 @@ class AutocorrelationEstimator:
 
     Args:
         grid: patches whose lags the estimate has; their number is irrelevant.
-        mean: `auto` detects the background; `pooled` subtracts the mean of each frame only; `fixed` subtracts what the frames share
-            at every lag, as Eq. (9) does, which halves K for two frames.
+        mean: `auto` detects the background; `pooled` subtracts the mean of each frame only; `fixed` subtracts the power
+            common to all frames at every lag, as Eq. (9) does, which halves K for two frames.
     """
 
     def __init__(self, grid: PatchGrid, device: torch.device | str = "cpu", mean: MeanModel = "auto") -> None:
@@ -212,8 +213,9 @@ class AutocorrelationEstimator:
         return shared_lags(shared, estimate, pairs * degrees_of_freedom(1, self.grid.frame_shape, self._patch))
 
     def _drift(self) -> float:
-        """Return the mean square of the frame levels over the mean product of the levels of two frames; drift of a lamp scales
-        the power of its pattern by this factor."""
+        """Return the mean square of the frames' means divided by the mean product of the means of two frames. Drift of a
+        lamp raises the power of its pattern by this factor above the power that frames share.
+        """
         levels = np.array(self.sums.levels)
         pairs = (levels.sum() ** 2 - (levels**2).sum()) / (self.frames - 1)
         return float((levels**2).sum() / pairs) if levels.min() > 0.0 else 1.0
@@ -243,8 +245,9 @@ class AutocorrelationEstimator:
             raise InputError("frames", "frames of different illuminations", "copies of one frame", "leave the copies out")
 
     def _at_lags(self, power: torch.Tensor) -> np.ndarray:
-        """Return the lags (127, 127) of the power spectrum of padded frames (rows, columns // 2 + 1), weighted by the
-        patch window."""
+        """Return the power spectrum of padded frames (rows, columns // 2 + 1) at the lags (127, 127), smoothed by the patch
+        window.
+        """
         (height, width), (rows, columns) = self.grid.frame_shape, self.padded
         down = spectral_window(height, self._patch[0], rows, self.grid.lags)
         right = spectral_window(width, self._patch[1], columns, self.grid.lags)[:, : columns // 2 + 1].copy()
@@ -258,8 +261,9 @@ class AutocorrelationEstimator:
 
 @lru_cache(maxsize=8)
 def spectral_window(length: int, size: int, padded: int, lags: int) -> np.ndarray:
-    """Return weights (2 lags + 1, padded) that convert the power along a padded axis to lags: the transform of the patch
-    triangle over the fraction of the frame that has pairs at each distance."""
+    """Return weights (2 lags + 1, padded) that convert the power along a padded axis to lags: the Fourier transform of the
+    patch triangle divided by the fraction of pixels that have a partner at each distance.
+    """
     apart = np.arange(1 - size, size)
     triangle = (1.0 - np.abs(apart) / size) / (1.0 - np.abs(apart) / length)
     on_circle = np.zeros((2 * lags + 1, padded), np.complex128)

@@ -10,7 +10,8 @@ from correlograph.errors import InputError
 
 @dataclass(frozen=True)
 class NoiseTerms:
-    """White noise per pixel and frame, as variances in electrons squared, and the signal.
+    """Signal, noise and speckle size of a frame, from which the noise of an estimate follows; variances in electrons squared
+    per pixel.
 
     Attributes:
         signal: mean photoelectrons from the hidden object; their shot noise has this variance.
@@ -42,7 +43,7 @@ class NoiseTerms:
                 raise InputError(name, "a finite variance or mean, zero or more", value, f"correct {name}")
 
     def over_peak(self) -> dict[str, float | None]:
-        """Return the contribution of each term to floor over peak; None for all without signal.
+        """Return the contribution of each term to floor over peak; every value is None if the scene gives no signal.
 
         The peak (r*r)(0) of the estimate is signal^2 x grain_pixels. The subjective speckle of the virtual detector multiplies the
         signal by a pattern of contrast 1. The mean square of fully developed speckle is 2 signal^2, so the spectrum of that product
@@ -65,9 +66,9 @@ class NoiseTerms:
     def _saturation_over_peak(self) -> float:
         """Return what the saturation of counts adds to floor over peak.
 
-        Photons arrive at x + c per gate: x of the signal, Gamma-distributed over the pixels with mean mu and M modes, and a constant c.
-        Moments of the binomial counts follow from E[exp(-x)] = (1 + mu / M)^-M. In units of (r*r)(0) of these counts, their
-        noise is (exp(c) (1 + mu) (1 + 2 mu) - (1 + mu)^2) / (mu^2 gates A) for M = 1.
+        A gate receives x + c photons on average: x of the signal, Gamma-distributed over the pixels with mean mu and M
+        modes, and a constant c. Moments of the binomial counts follow from E[exp(-x)] = (1 + mu / M)^-M. In units of
+        (r*r)(0) of these counts, their noise is (exp(c) (1 + mu) (1 + 2 mu) - (1 + mu)^2) / (mu^2 gates A) for M = 1.
         """
         mean, constant = self.signal / self.gates, (self.ambient + self.dark) / self.gates
         each = mean / self.modes
@@ -88,7 +89,7 @@ class NoiseTerms:
 
 
 def estimate_error(signal_sum: float, signal_square_sum: float, lags: int, floor: float, dof: float) -> float:
-    """Return the relative L2 error of an estimate after subtraction of the floor: sqrt(sum S^2 / K / sum A^2), S = A + b.
+    """Return the relative L2 error of an estimate after subtraction of the floor: sqrt(sum S^2 / (K sum A^2)), S = A + b.
 
     Args:
         signal_sum, signal_square_sum: sums of A = H (r*r) and of A^2 over the lags, A(0) = 1.

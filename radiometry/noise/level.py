@@ -27,7 +27,7 @@ _APART = 6
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """Floor b (in the unit of the estimate), degrees of freedom K, and the ring at which the signal ends.
+    """Floor b (in the unit of the estimate), degrees of freedom K, and the radius in lags beyond which there is no signal.
 
     `dof` is None if the outer lags do not vary or are practically zero (no noise at all).
 

@@ -48,8 +48,8 @@ def autocorrelate_windowed(albedo: torch.Tensor) -> torch.Tensor:
 def lag_correlation(distance: np.ndarray) -> np.ndarray:
     """Return the correlation of the noise of lags at a distance along one axis, for an estimate from all pixel pairs.
 
-    It is the Fourier transform of the squared patch triangle: 1 at n = 0, then 3 / (2 pi^2 n^2), which is 0.152 for neighbours.
-    The values along both axes multiply.
+    It is the Fourier transform of the squared patch triangle: 1 at n = 0, then 3 / (2 pi^2 n^2) for lags that are n apart,
+    which is 0.152 for neighbours. The values along both axes multiply.
     """
     apart = np.abs(distance)
     return np.where(apart == 0, 1.0, 1.5 / (np.pi * np.maximum(apart, 1)) ** 2)
@@ -83,7 +83,7 @@ def draw_estimate(
         form: `gamma`, exact; or `gaussian`, Metzler et al. 2020, Eq. (10): N(S, S^2 / K), which can be negative.
         correlated: whether lags are correlated like those of whole frames (`lag_correlation`) or independent like those of
             non-overlapping patches. Correlated Gamma variates are Wilson and Hilferty's cubes of normal ones
-            (doi:10.1073/pnas.17.12.684), whose variance is accurate to a fraction 2 / (9 K).
+            (doi:10.1073/pnas.17.12.684), whose variance has a relative error of 2 / (9 K).
 
     Zero lag is real-valued in the spectrum and has K / 2 degrees of freedom in the `gamma` form.
     """

@@ -17,7 +17,9 @@ def _save(figure: Any, path: Path) -> None:
 
 
 def draw_statistics(path: Path, result: dict[str, Any]) -> None:
-    """Fig. 5: variance against mean at fixed N; variance over mean squared against 1 / N."""
+    """Draw Fig. 5: variance against mean of the lags without signal for a fixed number N of patches, and variance over mean
+    squared against 1 / N.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9.6, 4.0), layout="constrained")
@@ -42,7 +44,9 @@ def draw_statistics(path: Path, result: dict[str, Any]) -> None:
 
 
 def draw_budget(path: Path, estimates: list[tuple[str, np.ndarray]]) -> None:
-    """Fig. 4: estimates of one photon budget spent in several ways, each on its own scale, floor included."""
+    """Fig. 4: estimates from one total exposure that is divided into different numbers of frames, each on its own scale,
+    floor included.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(3.4 * len(estimates), 3.6), layout="constrained")

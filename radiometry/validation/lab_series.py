@@ -29,7 +29,9 @@ def corner(estimate: np.ndarray, dof: int, **facts: float) -> dict[str, float]:
 
 
 def slope(x: Sequence[float], y: Sequence[float]) -> float:
-    """Return the slope through the origin as the geometric mean of y / x: equal weights, because noise is multiplicative."""
+    """Return the slope through the origin as the geometric mean of y / x: all points have equal weight, because their errors
+    are relative.
+    """
     ratio = np.asarray(y) / np.asarray(x)
     return float(np.exp(np.log(ratio).mean()))
 

@@ -25,7 +25,7 @@ _PLACES = (
 
 
 def version_of(path: str) -> int | None:
-    """Return the major version in the name of a library, links followed; None without one."""
+    """Return the major version in the name of a library, after following links; None if the name has no version."""
     for name in (os.path.basename(path), os.path.basename(os.path.realpath(path)), os.path.realpath(path)):
         found = re.search(r"libLLVM[-.](?:so\.)?(\d+)|llvm[-@](\d+)", name)
         if found:
@@ -42,7 +42,7 @@ def newest() -> tuple[str, int] | None:
 
 @contextmanager
 def newest_preferred() -> Iterator[None]:
-    """Let Dr.Jit load the newest libLLVM while the block runs; the environment is unchanged afterwards."""
+    """Let Dr.Jit load the newest libLLVM within a `with` block; the environment is unchanged afterwards."""
     best = newest()
     if NAME in os.environ or best is None or best[1] < MIN_LLVM_VERSION:
         yield

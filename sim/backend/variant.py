@@ -130,7 +130,7 @@ def check_loadable(root: ElementTree.Element) -> None:
 
 
 def check_compilable(scene: mi.Scene) -> None:
-    """Refuse plugins that an older libLLVM cannot compile, because it would end the process without a message.
+    """Refuse plugins that an older libLLVM cannot compile, because the attempt would end the process without a message.
 
     Dr.Jit's minimum and maximum need LLVM 17 on x86; spheres, disks, cylinders and microfacet BSDFs use them.
     """

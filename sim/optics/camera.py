@@ -42,8 +42,8 @@ def expose(
 ) -> np.ndarray:
     """Sample one recorded frame from expected photoelectrons, float32, in electrons.
 
-    Shot noise of signal and dark current, or their count in gates, then read, row, column and fixed-pattern noise, full well and
-    ADC. An effect with parameter 0 is omitted.
+    Shot noise of signal and dark current, or, for a photon-counting camera, the number of gates with a photon, then read,
+    row, column and fixed-pattern noise, full well and ADC. An effect with parameter 0 is omitted.
     """
     mean = photoelectrons + electronics.dark_current * electronics.exposure_s
     if electronics.gate:

@@ -2,7 +2,7 @@
 
 The spectrum is Gaussian with full width at half maximum `linewidth`. Its degree of coherence after a delay tau is
 gamma(tau) = exp(-(pi linewidth tau)^2 / (4 ln 2)) (Goodman, Statistical Optics, Eq. 5.1-26). Two scatterers whose paths differ
-by c tau interfere with that contrast, so the lag between them loses 1 - gamma^2 of its autocorrelation.
+by c tau interfere with that contrast, so the estimate at the lag between them falls by the factor gamma^2.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ def variance_lost_to_linewidth(path_m: np.ndarray, amplitude: np.ndarray, linewi
 
 
 def spectral_lines(path_m: np.ndarray, linewidth_hz: float) -> list[tuple[float, float]]:
-    """Return frequency offsets and weights whose incoherent sum represents the spectrum.
+    """Return pairs of frequency offset and weight; the incoherent sum of the speckle of these lines represents the laser
+    spectrum.
 
     Raises InputError if the spread of path lengths would need more than `MAX_LINES`.
     """

@@ -1,9 +1,10 @@
 """Roughness of the virtual detector seen through the camera pupil: subjective speckle multiplied with the objective one.
 
-Exact method: on a finer grid, each cell of the field is multiplied by a circular Gaussian number (many heights per cell); the
-pupil filters the field, and the intensity is summed over each pixel. Faster method: this sum is sampled independently for each
-pixel from a Gamma distribution with M degrees of freedom (Goodman, Speckle Phenomena in Optics, section 4.6); M follows from
-pupil and pixel. The mean of both is the incoherent blur of `camera.mean_image`.
+Exact method: on a finer grid, each cell of the field is multiplied by a circular complex Gaussian number, because a cell
+contains many independent heights; the pupil filters the field, and the intensity is summed over each pixel. Faster method:
+this sum is sampled independently for each pixel from a Gamma distribution with M degrees of freedom (Goodman, Speckle
+Phenomena in Optics, section 4.6); M follows from pupil and pixel. The mean of both is the incoherent blur of
+`camera.mean_image`.
 """
 
 from __future__ import annotations

@@ -45,8 +45,9 @@ def illuminate(
 
     Args:
         grid: samples (rows, columns) on the object.
-        streams: streams(frame) -> random generator of that frame's screens.
-        number: frame number. Spots that overlap lie next to one another on one wall and illuminate one object.
+        streams: streams(frame) -> random generator of the wall heights and object phases of that frame.
+        number: frame number. If the spots of frames overlap, all frames share one random wall and object; otherwise each
+            frame has its own.
         grain: whether the speckle of the spot illuminates the object; uniform illumination otherwise.
         pose: pose of spot and object; derived from the frame number if None.
 

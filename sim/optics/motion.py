@@ -1,8 +1,9 @@
 """Motion during and between exposures: a spot that moves over the wall, and an object that moves.
 
-A frame is the mean intensity of sub-exposures, which are close enough to share their grains. An object displaced by u across the
-line of sight is illuminated by other grains, and its speckle moves over the wall by u (1 + z / d1). Both effects result from the
-phases of its scatterers. `radiometry/motion.py` gives the remaining speckle in closed form.
+A frame is the mean intensity of sub-exposures, between which the speckle moves by a small fraction of a grain. An object
+displaced by u across the line of sight is illuminated by other grains, and its speckle moves over the wall by u (1 + z /
+d1). Both effects result from the phases of its scatterers. `radiometry/motion.py` gives the remaining speckle in closed
+form.
 """
 
 from __future__ import annotations
@@ -54,8 +55,8 @@ def poses(geometry: Geometry, number: int, count: int, *, moving: bool) -> list[
 def sub_exposures(geometry: Geometry, samples: ObjectSamples, tolerance: float) -> int:
     """Return the number of sub-exposures for which the variance of the speckle is accurate to the tolerance.
 
-    Each sub-exposure is simulated without motion blur, so too few of them give too much variance. Raises InputError if no speckle
-    would remain.
+    Each sub-exposure is simulated without motion blur, so too few of them give too much variance. Raises InputError if the
+    speckle moves by so many grains that hardly any contrast would remain.
     """
     if len(samples.amplitude) == 0:
         return 1
@@ -87,7 +88,7 @@ def variance_lost_to_motion(geometry: Geometry, samples: ObjectSamples) -> float
 
 
 def _likeness(geometry: Geometry, samples: ObjectSamples) -> np.ndarray:
-    """Return `correlation` after each of `_SHARES` of the exposure."""
+    """Return `correlation` after each fraction of the exposure in `_SHARES`."""
     return np.array([correlation(geometry, samples, share * geometry.electronics.exposure_s) for share in _SHARES])
 
 

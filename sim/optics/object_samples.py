@@ -43,7 +43,9 @@ class ObjectSamples:
         return float(np.square(self.amplitude, dtype=np.float64).sum())
 
     def lit(self, field: np.ndarray, period: tuple[int, int], offset_hz: float = 0.0) -> Scatterers:
-        """Return the samples as scatterers lit by a field on the grid (rows, columns); `offset_hz`: from the laser frequency."""
+        """Return the samples as scatterers lit by a field on the grid (rows, columns); `offset_hz` is the frequency offset
+        from the laser.
+        """
         delay = phasor(self.path_m * offset_hz, speed_of_light) if offset_hz else 1.0
         return Scatterers(
             self.position_m,

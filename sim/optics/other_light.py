@@ -22,7 +22,8 @@ _PAIRS = 20_000
 
 @dataclass(frozen=True)
 class Background:
-    """Stray light on the lattice of a frame's period.
+    """Stray light as cells on a periodic grid in the plane of the object; one period of the grid is one period of the wall
+    field.
 
     Attributes:
         share: stray light in units of the hidden object's light.
@@ -77,7 +78,7 @@ def background_of(geometry: Geometry, even_below: float) -> Background | None:
 
 
 def _transfer(geometry: Geometry, lag: np.ndarray) -> np.ndarray:
-    """Return H, (n,), at lags (n, 2) in units of the pitch of the lattice."""
+    """Return H, (n,), at lags (n, 2) in units of the sample spacing of the grid."""
     row, column = (lag / geometry.period_shape / geometry.pixel_pitch_m).T
     return (
         amplitude_transfer(

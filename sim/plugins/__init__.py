@@ -12,7 +12,7 @@ refusals: list[InputError] = []
 
 
 def record_refusals(plugin: Callable[[mi.Properties], Any]) -> Callable[[mi.Properties], Any]:
-    """Wrap a plugin so that its errors are recorded for the loader of the scene."""
+    """Wrap a plugin so that the loader of the scene can report its InputErrors instead of Mitsuba's message."""
 
     def make(props: mi.Properties) -> Any:
         try:

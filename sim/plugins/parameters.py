@@ -16,7 +16,7 @@ class Parameter:
     """One parameter of a plugin.
 
     Attributes:
-        unit: SI, in words; none for ratios and counts.
+        unit: SI unit in words; empty for ratios and counts.
         low, high: the range, both ends included.
         default: None if the scene must define the parameter.
         zero: whether zero, which disables an effect, is legal below `low`.

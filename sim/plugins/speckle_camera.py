@@ -46,7 +46,7 @@ class Electronics:
         fixed_pattern: dark-signal non-uniformity (DSNU): standard deviation of each pixel's offset, equal in all frames.
         dark_current: electrons per pixel and second.
         full_well: electrons at which a pixel saturates.
-        bits: bits of the ADC, whose range is the full well, or `gain` times its maximum number.
+        bits: bits of the ADC; its range is `gain` times its largest number if `gain` is given, the full well otherwise.
         gain: electrons per digital number.
         gate: duration in which a pixel of a photon-counting camera counts at most one photon; gates fill the exposure.
     """

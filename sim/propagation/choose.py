@@ -13,8 +13,8 @@ def options(task: Task, wanted: str | None = None) -> list[Option]:
     """Return the propagators for a task, fastest first.
 
     Args:
-        wanted: name of a single propagator; None for all; `auto` omits those that need not be considered, because predicting the
-            errors of a slow one takes longer than using a fast one.
+        wanted: name of a single propagator; None for all; `auto` ends the list with the first propagator within the
+            tolerance if predicting the error of the next, slower one takes longer than running the first.
     """
     found: list[Option] = []
     for name, kernel in KERNELS.items():
@@ -30,7 +30,7 @@ def options(task: Task, wanted: str | None = None) -> list[Option]:
 
 
 def choose(listed: list[Option], propagator: str, tolerance: float) -> Option:
-    """Return the fastest option within the tolerance, or the most accurate one of a forced propagator.
+    """Return the fastest option within the tolerance, or, if a propagator is forced, the most accurate of its options.
 
     Raises InputError if none is available.
     """

@@ -51,7 +51,9 @@ def predict(task: Task) -> list[Option]:
 
 
 def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
-    """Return the field on the wall, complex64 or complex128 (H, W); progress counts tiles."""
+    """Return the field on the wall, complex64 or complex128 (H, W); `terms.progress` is called with the number of tiles
+    done.
+    """
     height, width = wall.shape
     dtype = np.float32 if terms.precision == "float32" else np.float64
     field = np.zeros(wall.shape, np.complex64 if terms.precision == "float32" else np.complex128)

@@ -3,7 +3,7 @@
 Goodman, Introduction to Fourier Optics, Eq. 4-25; Metzler et al. 2020, Eq. (6). The phase common to the whole object (the carrier,
 and the quadratic phase of the wall) cancels in the intensity and is omitted. The quadratic phase of the object is omitted as
 well. For a delta-correlated random phase on the object that changes the realisation but not its statistics, so the propagator is
-legal in `statistical` accuracy only. Cost: one FFT of the frame, without rows that are empty.
+allowed in `statistical` accuracy only. Cost: one FFT of the frame, without rows that are empty.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ FFT_SECONDS_PER_PIXEL = 2e-8
 
 
 def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
-    """Return the field on the wall, complex64 (H, W), unitary over the period of the lattice."""
+    """Return the field on the wall, complex64 (H, W), normalised so that |E|^2 averages to the summed power of the
+    scatterers over one period of the grid.
+    """
     lattice = scatterers.lattice
     return middle(far_field(torch.from_numpy(lattice.grid(scatterers.amplitude)).to(terms.device), lattice.period), wall.shape)
 

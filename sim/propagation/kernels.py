@@ -23,9 +23,10 @@ class Kernel:
     Attributes:
         propagate: returns the field on the wall (H, W), complex.
         predict: returns its options for a task, one per precision.
-        on_lattice: whether it needs the lattice of the scatterers and gives each a constant amplitude over the frame.
+        on_lattice: whether it needs scatterers on a regular grid; it then gives each scatterer the same amplitude at all
+            pixels.
         sees_occluders: whether it models occluders between scatterer and pixel.
-        planning_seconds: duration of its prediction, which a faster propagator within the tolerance saves.
+        planning_seconds: time to predict its error, which is skipped if a faster propagator is within the tolerance.
     """
 
     propagate: Callable[[Scatterers, Wall, Terms], torch.Tensor]

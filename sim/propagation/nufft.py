@@ -1,10 +1,10 @@
 """Propagation from scatterers in space to patches of the wall by non-uniform FFTs (finufft; cufinufft on a GPU).
 
 In a patch of centre c, the path difference at pixel offset u is p(c, s) + u.g(s) + remainder. The phase of p multiplies the
-amplitude of scatterer s. The term with g = (c - s) / |c - s| - c / |c| is a non-uniform FFT over the pixels u. The slowly varying
-remainder, together with the amplitude of the kernel, is a short sum of products alpha_j(u) beta_j(s), found by a singular value
-decomposition on Chebyshev nodes of patch and object. The error is therefore the tolerance, for any depth and tilt. The method is
-valid while that sum is short; patches are halved until it is.
+amplitude of scatterer s. The term with g = (c - s) / |c - s| - c / |c| is a non-uniform FFT over the pixels u. The slowly
+varying remainder, together with the amplitude of the kernel, is a short sum of products alpha_j(u) beta_j(s), found by a
+singular value decomposition on Chebyshev nodes of patch and object. The tolerance therefore controls the relative error of
+the field, for any depth and tilt. The method is valid while that sum is short; patches are halved until it is.
 Cost: patches x terms x (scatterers x kernel width^2 + an FFT of the patch).
 Source: Barnett, Magland, af Klinteberg, SIAM J. Sci. Comput. 41, C479 (2019), doi:10.1137/18M120885X.
 """
@@ -50,7 +50,9 @@ _Basis = tuple[np.ndarray, list[np.ndarray]]
 
 @dataclass(frozen=True)
 class _Expansion:
-    """Sum of products of a patch: alpha at pixels (terms, P, P), beta at the scatterers (terms, n), error at random pairs."""
+    """Expansion of the slowly varying remainder for one patch as a sum of products: alpha at pixels (terms, P, P), beta at
+    the scatterers (terms, n), error at random pairs.
+    """
 
     alpha: np.ndarray
     beta: np.ndarray
@@ -75,7 +77,7 @@ class Patches:
 
     @property
     def eps(self) -> float:
-        """Tolerance of finufft."""
+        """Relative tolerance of finufft, a fraction of that of the plan."""
         return max(FINUFFT_SHARE_OF_TOLERANCE * self.tolerance, 1e-14)
 
 

@@ -39,7 +39,7 @@ class Task:
 
     @cached_property
     def statistical_error(self) -> float:
-        """Statistical error, equal for all propagators that assume the directions of a flat object."""
+        """Statistical error, equal for `fraunhofer` and `fresnel`, which give every scatterer a position in a flat plane."""
         return statistical_error(self.wall, self.place, self.scatterers, self.lag_m)
 
 
@@ -71,7 +71,7 @@ class Terms:
     """Settings of a propagator; each uses those that it needs.
 
     Attributes:
-        tolerance, patches: options of nufft; if None, patches are planned for the tolerance.
+        tolerance, patches: used by nufft only; if `patches` is None, they are planned for `tolerance`.
         visible: transmission past occluders; None if nothing occludes.
         progress: called with the number of parts done.
     """

@@ -130,7 +130,7 @@ class Wall:
 
 
 def path_difference(pixel_m: np.ndarray, scatterer_m: np.ndarray) -> np.ndarray:
-    """Return r - r_o in metres without loss of digits; (..., 3) each, broadcast."""
+    """Return r - r_o in metres without cancellation error; (..., 3) each, broadcast."""
     distance = np.linalg.norm(pixel_m - scatterer_m, axis=-1) + np.linalg.norm(pixel_m, axis=-1)
     return ((scatterer_m - 2.0 * pixel_m) * scatterer_m).sum(-1) / distance
 

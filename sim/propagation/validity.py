@@ -1,8 +1,8 @@
-"""Predicted errors of the propagators, from geometry alone; they decide the choice.
+"""Predicted errors of the propagators, from geometry alone, for the choice of the propagator.
 
-*Field* error is the relative L2 error of the field of one realisation after one global phase. Scatterers have independent
-phases, so its mean square is that of the propagators over pairs of pixel and scatterer, weighted by |a_s|^2. A few thousand
-pairs predict it.
+*Field* error is the relative L2 error of the field of one realisation after the best global phase is removed. Scatterers
+have independent phases, so its mean square is that of the propagators over pairs of pixel and scatterer, weighted by
+|a_s|^2. A few thousand pairs predict it.
 
 *Statistical* error is the relative L2 error of the expected autocorrelation. In a patch around c a scatterer adds a plane
 wave whose fringes have the frequency g(c, s) / lambda (see `nufft.py`), so the expected autocorrelation is that of
@@ -78,7 +78,7 @@ def direct_error(wall: Wall, scatterers: Scatterers, precision: str, tile: int) 
 
 
 def _sample(scatterers: Scatterers, place: np.ndarray) -> tuple[Scatterers, np.ndarray]:
-    """Sample scatterers and their positions with probability proportional to power; each then has equal power."""
+    """Sample scatterers and their positions with probability proportional to power; all then have equal weight."""
     power = np.abs(scatterers.amplitude) ** 2
     chosen = np.random.default_rng(0).choice(len(power), _SCATTERERS, p=power / power.sum())
     return Scatterers(scatterers.position_m[chosen], np.ones(_SCATTERERS)), place[chosen]
