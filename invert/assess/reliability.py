@@ -37,7 +37,7 @@ MAX_FRAME_CHANCE, MAX_FRAME_DIFFERENCES = 1e-4, 0.1
 explain smaller differences."""
 
 MAX_UNEXPLAINED_FRACTION = 0.35
-"""Maximum fraction of the signal that a reconstruction may leave unexplained."""
+"""Maximum fraction of the signal that a reconstruction may leave unexplained with a probability of 99 %."""
 
 MAX_DEFICIT_NATS, MAX_DEFICIT_FRACTION = 100.0, 0.04
 """Maximum log-likelihood deficit of the most likely sample, in nats and as a fraction of the deficit without an object. Evidence:
@@ -108,7 +108,7 @@ def _check_speckle(test: SpeckleTest, record: EstimateRecord | None) -> list[str
             f"the signal's power differs by {100.0 * test.part_differences:.0f} % between parts of a frame, which speckle does not; check "
             "whether these are frames of speckle"
         ]
-    if test.unexplained > MAX_UNEXPLAINED_FRACTION:
+    if test.unexplained_least > MAX_UNEXPLAINED_FRACTION:
         return [f"the reconstruction leaves {100.0 * test.unexplained:.0f} % of the estimate's signal unexplained"]
     if record is not None and record.frames == 1 and _texture_probability(moment, test.error or 0.0, record) > 0.5:
         return [f"one frame may show texture of the relay wall instead of an object ({found}); add a frame with the spot moved"]

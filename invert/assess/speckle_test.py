@@ -3,16 +3,21 @@ unexplained."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 
 import numpy as np
 from scipy.ndimage import uniform_filter
+from scipy.stats import norm
 
 from invert.measure.estimate import Estimate
 from invert.measure.spectrum import Measurement
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
 from radiometry.estimation.frame_differences import frame_differences
 from radiometry.estimation.third_moment import MIN_SIGNAL_FRACTION
+
+UNEXPLAINED_FALSE_ALARMS = 0.01
+"""Probability that noise alone raises the lower limit of the unexplained fraction above zero."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +29,7 @@ class SpeckleTest:
             unpolarised light, 0 for texture, much more for a specular highlight.
         error: its standard error.
         unexplained: relative L2 error of the reconstruction's r*r against the estimate, in excess of noise.
+        unexplained_least: lower limit of `unexplained`, which the error of the noise exceeds with a probability of 1 %.
         part_differences: standard deviation of the signal's power between parts of a frame, relative to its mean and in excess of
             chance; 0 for speckle.
         part_chance: probability that speckle differs as much between parts.
@@ -34,6 +40,7 @@ class SpeckleTest:
     third_moment_ratio: float | None
     error: float | None
     unexplained: float
+    unexplained_least: float = 0.0
     part_differences: float = 0.0
     part_chance: float = 1.0
     frame_differences: float = 0.0
@@ -50,7 +57,10 @@ class SpeckleTest:
         if values is None:
             return None
         chances = {name: values.get(name, 1.0) or 0.0 for name in ("part_chance", "frame_chance")}
-        differences = {name: values.get(name) or 0.0 for name in ("unexplained", "part_differences", "frame_differences")}
+        differences = {
+            name: values.get(name) or 0.0
+            for name in ("unexplained", "unexplained_least", "part_differences", "frame_differences")
+        }
         return cls(values["third_moment_ratio"], values["error"], **differences, **chances)
 
 
@@ -66,22 +76,35 @@ def speckle_test(estimate: Estimate, measurement: Measurement, albedo: np.ndarra
     weight = 0.5 * (weight + weight[::-1, ::-1])
     square = weight**2
     power = float((square * signal).sum() / max((square * expected).sum(), 1e-30))
-    unexplained = _unexplained_fraction(signal, expected, measurement, (ring >= rings) & (rings > 1))
+    unexplained = unexplained_fraction(signal, expected, measurement, (ring >= rings) & (rings > 1))
     if estimate.filtered_frames is None or not weight.any() or power <= 0.0:
-        return SpeckleTest(None, None, unexplained)
+        return SpeckleTest(None, None, *unexplained)
     frames, noise = estimate.filtered_frames, measurement.noise
     likeness, error = frames.likeness(albedo, weight, np.sqrt(transfer), signal, floor, power)
     used = (ring >= rings) & (rings > 1) & measurement.lag_grid.half_plane
     between = frame_differences(frames, used, noise.inflation)
-    return SpeckleTest(likeness, error, unexplained, *frames.power_differences(weight, estimate.lags), *between)
+    return SpeckleTest(likeness, error, *unexplained, *frames.power_differences(weight, estimate.lags), *between)
 
 
-def _unexplained_fraction(signal: np.ndarray, expected: np.ndarray, measurement: Measurement, used: np.ndarray) -> float:
+def unexplained_fraction(
+    signal: np.ndarray, expected: np.ndarray, measurement: Measurement, used: np.ndarray
+) -> tuple[float, float]:
+    """Return the relative L2 error of an expected signal in excess of noise, and its lower limit.
+
+    The scatter of the squared noise sets the limit: both signs of a lag carry the same noise, and `inflation` covers the
+    correlation of neighbouring lags.
+
+    Args:
+        signal, expected: signal of the estimate and of a reconstruction (127, 127). used: mask of the lags that count.
+    """
     seen, model = signal[used].astype(np.float64), expected[used].astype(np.float64)
     total = float((seen**2).sum())
     if total == 0.0:
-        return 0.0
+        return 0.0, 0.0
+    noise = measurement.noise
     left = float(((seen - model * ((seen @ model) / max(model @ model, 1e-30))) ** 2).sum())
-    dof = measurement.noise.dof
-    noise = float(((seen + measurement.noise.floor) ** 2).sum()) / dof if dof else 0.0
-    return float(np.sqrt(max(0.0, left - noise) / max(total - noise, 1e-3 * total)))
+    variances = (seen + noise.floor) ** 2 / noise.dof if noise.dof else np.zeros_like(seen)
+    scatter = 2.0 * math.sqrt(noise.inflation * float((variances**2).sum()))
+    excess, power = left - float(variances.sum()), max(total - float(variances.sum()), 1e-3 * total)
+    least = excess - norm.isf(UNEXPLAINED_FALSE_ALARMS) * scatter
+    return math.sqrt(max(0.0, excess) / power), math.sqrt(max(0.0, least) / power)
