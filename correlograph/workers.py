@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from multiprocessing import active_children, connection, get_context, parent_process
 from typing import Any
 
@@ -82,7 +83,8 @@ def _run_pool(task: Callable[[Any], Any], items: Sequence[Any], workers: int) ->
     others = active_children()
     pool = ProcessPoolExecutor(min(workers, len(items)), mp_context=get_context("spawn"), initializer=_prepare_worker)
     try:
-        futures = {pool.submit(task, item): item for item in items}
+        with _interruptions_blocked():  # the processes start here and inherit it
+            futures = {pool.submit(task, item): item for item in items}
         for future in as_completed(futures):
             try:
                 yield futures[future], future.result()
@@ -96,6 +98,19 @@ def _run_pool(task: Callable[[Any], Any], items: Sequence[Any], workers: int) ->
         raise
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _interruptions_blocked() -> Iterator[None]:
+    """Block SIGINT in this thread, where the system can, so that Ctrl-C does not end processes while they import modules."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _prepare_worker() -> None:

@@ -72,7 +72,7 @@ class Request:
         text = ", ".join(f"{name}={value}" for name, value in vars(options).items())
         return hashlib.sha256(f"{version()} {REVISION} {text} {datasets}".encode() + content.digest()).hexdigest()
 
-    def reconstruct(self, files: Sequence[Path], folder: Path, progress: Progress = no_progress) -> Result:
+    def reconstruct(self, files: Sequence[Path], folder: Path | None = None, progress: Progress = no_progress) -> Result:
         """Reconstruct one capture; `folder` keeps the sums over its frames if it is large."""
         return reconstruct(
             files,
@@ -89,7 +89,7 @@ class Request:
             seed=self.seed,
             device=self.device,
             autocorrelation=self.autocorrelation,
-            sums_file=folder / SUMS_FILE,
+            sums_file=None if folder is None else folder / SUMS_FILE,
             progress=progress,
         )
 
