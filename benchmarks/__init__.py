@@ -5,12 +5,12 @@ cameras.py                predicted and reached exposures of random cameras
 data_gen.py               samples per second of each kind of dataset
 digest.py                 checksums of frames, estimates and albedos, to compare two versions of the code
 false_alarms.py           warnings about clean frames of random cameras and objects
-hio.py                    HIO of 16 starts against the FFTs that it cannot do without
+hio.py                    time of HIO with 16 starts compared with that of the FFTs that it contains
 invert.py                 two frames to an albedo, step by step
 memory_effect.py          correlography compared with the memory effect
 nuisances.py              what cameras and walls do to frames
 pages.py                  pages of text, read by tesseract
-posterior_calibration.py  how often the truth is where the posterior says
+posterior_calibration.py  how often the truth lies in the credible intervals of the posterior
 scenes.py                 every scene rendered and inverted
 speed_accuracy.py         every propagation kernel against the direct sum
 stem_place.py             a stem located in noise, compared with an ideal observer

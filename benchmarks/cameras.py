@@ -61,7 +61,7 @@ def draw_camera(number: int, geometry: Any) -> tuple[Camera, Arrangement]:
 
 
 def crossing(seconds: list[float], values: list[float], level: float) -> float:
-    """Return the exposure at which a power law through the values has a level."""
+    """Return the exposure at which a power law through the values equals a level."""
     slope, offset = np.polyfit(np.log(seconds), np.log(values), 1)
     return float(np.exp((np.log(level) - offset) / slope))
 

@@ -1,6 +1,6 @@
 """`python -m benchmarks.hio [--draw FILE]`: 16 starts of 2000-iteration HIO at 128 x 128 against 64 000 batched real FFT pairs.
 
-`--draw` adds the cost of one iteration and start against the number of starts and the grid.
+`--draw` adds the time of one iteration of one start against the number of starts and the grid.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """`python -m benchmarks.memory_effect [-o docs/figures]`: correlography beside speckle correlation through the memory effect.
 
-One scene, one camera, one exposure time: light, contrast, resolution, field of view, and what comes back. Both methods get
+One scene, one camera, one exposure time: light, contrast, resolution, field of view, and the reconstructions. Both methods get
 the same retrieval. Writes memory_effect.png and prints the table.
 """
 

@@ -36,7 +36,7 @@ Nuisance = Callable[[Frames, np.random.Generator], Frames]
 
 
 def speckle(albedo: np.ndarray, rng: np.random.Generator, moved: float = 0.0) -> np.ndarray:
-    """Intensity of mean 1 that an albedo (64, 64), one cell per lag of `PATCH` pixels, throws on `SHAPE` pixels.
+    """Intensity of mean 1 that an albedo (64, 64), one cell per lag of `PATCH` pixels, casts on `SHAPE` pixels.
 
     Drawn on a wider period and cropped, so that it does not wrap round. With `moved`, the mean over a motion of so many pixels
     to the right.

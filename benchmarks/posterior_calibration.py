@@ -1,9 +1,9 @@
 """`python -m benchmarks.posterior_calibration PHOTOGRAPHS`: how often the truth is where samples of the posterior say.
 
 Three families of objects, none of which is in the training targets of the shipped weights: edges of photographs, characters,
-grey pieces of photographs; at every noise level of `invert.evaluate`. A row a family: how often the credible intervals of
-width, height and area hold the truth, and the largest difference, over five bins that hold a hundredth of the pixels or
-more, between the probability that a pixel is bright and how often it is.
+grey pieces of photographs; at every noise level of `invert.evaluate`. The table has one row per family: how often the
+credible intervals of width, height and area hold the truth, and the largest difference, over five bins that hold a hundredth
+of the pixels or more, between the probability that a pixel is bright and how often it is.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ TOLERANCES = {"statistical": (1e-2, 1e-3), "field": (1e-2, 1e-3, 1e-4, 1e-6)}
 
 @dataclass(frozen=True)
 class Object:
-    """A rough, tilted, stepped plate on the grid that a frame resolves."""
+    """A rough, tilted, stepped plate sampled at the lag pitch of the whole frame."""
 
     scatterers: Scatterers
     wall: Wall
@@ -66,7 +66,7 @@ def propagate(option: Option, thing: Object) -> np.ndarray:
 
 
 def field_distance(field: np.ndarray, reference: np.ndarray) -> float:
-    """Relative L2 distance after one global phase."""
+    """Relative L2 distance after the best global phase is removed."""
     overlap = np.vdot(field, reference)
     return float(np.linalg.norm(field * (overlap / abs(overlap)) - reference) / np.linalg.norm(reference))
 
@@ -176,7 +176,7 @@ def _time_propagation(option: Option, thing: Object) -> tuple[np.ndarray, float]
 
 
 def statistical_distance(lags: np.ndarray, exact: np.ndarray) -> float:
-    """Relative L2 distance of two expected autocorrelations after one gain."""
+    """Relative L2 distance of two expected autocorrelations after the best common factor is removed."""
     return float(np.linalg.norm(lags * ((lags * exact).sum() / (lags * lags).sum()) - exact) / np.linalg.norm(exact))
 
 

@@ -51,7 +51,7 @@ CANDIDATES = torch.stack([bar_and_stem(column) for column in (*COLUMNS, None)])
 
 
 def signal() -> torch.Tensor:
-    """H (r*r) of the object, 1 at its largest lag but zero."""
+    """H (r*r) of the object, scaled so that its largest value, zero lag excluded, is 1."""
     lags = autocorrelate_windowed(CANDIDATES[0].double())
     return lags / lags[63, 64]
 

@@ -24,7 +24,11 @@ class ArgumentParser(argparse.ArgumentParser):
 
     def add_overwrite(self) -> None:
         """Add `--overwrite`, the permission to replace a user's files of the output's names."""
-        self.add_argument("--overwrite", action="store_true", help="replace files of the output's names that others wrote")
+        self.add_argument(
+            "--overwrite",
+            action="store_true",
+            help="replace files with the names of output files, even if correlograph did not write them or they were edited",
+        )
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"error: {self.prog}: {message}; see '{self.prog} --help'\n")
@@ -47,7 +51,7 @@ class Interrupted(KeyboardInterrupt):
         self.told = False
 
     def leave_in(self, seconds: float) -> None:
-        """End the process after this time, even if a library waits."""
+        """End the process after this number of seconds, even if a call of a library has not returned."""
         watch = threading.Timer(seconds, self._leave)
         watch.daemon = True
         watch.start()
@@ -100,7 +104,9 @@ def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str
 
 
 def _open_closed_streams() -> None:
-    """Open the null device in place of standard streams that the caller closed, so that no output file takes their number."""
+    """Open the null device in place of standard streams that the caller closed, so that no output file receives its file
+    descriptor (0 to 2).
+    """
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         try:
             os.fstat(number)

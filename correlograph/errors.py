@@ -9,7 +9,9 @@ MAX_FOUND_CHARS = 300
 
 
 class InputError(ValueError):
-    """Unusable input: name, expected, found, remedy. The message is always one line, because commands print it as it is."""
+    """Error for unusable input; its one-line message states name, expectation, finding and remedy. The message is always one
+    line, because commands print it as it is.
+    """
 
     def __init__(self, name: str, expected: str, found: object, remedy: str) -> None:
         found = f"{found!s:.{MAX_FOUND_CHARS}}" + ("..." if len(str(found)) > MAX_FOUND_CHARS else "")
@@ -27,7 +29,7 @@ SI_MIN = 1e-30
 
 
 def check_positive(name: str, value: float, *, zero_allowed: bool = False) -> float:
-    """Return `value` as a float if it lies within the bounds of any physical quantity in SI units.
+    """Return `value` as a float if it lies between 1e-30 and 1e15 (or zero, with `zero_allowed`).
 
     Raises InputError for anything else, including NaN and text.
     """

@@ -38,7 +38,7 @@ class LagGrid:
 
     @property
     def padded_side(self) -> int:
-        """Side of the periodic grid on which an albedo has no overlapping lags."""
+        """Side of the periodic grid on which the periodic autocorrelation of an albedo does not wrap around."""
         return 2 * self.lags + 2
 
     @cached_property
@@ -58,7 +58,9 @@ class LagGrid:
 
     @cached_property
     def ring(self) -> np.ndarray:
-        """Square ring of every lag: the autocorrelation of an object in a square support lies inside one ring."""
+        """Number of the square ring of every lag, max(|row|, |column|): the autocorrelation of an object in a square support
+        lies inside one ring.
+        """
         return np.maximum(np.abs(self.row), np.abs(self.column))
 
     @cached_property

@@ -13,7 +13,7 @@ from correlograph.lags import lag_grid
 
 @dataclass(frozen=True)
 class Range:
-    """Numbers from `least` to `most`; whole numbers, multiples of `step`, if these are int."""
+    """Numbers from `least` to `most`; only whole multiples of `step` if both limits are int."""
 
     least: float
     most: float

@@ -66,7 +66,9 @@ def run_tasks(
 
 
 def _run_locally(task: Callable[[Any], Any], items: Sequence[Any], workers: int) -> Iterator[tuple[Any, Any]]:
-    """A dead worker breaks its pool. The other items then run again, and after a second time one by one."""
+    """Run tasks in a process pool. If a worker dies, the unfinished items run again in a new pool, and after a second death
+    one by one.
+    """
     remaining = list(items)
     for attempt_workers in (workers, workers):
         for item, outcome in _run_pool(task, remaining, attempt_workers):

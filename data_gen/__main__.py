@@ -25,21 +25,21 @@ def parser() -> ArgumentParser:
     p.add_argument(
         "--source",
         choices=("edges", "glyphs", "strokes", "shapes", "pages", "mixed", "all"),
-        help="what targets are; edges where --images is given (mixed and all then take edges too)",
+        help="kind of targets; with --images, edges of the photographs by default; mixed and all combine several kinds",
     )
     p.add_argument("--lags", type=LAG_COUNT, default=LAGS, help="largest lag; targets have one pixel more along each side (63)")
-    p.add_argument("--count", type=Range(1, 10**9), required=True)
-    p.add_argument("--seed", type=SEED, default=0)
+    p.add_argument("--count", type=Range(1, 10**9), required=True, help="number of targets")
+    p.add_argument("--seed", type=SEED, default=0, help="seed of all random numbers (0)")
     p.add_argument(
         "--measurement",
         choices=("none", "noise-model", "render"),
         default="none",
-        help="none: targets only, for noise drawn while training",
+        help="none: targets only; noise-model: also estimates from the noise model; render: also estimates from rendered frames",
     )
     p.add_argument("--scene", help="scene file or name of a shipped scene; targets replace its hidden object")
     bounds = ("LOW", "HIGH")
-    p.add_argument("--floor-over-peak", type=SI, nargs=2, metavar=bounds, help="range of the noise model (0.01 0.7)")
-    p.add_argument("--dof", type=SI, nargs=2, metavar=bounds, help="range of the noise model (4 1000)")
+    p.add_argument("--floor-over-peak", type=SI, nargs=2, metavar=bounds, help="floors over peak of the noise model (0.01 0.7)")
+    p.add_argument("--dof", type=SI, nargs=2, metavar=bounds, help="degrees of freedom K of the noise model (4 1000)")
     p.add_argument("--workers", type=WORKERS, help="processes on this machine; as many as it has cores")
     p.add_argument("--scheduler", help="address of a running Dask scheduler instead")
     p.add_argument("--dry-run", action="store_true", help="say count, bytes and predicted time, and write nothing")

@@ -21,7 +21,7 @@ def open_dataset(address: str) -> zarr.Group:
 
 
 def dataset_schema_of(address: str) -> Schema:
-    """Return the schema of a dataset for its measurement."""
+    """Return the schema that a stored dataset should have, from its kind of measurement and its number of lags."""
     arguments = arguments_of(address, "dataset").get("arguments")
     found = arguments.get("measurement") if isinstance(arguments, dict) else None
     lags = arguments.get("lags", LAGS) if isinstance(arguments, dict) else LAGS

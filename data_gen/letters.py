@@ -54,7 +54,9 @@ MAX_LAYERS = 256
 
 
 def save_mesh(path: Path, bitmap: np.ndarray, depth_m: float, cells: int = 64) -> None:
-    """Write a bitmap as a solid, 1 cm high, columns along x and rows along y, its front at z = 0 facing +z (binary PLY)."""
+    """Write a bitmap as a solid to a binary PLY file: 1 cm high, columns along x, rows along y, from z = -`depth_m` to the
+    front at z = 0.
+    """
     import trimesh
     from skimage.measure import marching_cubes
 

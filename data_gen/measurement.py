@@ -17,7 +17,7 @@ def model_measurement(
     """Sample noisy estimates, in units of (r*r)(0), from the noise model.
 
     Args:
-        albedo: (n, 64, 64), each with light.
+        albedo: (n, 64, 64), none of them zero everywhere.
         floor_over_peak, dof: (n,).
 
     Returns:

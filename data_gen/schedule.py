@@ -37,7 +37,7 @@ def make_shards(address: str, recipe: Recipe, shards: list[int], workers: int, s
 
 
 def predicted_seconds(recipe: Recipe, workers: int) -> float:
-    """Return the predicted duration of all samples, from one timed block of each kind of target."""
+    """Return the predicted time in seconds to generate all samples, from one timed block of each kind of target."""
     begin = time.perf_counter()
     for block in range(len(recipe.source.kinds)):
         targets, _ = draw_block(recipe.source, recipe.seed, block)

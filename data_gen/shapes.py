@@ -102,7 +102,7 @@ def filled_shape(rng: np.random.Generator, side: int = OBJECT_SIDE) -> np.ndarra
 
 
 def cell_means(canvas: Image.Image, rng: np.random.Generator) -> np.ndarray:
-    """Return cell means, one of three non-uniformly illuminated; empty images get a square."""
+    """Return cell means, with a probability of 1/3 multiplied by a random smooth illumination; empty images get a square."""
     fine = np.asarray(canvas, np.float32)
     side = len(fine) // FINE
     cells = fine.reshape(side, FINE, side, FINE).mean((1, 3))

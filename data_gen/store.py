@@ -19,7 +19,7 @@ def pair_bytes(lags: int) -> int:
 
 
 def shard_size(measurement: str) -> int:
-    """Return the samples of one shard (one file per array, one unit of work): a minute of rendering, or seconds of
+    """Return the number of samples of one shard (one file per array, one unit of work): a minute of rendering, or seconds of
     anything else."""
     return BLOCK if measurement == "render" else 32 * BLOCK
 

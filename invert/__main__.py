@@ -29,10 +29,12 @@ def parser() -> ArgumentParser:
     p.add_argument("--quality", choices=tuple(QUALITIES), default="balanced")
     p.add_argument("--autocorrelation", action="store_true", help="inputs are estimates of 127 x 127 lags, one result each")
     p.add_argument(
-        "--pixel-pitch-m", type=SI, help="pixel pitch on the relay wall in metres; default: that of the metadata of the file"
+        "--pixel-pitch-m",
+        type=SI,
+        help="pixel pitch on the virtual detector in metres, for sizes in metres; default: that in the metadata of the file",
     )
     p.add_argument("--wavelength-m", type=WAVELENGTH, help="wavelength in metres, for example 532e-9")
-    p.add_argument("--distance-m", type=SI, help="distance from the hidden object to the relay wall in metres")
+    p.add_argument("--distance-m", type=SI, help="distance from the hidden object to the virtual detector in metres")
     p.add_argument(
         "--patch",
         default="auto",
@@ -54,7 +56,7 @@ def parser() -> ArgumentParser:
     p.add_argument("--mask", type=Path, help="image; its zero pixels are excluded")
     p.add_argument(
         "--blur-pixels",
-        help="Gaussian blur in pixels (standard deviation); 0: no blur; auto: estimate it with the network; "
+        help="standard deviation, in pixels, of a Gaussian blur in the frames, which is corrected; 0: no blur; auto: estimate it; "
         "default: auto for unet, 0 for the other methods",
     )
     p.add_argument("--truth", type=Path, help="known albedo (.npy or image, one pixel per lag) to compare with")

@@ -20,9 +20,16 @@ def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m sim", description="Render speckle frames of a hidden object.")
     p.add_argument("scene", help="Mitsuba scene file (XML), or the name of a shipped scene")
     p.add_argument("-o", "--output", help="folder for frame_0000.exr..., truth.npy and sim.json")
-    p.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="scene parameter")
-    p.add_argument("--frames", type=FRAMES, default=2)
-    p.add_argument("--seed", type=SEED, default=0)
+    p.add_argument(
+        "-D",
+        dest="definitions",
+        action="append",
+        default=[],
+        metavar="key=value",
+        help="set a parameter of the scene file; may be repeated",
+    )
+    p.add_argument("--frames", type=FRAMES, default=2, help="number of frames to render (2)")
+    p.add_argument("--seed", type=SEED, default=0, help="seed of all random numbers (0)")
     p.add_argument(
         "--plan",
         action="store_true",
@@ -34,7 +41,7 @@ def parser() -> ArgumentParser:
         "--truth-patch",
         type=PATCH,
         metavar="PIXELS",
-        help="patch size whose lags truth.npy is sampled at, for 'invert --patch' (default: 300 um per lag)",
+        help="sample truth.npy at the lag pitch of this patch size, for 'invert --patch' (default: 300 um per lag)",
     )
     p.add_argument("--truth-lags", type=LAG_COUNT, default=LAGS, help="largest lag of truth.npy, for 'invert --lags' (63)")
     p.add_argument(
@@ -48,20 +55,26 @@ def parser() -> ArgumentParser:
         "--accuracy",
         choices=("statistical", "field"),
         default="statistical",
-        help="what the tolerance bounds: the expected autocorrelation, or this realisation's field",
+        help="quantity to which --tolerance applies: the expected autocorrelation (statistical) or the complex field of each frame (field)",
     )
-    p.add_argument("--propagator", choices=("auto", *KERNELS), default="auto")
-    p.add_argument("--tolerance", type=SI, default=1e-2, help="relative error allowed")
-    p.add_argument("--precision", choices=("float32", "float64"), help="of the propagation; whatever the tolerance needs")
+    p.add_argument(
+        "--propagator", choices=("auto", *KERNELS), default="auto", help="auto: the fastest one within the tolerance"
+    )
+    p.add_argument("--tolerance", type=SI, default=1e-2, help="maximum relative error of the propagation (0.01)")
+    p.add_argument(
+        "--precision",
+        choices=("float32", "float64"),
+        help="floating-point precision of the propagation (default: chosen for the tolerance)",
+    )
     p.add_argument(
         "--effect",
         dest="effects",
         action="append",
         default=[],
         metavar="NAME=on|off|auto",
-        help="model an effect, or leave it out, whatever the plan says",
+        help="force an effect on or off; auto lets the plan decide; --plan lists the names",
     )
-    p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
+    p.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="processor of the propagation (cpu)")
     p.add_overwrite()
     return p
 

@@ -64,7 +64,7 @@ def compare(options: Any, geometry: Any, folder: Path | None) -> None:
 
 
 def print_table(plans: list[Any], correlation: float | None) -> None:
-    """Print the best arrangements of each camera, best first."""
+    """Print the best settings (magnification, binning, pupil, wavelength, power) of each camera, shortest exposure first."""
     aim = "" if correlation is None else f"{f'to {correlation:g}':>10}"
     print(
         f"{'camera':32} {'magn.':>6} {'bin':>3} {'e/pixel':>8} {'floor':>8} {'K':>6} {'lag':>7} {'field':>12} {'detected':>10}{aim}"
@@ -98,7 +98,9 @@ def duration(seconds: float | None) -> str:
 
 
 def draw(path: Path, plans: list[Any], correlation: float | None) -> None:
-    """Draw the exposure of the best arrangement of each camera as bars, shortest on top."""
+    """Plot the exposure that each camera needs with its best magnification, binning, pupil, wavelength and power, shortest
+    on top.
+    """
     from matplotlib.figure import Figure
 
     from correlograph.files.figures import save_figure

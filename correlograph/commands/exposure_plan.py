@@ -18,17 +18,24 @@ def parser() -> ArgumentParser:
         prog="python -m radiometry.plan", description="Divide a photon budget into frames and patches, or compare cameras."
     )
     p.add_argument("scene", help="Mitsuba scene file (XML), or the name of a shipped scene")
-    p.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="scene parameter")
-    p.add_argument("--budget-s", type=SI, help="seconds of exposure in all, to divide into frames")
-    p.add_argument("--resolution-m", type=SI, default=300e-6, help="coarsest object pitch of a lag that will do")
+    p.add_argument(
+        "-D",
+        dest="definitions",
+        action="append",
+        default=[],
+        metavar="key=value",
+        help="set a parameter of the scene file; may be repeated",
+    )
+    p.add_argument("--budget-s", type=SI, help="total exposure in seconds, which is divided into frames")
+    p.add_argument("--resolution-m", type=SI, default=300e-6, help="required lag pitch on the object in metres (300e-6)")
     p.add_argument(
         "--check",
         type=Range(0, 10**6),
         default=0,
         metavar="FRAMES",
-        help="render every division of at most FRAMES frames and measure its error",
+        help="render every division into at most FRAMES frames and measure the error of its estimate",
     )
-    p.add_argument("--seed", type=SEED, default=0)
+    p.add_argument("--seed", type=SEED, default=0, help="seed of rendered frames (0)")
     p.add_argument("-o", "--output", help="folder for JSON and figure; nothing is written without it")
     add_options(p)
     p.add_overwrite()
@@ -92,7 +99,7 @@ def divide_exposure(options: Any, geometry: Any, folder: Path | None) -> None:
 
 
 def render_errors(geometry: Any, divisions: list[Any], seed: int) -> dict[int, float]:
-    """Render each division and measure the error of its estimate against the known r*r."""
+    """Render the frames of each division of the exposure and measure the error of its estimate against the known r*r."""
     from tqdm import tqdm
 
     from radiometry.estimation.whole_frames import AutocorrelationEstimator

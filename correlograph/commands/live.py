@@ -22,14 +22,23 @@ def parser() -> ArgumentParser:
     p.add_argument("--frames-per-s", type=Range(0.01, 1000.0), default=8.0, help="frame rate of the simulated camera (8)")
     p.add_argument("--seed", type=SEED, default=0, help="seed of the simulated frames")
     p.add_argument("-o", "--output", default="live", help="folder for saved captures (live)")
-    p.add_argument("--pixel-pitch-m", type=SI, help="pixel pitch on the relay wall in metres")
+    p.add_argument("--pixel-pitch-m", type=SI, help="pixel pitch on the virtual detector in metres")
     p.add_argument("--wavelength-m", type=WAVELENGTH, help="wavelength in metres, for example 532e-9")
-    p.add_argument("--distance-m", type=SI, help="distance from the hidden object to the relay wall in metres")
+    p.add_argument("--distance-m", type=SI, help="distance from the hidden object to the virtual detector in metres")
     p.add_argument("--exposure-s", type=SI, help="exposure of a frame, for the metadata of saved captures")
     p.add_argument(
-        "--forget", type=Range(0, 10**6), default=0, metavar="FRAMES", help="frames after which one counts no longer"
+        "--forget",
+        type=Range(0, 10**6),
+        default=0,
+        metavar="FRAMES",
+        help="number of later frames after which a frame no longer counts; 0: never (0)",
     )
-    p.add_argument("--until", type=CONFIDENCE, metavar="CONFIDENCE", help="stop when a reconstruction is as sure as this")
+    p.add_argument(
+        "--until",
+        type=CONFIDENCE,
+        metavar="CONFIDENCE",
+        help="stop when the confidence of a reconstruction reaches this value, 0 to 1",
+    )
     p.add_argument("--port", type=Range(0, 65535), default=0, help="port of the page; 0 chooses a free one")
     return p
 

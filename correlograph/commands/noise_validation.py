@@ -20,7 +20,9 @@ BUDGETS = ((100, 0.1), (10, 1.0), (1, 10.0))
 
 
 def parser() -> ArgumentParser:
-    p = ArgumentParser(prog="python -m radiometry.validate", description="Noise model against rendered and measured speckle.")
+    p = ArgumentParser(
+        prog="python -m radiometry.validate", description="Compare the noise model with rendered and measured speckle."
+    )
     p.add_argument("-o", "--output", default="out/validation", help="folder for validation.json and the figures")
     p.add_argument("--scene", default="corner_letter", help="scene file or name of a shipped scene (default: corner_letter)")
     p.add_argument("--measured", type=Path, help="folder of published autocorrelations (PNG)")
@@ -100,7 +102,9 @@ class Renderer:
         return (simulation.frame(self.seed, number) for number in range(count))
 
     def over_exposure(self) -> list[dict[str, float]]:
-        """Return the series of two frames with 64 patches each, scaled to a maximum of 255 like the published images."""
+        """Return, per exposure, mean and variance of the signal-free corner of an estimate from two frames of 64 patches
+        each, scaled to a maximum of 255 like the published images.
+        """
         from radiometry.estimation.whole_frames import estimate_autocorrelation
 
         grid = self.prediction.grid
@@ -132,13 +136,16 @@ class Renderer:
         return corners
 
     def shot_floor_s(self) -> float | None:
-        """Return the ideal shot-noise floor over peak times the exposure: b = a / t."""
+        """Return the ideal shot-noise Return a in seconds, where a / t is the floor over peak by shot noise alone at the
+        exposure t.
+        """
         floor = self.prediction.shot_floor_over_peak
         return None if floor is None else floor * self.geometry.electronics.exposure_s
 
     def budgets(self) -> list[tuple[str, np.ndarray]]:
-        """Return estimates for Fig. 4: a total exposure of 10 s, divided in three ways. A single frame is pooled over
-        its patches."""
+        """Return estimates for Fig. 4: a total exposure of 10 s, divided in three ways. For a single frame, the background
+        is the mean of its patches.
+        """
         from radiometry.estimation.whole_frames import estimate_autocorrelation
 
         grid = self.prediction.grid
@@ -149,7 +156,7 @@ class Renderer:
 
 
 def _as_picture(estimate: np.ndarray) -> np.ndarray:
-    """Scale an estimate like the published images: zero lag 0, maximum 255, not rounded."""
+    """Scale an estimate like the published images: with zero lag set to 0 and a maximum of 255, without rounding."""
     picture = np.array(estimate, np.float64)
     picture[picture.shape[0] // 2, picture.shape[1] // 2] = 0.0
     return picture * (255.0 / picture.max())

@@ -41,7 +41,9 @@ class RequiredError:
         self._known: dict[tuple[int, int], float] = {}
 
     def __call__(self, geometry: Any, prediction: Prediction) -> float:
-        """Return the error for a camera. Raises InputError for an object or a correlation that the lags do not permit."""
+        """Return the error for a camera. Raises InputError for an object that is wider than 64 lags or cannot be detected,
+        or a correlation that its reconstructions cannot reach.
+        """
         if not prediction.cells.any():
             raise InputError("--correlation", "an object as wide as 64 lags or narrower", "a wider one", "omit --correlation")
         transfer = float(prediction.signal.sum() / (prediction.signal / prediction.transfer).sum())

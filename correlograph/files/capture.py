@@ -27,7 +27,8 @@ MAX_PLOTTED_FRAMES = 3
 
 @dataclass(frozen=True)
 class CameraMetadata:
-    """Metadata of a capture; None for unknown values. Lengths in metres; the pixel pitch holds for a wall that faces the camera.
+    """Metadata of a capture; None for unknown values. Lengths in metres; `pixel_pitch_m` is the pitch on a virtual detector
+    perpendicular to the axis of the camera.
 
     `row_pitch_m` and `column_pitch_m` differ from it if camera or wall are tilted.
     """

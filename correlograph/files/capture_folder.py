@@ -1,4 +1,6 @@
-"""Folder of a capture. An interrupted run leaves the previous capture intact, or a marker file that readers refuse."""
+"""Folder of a capture. An interrupted run leaves either the previous capture intact or a marker file; a folder with this
+marker is refused.
+"""
 
 from __future__ import annotations
 

@@ -27,8 +27,8 @@ class Corrections:
 
     Attributes:
         dark: frame without light; it is subtracted.
-        flat: frame of uniform light; frames are divided by it (without the dark frame, relative to its mean).
-        mask: image; its zero pixels are excluded: they take the mean of the others.
+        flat: frame of uniform light; frames are divided by it (after subtraction of the dark frame and division by its mean).
+        mask: image; where it is zero, pixels of a frame take the mean of the frame's other pixels.
     """
 
     dark: Path | str | None = None

@@ -23,8 +23,9 @@ _LINES_PER_BLOCK = 16  # of ZIP compression
 class FrameHeader:
     """Attributes of a frame file; None for attributes that other software may omit.
 
-    Lengths in metres. `pixel_pitch_m` holds for a wall that faces the camera, `distance_m` is from object to virtual detector.
-    `row_pitch_m` and `column_pitch_m` are the distances of neighbouring rows and columns of the wall as the object sees them.
+    Lengths in metres. `pixel_pitch_m` holds for a wall that faces the camera, `distance_m` is from object to virtual
+    detector. `row_pitch_m` and `column_pitch_m` are the distances of neighbouring rows and columns of pixels on the virtual
+    detector, projected perpendicular to the line of sight from the object.
     """
 
     wavelength_m: float

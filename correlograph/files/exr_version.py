@@ -1,7 +1,7 @@
 """The EXR header attribute `version`, which the OpenEXR binding (3.5) neither writes nor reads.
 
-The frame contract defines the name and the format allows it, so it is written into and read from the bytes of the header. Layout:
-https://openexr.com/en/latest/OpenEXRFileLayout.html
+The frame format of this project requires the name, and OpenEXR allows it, so it is written into and read from the bytes of
+the header. Layout: https://openexr.com/en/latest/OpenEXRFileLayout.html
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ BAR_FRACTION = 0.35
 
 
 def save_figure(path: Path, figure: Figure, dpi: int = 110) -> None:
-    """Write a figure as a PNG file that contains all of its text."""
+    """Write a figure as a PNG file enlarged where necessary so that no text is cut off."""
     with atomic(path) as partial:
         figure.savefig(partial, format="png", dpi=dpi, bbox_inches="tight", pad_inches=0.1)
 
@@ -64,7 +64,7 @@ def length_label(length_m: float) -> str:
 
 
 def add_scale_bar(axes: Axes, pitch_m: float, width: int, height: int) -> None:
-    """Draw a scale bar into an image of `width` x `height` pixels with a pixel pitch."""
+    """Draw a scale bar into an image of `width` x `height` pixels that are `pitch_m` metres apart."""
     length_m = nice_length(BAR_FRACTION * width * pitch_m)
     left, bottom, length = 0.05 * width, 0.94 * height, length_m / pitch_m
     axes.plot([left, left + length], [bottom, bottom], color="w", lw=3, solid_capstyle="butt")

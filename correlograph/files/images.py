@@ -177,7 +177,7 @@ def read_autocorrelation(file: Path) -> tuple[np.ndarray, float]:
 
 
 def check_symmetry(lags: np.ndarray, name: str, step: float = 0.0) -> None:
-    """Refuse lags whose opposite values differ by more than a quantisation step and 0.1 % of the maximum."""
+    """Refuse lags whose opposite values differ by more than the sum of the quantisation step and 0.1 % of the maximum."""
     asymmetry = np.abs(lags - lags[::-1, ::-1]).max()
     if asymmetry > step + 1e-3 * lags.max():
         raise InputError(

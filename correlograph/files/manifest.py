@@ -34,8 +34,8 @@ _permitted: set[tuple[Path, str]] = set()
 
 
 def claim(folder: Path, names: Iterable[str], *, overwrite: bool = False) -> None:
-    """Refuse names in a folder that a user's files have, before work begins; with `overwrite`, permit this process to
-    replace them.
+    """Refuse output names that belong to a user's files in the folder, before work begins; with `overwrite`, permit this
+    process to replace these files.
 
     Raises InputError for names of a user's files, and for names of folders.
     """
@@ -85,16 +85,14 @@ def own_files(folder: Path) -> list[Path]:
 
 
 def record(folder: Path, digests: Mapping[str, str]) -> None:
-    """Add files to the manifest of a folder, by name, with their digests. Raises InputError for a foreign manifest."""
-    manifest = folder / MANIFEST
-    _read(folder)
-    lines = b"".join(f"{digest}  ".encode() + _encode(name) + b"\n" for name, digest in digests.items())
-    with open(manifest, "ab") as stream:
-        stream.write(b"\n" + lines if stream.tell() else _HEADER + lines)  # the line before may be cut off
+    """Add files to the manifest of a folder, by name, with their digests. Raises InputError for a file of this name that
+    correlograph did not write.""" manifest = folder / MANIFEST _read(folder) lines = b"".join(f"{digest}  ".encode() +
+    _encode(name) + b"\n" for name, digest in digests.items()) with open(manifest, "ab") as stream: stream.write(b"\n" +
+    lines if stream.tell() else _HEADER + lines)  # the line before may be cut off
 
 
 def record_temporary(path: Path) -> None:
-    """Add a file or folder to the manifest that exists only during this run."""
+    """Record in the manifest that a file or folder exists only during this run."""
     record(path.parent, {path.name: _TEMPORARY})
 
 

@@ -56,10 +56,11 @@ def output_folder(path: str | Path) -> Path:
 def sole_writer(output: str | Path, name: str = "output folder") -> Iterator[None]:
     """Exclude other processes from writing the same folder or file, and remove what killed runs left there.
 
-    At the end, a folder with no files of this program keeps no manifest.
+    At the end, the manifest is removed if it lists no other file in the folder.
 
-    The lock lies in the folder, or next to the file or store, so it holds for other users, temporary folders and machines that
-    share the file system. A lock of a dead process of this machine is broken. Remote addresses have no lock.
+    The lock lies in the folder, or next to the file or store, so it works for every user and machine that shares the file
+    system, whatever the temporary folder. It is removed if its process on this machine has died. Outputs with a URL have no
+    lock.
 
     Raises InputError if another process is writing.
     """

@@ -24,7 +24,7 @@ RAW_KIND = ".raw"
 
 
 def _unpack_bits(packed: np.ndarray, bits: int) -> np.ndarray:
-    """Return numbers of some bits from a stream of bytes, least significant bits first (formats ending in p)."""
+    """Return unsigned integers of `bits` bits each from packed bytes, least significant bit first (formats ending in p)."""
     stream = np.unpackbits(packed, bitorder="little")
     places = stream[: len(stream) // bits * bits].reshape(-1, bits)
     return places @ (1 << np.arange(bits, dtype=np.uint16))

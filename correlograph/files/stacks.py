@@ -1,4 +1,4 @@
-"""Frames of files that hold one frame or many, read one by one: any number of frames in the memory of a few.
+"""Files of one or many frames, read one frame at a time, so that memory does not grow with their number.
 
 TIFF stacks (also BigTIFF, OME and ImageJ), NPY and NPZ arrays, HDF5 and NeXus datasets, Zarr arrays, FITS images, raw frames with a
 description, and files of one frame. `file.h5::/entry/data` names a dataset inside a file, and `run.zarr::/data` an array of a Zarr group.
@@ -248,7 +248,7 @@ class FileFrames(Sequence[np.ndarray]):
 
     Args:
         check: called with each frame, its header, its number, and its file.
-        change: correction of each frame; its result counts.
+        change: called with each frame; returns the corrected frame, which replaces it.
     """
 
     def __init__(

@@ -31,8 +31,8 @@ class Schema:
         made_by: command that writes it, for messages.
         version: version of the format; other versions are refused.
         arrays: shape of one sample and dtype by name.
-        part: samples written at once, one file per array.
-        chunk: samples compressed together.
+        part: number of samples written together, one file per array.
+        chunk: number of samples compressed together.
     """
 
     kind: str
@@ -135,7 +135,7 @@ def read_array(group: zarr.Group, address: str, name: str, schema: Schema) -> np
 
 
 def read_rows(group: zarr.Group, address: str, name: str, rows: np.ndarray, schema: Schema) -> np.ndarray:
-    """Read some samples of an array; only the checksums of the codecs are verified."""
+    """Read some samples of an array; Zarr's own checks apply; the `crc32` of whole parts is not verified."""
     try:
         return np.stack([np.asarray(group[name][int(row)]) for row in rows])
     except Exception as error:  # codecs raise their own exceptions

@@ -59,7 +59,9 @@ class Acquisition:
             self._arrived.notify_all()
 
     def join(self, timeout_s: float = 60.0) -> None:
-        """Wait until the frames that were read are added and the last reconstruction is complete. A source may still wait for frames."""
+        """Wait until the frames that were read are added and the last reconstruction is complete. The thread that reads the
+        source is not waited for, because it may be blocked.
+        """
         for thread in self._threads[1:]:
             thread.join(timeout_s)
 

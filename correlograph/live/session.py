@@ -43,10 +43,11 @@ class FrameReport:
 
     Attributes:
         mean: in frame units.
-        photoelectrons: mean per pixel by the gain that photon transfer finds; None while the gain is uncertain.
+        photoelectrons: mean photoelectrons per pixel, by the gain that the slope of variance over mean reveals; None while
+            the gain is uncertain.
         contrast: standard deviation of the speckle over its mean, from the covariance of neighbouring pixels.
-        grain_pixels: width at half maximum of the speckle's covariance. It is largest in focus for a small pupil.
-        saturated: fraction of the pixels at the maximum of the frame, if more than one in a thousand.
+        grain_pixels: full width at half maximum of the speckle's covariance, in pixels.
+        saturated: fraction of the pixels that equal the maximum of the frame; 0 if it is at most 0.001.
     """
 
     mean: float
@@ -63,8 +64,10 @@ class LiveReport:
     Attributes:
         frames: number of frames in the estimate.
         detection: significance of the object in standard deviations.
-        floor_over_peak, dof, error: noise of the estimate, and the relative error of its signal; None without an object.
-        detected_in_frames, sharp_in_frames: predicted number of further frames; 0 if reached, None if unpredictable.
+        floor_over_peak, dof: floor over peak and degrees of freedom of the estimate. error: relative L2 error of its signal.
+            None if no object is detected.
+        detected_in_frames, sharp_in_frames: predicted number of further frames until the object is detected, and until the
+            relative error is `SHARP_ERROR`; 0 if reached, None if unpredictable.
     """
 
     frames: int
@@ -84,8 +87,8 @@ class LiveSession:
         """Start without frames.
 
         Args:
-            forget: number of frames after which a frame no longer counts, for alignment; 0 for never. The estimate holds
-                between half of them and all.
+            forget: number of frames after which a frame no longer counts, for alignment; 0 for never. The estimate uses
+                between half of `forget` and `forget` of the latest frames.
         """
         self.camera, self.exposure_s, self.forget = camera, exposure_s, forget
         self._lock = Lock()
@@ -246,7 +249,9 @@ def _gain(image: np.ndarray) -> PhotonTransfer:
 
 
 def covariance_line(image: np.ndarray) -> np.ndarray:
-    """Return the covariance of a frame (H, W) at 0, 1, 2 ... pixels, averaged over both axes. Noise of the pixels adds to 0 only."""
+    """Return the covariance of a frame (H, W) at 0, 1, 2 ... pixels, averaged over both axes. Noise that is independent
+    between pixels affects only the value at 0 pixels.
+    """
     spectrum = np.abs(np.fft.rfft2(image - image.mean())) ** 2
     covariance = np.fft.irfft2(spectrum, image.shape) / image.size
     half = min(image.shape) // 2
@@ -254,7 +259,9 @@ def covariance_line(image: np.ndarray) -> np.ndarray:
 
 
 def grain_width(line: np.ndarray) -> float:
-    """Return the width at half maximum, in pixels, of a covariance (`covariance_line`) from one pixel on."""
+    """Return the width at half maximum, in pixels, at which a covariance (`covariance_line`) falls to half of its value at
+    one pixel. The value at 0 is ignored, because it contains noise.
+    """
     if line[1] <= 0.0:
         return 1.0
     below = np.nonzero(line[1:] < 0.5 * line[1])[0]

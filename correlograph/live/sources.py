@@ -64,7 +64,7 @@ class GrowingFiles:
         return sorted(visible, key=lambda file: (file.stat().st_mtime_ns, file.name))
 
     def _new_frames(self, file: Path) -> Iterator[np.ndarray]:
-        """Yield the frames that a file has gained; frames behind an unreadable one wait for it."""
+        """Yield the frames that a file has gained; after an unreadable frame, the file is tried again later from that frame."""
         size = file.stat().st_size
         if self._failing.get(file, 0.0) == float("inf") or (self._known.get(file, 0) and size == self._read_size.get(file)):
             return

@@ -34,10 +34,12 @@ def parser() -> ArgumentParser:
         metavar="NAME[:QUALITY]",
         help="methods as python -m invert knows them, e.g. unet:fast classical:best hio",
     )
-    p.add_argument("--weights", nargs="*", default=[], metavar="NAME=FILE", help="further networks, at quality fast")
+    p.add_argument(
+        "--weights", nargs="*", default=[], metavar="NAME=FILE", help="weights of further networks, evaluated with quality fast"
+    )
     p.add_argument("--images", type=Path, help="folder of photographs for the sets of edges and of grey pieces")
     p.add_argument("--measured", type=Path, help="folder of published autocorrelations for the measured set")
-    p.add_argument("--levels", type=Range(1, 1000), help="only the first levels of each set")
+    p.add_argument("--levels", type=Range(1, 1000), help="number of noise levels or exposures of each set (default: all)")
     p.add_argument("--count", type=Range(1, 100_000), default=16, help="images per level (rendered: captures per letter)")
     p.add_argument("--frames", type=FRAMES, default=2, help="frames of a rendered capture")
     p.add_argument(

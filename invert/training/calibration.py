@@ -41,9 +41,9 @@ class Observed:
 
 def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m invert.calibrate", description="Calibrate the confidence of a network.")
-    p.add_argument("weights", type=Path)
+    p.add_argument("weights", type=Path, help="weights of the network, .safetensors; the calibration is added to this file")
     p.add_argument("targets", help="dataset made by python -m data_gen")
-    p.add_argument("--count", type=Range(20, 100_000), default=200)
+    p.add_argument("--count", type=Range(20, 100_000), default=200, help="number of targets to reconstruct (200)")
     p.add_argument("--seed", type=SEED, default=0)
     return p
 

@@ -33,21 +33,43 @@ def parser() -> ArgumentParser:
     p.add_argument(
         "dataset",
         nargs="+",
-        help="dataset made by python -m data_gen, or several of different numbers of lags, which take turns; only the targets are used",
+        help="datasets made by python -m data_gen, possibly with different numbers of lags; training steps alternate between them and use the targets only",
     )
-    p.add_argument("-o", "--output", required=True, type=Path, help="weights, .safetensors; a checkpoint is kept beside them")
-    p.add_argument("--network", choices=tuple(NETWORKS), default="unet")
-    p.add_argument("--width", type=Range(8, 512, 8), help="channels of the widest picture: 40, and 64 for the paper's network")
     p.add_argument(
-        "--part", choices=("denoiser", "sketch", "fusion", "sampler"), default="denoiser", help="of the default network"
+        "-o", "--output", required=True, type=Path, help="weights, .safetensors; a checkpoint is kept in the same folder"
     )
-    p.add_argument("--loss", choices=tuple(LOSSES), default="registered", help="of pictures; the denoiser has its own")
-    p.add_argument("--noise", choices=("varied", "paper"), default="varied")
+    p.add_argument(
+        "--network",
+        choices=tuple(NETWORKS),
+        default="unet",
+        help="architecture to train (unet); paper and paper-modulus are those of Metzler et al. 2020",
+    )
+    p.add_argument(
+        "--width", type=Range(8, 512, 8), help="channels at full resolution (40; 64 for the networks of Metzler et al. 2020)"
+    )
+    p.add_argument(
+        "--part",
+        choices=("denoiser", "sketch", "fusion", "sampler"),
+        default="denoiser",
+        help="part of the network unet to train (denoiser)",
+    )
+    p.add_argument(
+        "--loss",
+        choices=tuple(LOSSES),
+        default="registered",
+        help="loss between reconstruction and target; the denoiser always uses its own",
+    )
+    p.add_argument(
+        "--noise",
+        choices=("varied", "paper"),
+        default="varied",
+        help="noise levels: a wide range (varied), or those of Metzler et al. 2020 (paper)",
+    )
     p.add_argument("--warm", nargs="+", help="stores of python -m invert.warm_starts, for the fusion")
     p.add_argument("--start-from", type=Path, help="weights of an earlier run to begin with")
-    p.add_argument("--steps", type=Range(1, 10**8), default=6000)
+    p.add_argument("--steps", type=Range(1, 10**8), default=6000, help="number of training steps (6000)")
     p.add_argument("--checkpoint-every", type=Range(1, 10**8), default=250, metavar="STEPS")
-    p.add_argument("--batch", type=Range(1, 65536), default=32)
+    p.add_argument("--batch", type=Range(1, 65536), default=32, help="targets per step (32)")
     p.add_argument("--learning-rate", type=Range(1e-12, 1.0), default=1e-3)
     p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")

@@ -37,7 +37,10 @@ SCHEMA = Schema("warm starts", "python -m invert.warm_starts", 2, ARRAYS, CHUNK,
 
 
 def parser() -> ArgumentParser:
-    p = ArgumentParser(prog="python -m invert.warm_starts", description="Classical reconstructions to train with.")
+    p = ArgumentParser(
+        prog="python -m invert.warm_starts",
+        description="Precompute classical reconstructions as inputs for the training of the fusion network.",
+    )
     p.add_argument("targets", help="dataset made by python -m data_gen")
     p.add_argument("-o", "--output", required=True)
     p.add_argument("--weights", required=True, type=Path, help="a trained denoiser, .safetensors")

@@ -34,8 +34,8 @@ class LagAxes:
 
     Attributes:
         down, right: unit vectors of the rows and columns of a lag grid.
-        stretch: (rows, columns): metres on the object per lambda z / (pixels x pitch); 1 for a camera and a wall that face the
-            light.
+        stretch: (rows, columns): metres on the object per lambda z / (pixels x pitch); 1 if the axis of the camera and the
+            normal of the wall are parallel to the line of sight.
         step: steps on the wall across the line of sight, (down, right), per metre of the camera pitch.
     """
 
@@ -46,7 +46,7 @@ class LagAxes:
 
     @property
     def cell(self) -> float:
-        """Area of a cell in units of the product of its sides."""
+        """Area of a cell divided by the product of its side lengths: the sine of the angle between the axes."""
         return float(np.linalg.norm(np.cross(self.down, self.right)))
 
     def coordinates(self, position: np.ndarray) -> np.ndarray:

@@ -41,7 +41,8 @@ class ObjectTotals:
         throughput: photoelectrons in a pixel per laser photon.
         albedo_area_m2: integral of the albedo over the visible, lit surface.
         cosine_in, cosine_out: mean cosines towards virtual source and virtual detector, weighted as in that integral.
-        albedo_over_radiance: ratio that converts radiance to effective albedo.
+        albedo_over_radiance: sum of the albedo over the sum of the radiance, a factor that converts radiance to effective
+            albedo.
     """
 
     throughput: float
@@ -120,8 +121,9 @@ class HiddenObject:
         return Samples(*(centre_in(part, shape) for part in (weight, albedo.astype(np.float32), mean_depth)))
 
     def cell_means(self, pitch_m: float | tuple[float, float], side: int) -> np.ndarray:
-        """Return the effective albedo averaged over each cell of a square grid, float32 (side, side); the integral of r
-        is kept."""
+        """Return the effective albedo averaged over each cell of a square grid, float32 (side, side); its sum times the cell
+        area does not depend on the pitch.
+        """
         return self.sample(pitch_m if isinstance(pitch_m, tuple) else (pitch_m, pitch_m), (side, side)).albedo
 
     def position(self, coordinates: np.ndarray, depth_m: np.ndarray) -> np.ndarray:

@@ -34,7 +34,7 @@ class CarriedLight:
     """Light carried by points of a surface, (n,) each; 0 for a hidden or dark point.
 
     Attributes:
-        radiance: photoelectrons in a pixel per laser photon and steradian of the origin of the rays.
+        radiance: photoelectrons in a pixel per laser photon and per steradian of solid angle at the start of the rays.
         albedo: pi times the BSDF: the albedo of a Lambertian surface of equal brightness.
         cosine_in, cosine_out: towards the spot and the frame.
     """

@@ -67,7 +67,7 @@ class OtherLight:
         total: light of the whole frame.
         position: world positions (n, 3) of its last reflection, for the paths that carried light.
         weight: photoelectrons of a frame per laser photon of each path, (n,); they sum to the total.
-        fractions: fraction of the light by the shape of its last reflection, largest first.
+        fractions: fraction of the light whose last reflection before the virtual detector was on each shape, largest first.
     """
 
     total: MonteCarlo

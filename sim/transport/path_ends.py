@@ -123,7 +123,9 @@ class Aim:
         return dr.norm(mi.Point3f(*self.centre.tolist()) - start)
 
     def disc_radius(self, distance: mi.Float) -> mi.Float:
-        """Return the radius, at the distance of the centre, of the cone that holds the sphere; 0 if it is too near."""
+        """Return the radius of the disc, through the centre of the shape's bounding sphere, that covers the sphere as seen
+        from a distance; 0 within 1.2 radii of the sphere.
+        """
         ratio = self.radius_m / distance
         far = ratio * _NEAR < 1.0
         return dr.select(far, self.radius_m / dr.sqrt(1.0 - dr.square(dr.select(far, ratio, 0.0))), 0.0)
@@ -150,7 +152,9 @@ class Aim:
 
 
 def mixture(paths: PathEnds, aims: list[Aim], vertex: mi.SurfaceInteraction3f) -> tuple[mi.Vector3f, mi.Float]:
-    """Sample a direction from a vertex, half of the time by the cosine, else towards a shape; and the density of the mixture."""
+    """Sample a direction from a vertex, with probability 1/2 by the cosine, otherwise towards a shape, and its probability
+    density per steradian.
+    """
     behind = dr.dot(vertex.n, vertex.to_world(vertex.wi)) < 0.0
     frame, spread = mi.Frame3f(dr.select(behind, -vertex.n, vertex.n)), paths.uniform2()
     sine, cosine = dr.sincos(2.0 * np.pi * spread.x)
