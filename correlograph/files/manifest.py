@@ -85,10 +85,15 @@ def own_files(folder: Path) -> list[Path]:
 
 
 def record(folder: Path, digests: Mapping[str, str]) -> None:
-    """Add files to the manifest of a folder, by name, with their digests. Raises InputError for a file of this name that
-    correlograph did not write.""" manifest = folder / MANIFEST _read(folder) lines = b"".join(f"{digest}  ".encode() +
-    _encode(name) + b"\n" for name, digest in digests.items()) with open(manifest, "ab") as stream: stream.write(b"\n" +
-    lines if stream.tell() else _HEADER + lines)  # the line before may be cut off
+    """Add files to the manifest of a folder, by name, with their digests.
+
+    Raises InputError if the file with the manifest's name was not written by correlograph.
+    """
+    manifest = folder / MANIFEST
+    _read(folder)
+    lines = b"".join(f"{digest}  ".encode() + _encode(name) + b"\n" for name, digest in digests.items())
+    with open(manifest, "ab") as stream:
+        stream.write(b"\n" + lines if stream.tell() else _HEADER + lines)  # the line before may be cut off
 
 
 def record_temporary(path: Path) -> None:

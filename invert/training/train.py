@@ -33,7 +33,7 @@ def parser() -> ArgumentParser:
     p.add_argument(
         "dataset",
         nargs="+",
-        help="datasets made by python -m data_gen, possibly with different numbers of lags; training steps alternate between them and use the targets only",
+        help="datasets made by python -m data_gen, of any numbers of lags; steps alternate between them and use the targets only",
     )
     p.add_argument(
         "-o", "--output", required=True, type=Path, help="weights, .safetensors; a checkpoint is kept in the same folder"
