@@ -21,6 +21,10 @@ grains, and is at least a twelfth of the median deviation of the means of all li
 GLINT_PIXELS = 9
 """Minimum number of adjacent hot pixels that form a specular highlight, whose light fades into the speckle around it."""
 
+MIN_PHOTONS, PHOTON_SPREAD = 20, 0.3
+"""Minimum number of bright pixels that may be single photons, and maximum distance of the quartiles of their values relative to
+their median above the dark level."""
+
 SATURATION_FALSE_ALARMS = 1e-4
 """Probability that a frame that is not saturated is reported as saturated."""
 
@@ -88,6 +92,8 @@ def _replace_hot_pixels(image: torch.Tensor) -> tuple[torch.Tensor, int]:
     if float(image.max()) <= limit:
         return image, 0
     hot = image > limit
+    if _are_single_photons(image[hot].cpu().numpy(), middle):
+        return image, 0
     repaired = _replace_highlights(image, hot, hundredth)
     height, width = image.shape
     for row, column in torch.nonzero(hot & (repaired > limit)).tolist():
@@ -95,6 +101,18 @@ def _replace_hot_pixels(image: torch.Tensor) -> tuple[torch.Tensor, int]:
         whole = ~hot[rows, columns]
         repaired[row, column] = repaired[rows, columns][whole].median() if whole.any() else middle
     return repaired, int(hot.sum())
+
+
+def _are_single_photons(values: np.ndarray, dark: float) -> bool:
+    """Return whether many bright pixels share one value up to weak read noise, as single photons in a dim frame do.
+
+    Hot pixels have many values, or exactly one if they are saturated.
+
+    Args:
+        values: pixels above the limit. dark: median of the frame.
+    """
+    low, middle, high = np.quantile(values, (0.25, 0.5, 0.75))
+    return len(values) >= MIN_PHOTONS and 0.0 < high - low < PHOTON_SPREAD * (middle - dark)
 
 
 def _replace_highlights(image: torch.Tensor, hot: torch.Tensor, bright: float) -> torch.Tensor:

@@ -240,3 +240,21 @@ def test_dim_frames_are_not_saturated(rng):
         assert repair(torch.from_numpy(frame))[1].saturated == 0.0
     frame = np.minimum(frame_of_a_bar(rng, photons=8.0), 20.0)
     assert repair(torch.from_numpy(frame))[1].saturated > 0.05
+
+
+@pytest.mark.parametrize("read_noise", [0.03, 0.07, 0.12])
+def test_single_photons_above_weak_read_noise_are_not_hot_pixels(rng, read_noise):
+    """About one pixel in a thousand holds a photon, so that the quantile from which the tail is extrapolated is read noise."""
+    for fraction in (3e-4, 9e-4, 1.1e-3, 3e-3):
+        frame = rng.poisson(fraction, (900, 700)) + read_noise * rng.standard_normal((900, 700))
+        assert repair(torch.from_numpy(frame.astype(np.float32)))[1].hot_pixels == 0
+
+
+def test_hot_pixels_of_many_values_and_saturated_ones_are_replaced(rng):
+    for values in (rng.uniform(300.0, 4000.0, 400), np.full(400, 4095.0)):
+        frame = rng.exponential(5.0, (900, 700)).astype(np.float32)
+        places = rng.choice(frame.size, 400, replace=False)
+        frame.ravel()[places] = values
+        repaired, faults = repair(torch.from_numpy(frame))
+        assert faults.hot_pixels == 400
+        assert float(repaired.max()) < 120.0
