@@ -34,11 +34,13 @@ class Quality:
     Attributes:
         solver_starts: random starts of a classical method.
         solver_iterations: fraction of a classical method's published number of iterations.
-        network_starts: random starts of the phase retrieval before and after denoising.
-        augmentations: test-time augmentations of the denoiser and of the fusion.
+        network_starts: random starts of the phase retrieval that supplies images to the network, for the noisy and for the
+            denoised modulus.
+        augmentations: number of transformed copies of the input over which denoiser and fusion average.
         samples: posterior samples; 0 leaves the posterior sampler out.
-        rounds: re-noising rounds of each sample.
-        finer_samples, finer_rounds: the same on grids of more than 64 lags, which continue with the samples of a coarser grid.
+        rounds: number of times that noise is added to each posterior sample and removed again by the network.
+        finer_samples, finer_rounds: the same on grids of more than 64 lags, where sampling starts from the posterior samples
+            of a coarser grid.
     """
 
     name: str

@@ -36,8 +36,8 @@ class Reconstruction:
         confidence: 0 to 1. For a network: predicted correlation with the truth. For other methods: mean correlation of the
             starts with the lowest residuals.
         residual: lowest relative squared error of the Fourier modulus over the starts; None for a network.
-        transfer: phase retrieval transfer function of the starts, augmentations or samples; empty for a single one.
-        posterior: samples of the posterior; None except for the default network above `fast`.
+        transfer: phase retrieval transfer function of the starts, augmentations or samples; empty if there is only one image.
+        posterior: samples of the posterior; None unless the method is `unet` and the quality is higher than `fast`.
         features: inputs of a network's confidence; None for other methods.
         rejected: image that the network reconstructed with too low a confidence; None if there is none.
     """
@@ -78,7 +78,7 @@ def reconstruct_measurement(
     """Reconstruct a measurement; without a detectable signal the reconstruction is empty.
 
     Args:
-        weights: weights for `unet` instead of those that ship.
+        weights: file of weights for `unet` instead of those that ship.
     """
     if not measurement.detectable:
         return empty_reconstruction(measurement.lag_grid.object_side)

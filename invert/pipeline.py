@@ -66,8 +66,8 @@ def reconstruct(
         pitch_m: lag pitch. Without patch, lags and pitch, both are adapted to the object; see `invert.measure.lag_choice`.
         camera: metadata for frames that carry none.
         corrections: dark frame, flat-field frame and mask.
-        blur_pixels: standard deviation of a known Gaussian blur; "auto" estimates it with the network. None does so for
-            `unet` and assumes no blur for the classical methods, which then run no network.
+        blur_pixels: standard deviation of a known Gaussian blur; "auto" estimates it with the network. None also estimates
+            it for `unet` and assumes no blur for the classical methods, which then run no network.
         mean_model: background model: auto, pooled, fixed or published; see `radiometry.estimation.whole_frames`.
         weights: network weights for `unet` instead of those that ship.
         autocorrelation: whether files hold autocorrelations; None decides by their shape.
@@ -123,7 +123,9 @@ def reconstruct(
 
 
 def read_source(source: Source, camera: CameraMetadata, autocorrelation: bool | None = None) -> Capture | Estimate:
-    """Read a source as a capture, or as an estimate if it is an autocorrelation. Arguments as of `reconstruct`."""
+    """Read a source as a capture, or as an estimate if it is an autocorrelation. The arguments have the same meaning as in
+    `reconstruct`.
+    """
     if isinstance(source, Capture):
         in_memory = () if isinstance(source.frames, FileFrames) else source.frames
         for number, frame in enumerate(in_memory):

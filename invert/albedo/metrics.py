@@ -31,9 +31,9 @@ class Scores:
         pearson: correlation over the window of the truth.
         ssim: structural similarity (Wang et al., doi:10.1109/TIP.2003.819861), Gaussian window of 1.5 pixels.
         psnr_db: peak signal-to-noise ratio; the peak is that of the truth.
-        iou: intersection over union of the truth's pixels above half of its maximum and as many of the brightest pixels of the
-            image.
-        edge_f1: F1 score of the outlines of those two sets, one pixel of tolerance.
+        iou: intersection over union of the truth's pixels above half of its maximum and an equal number of the brightest
+            pixels of the image.
+        edge_f1: F1 score of the outlines of these two sets of pixels, where outlines up to one pixel apart match.
         success: whether the correlation reaches `SUCCESS`.
     """
 

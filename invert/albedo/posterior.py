@@ -39,7 +39,9 @@ class SampleCluster:
 
 @dataclass(frozen=True)
 class SizeStatistics:
-    """Mean of a size over the samples, and scale of its error: their standard deviation plus the effect of one edge pixel."""
+    """Mean of a size over the samples, and the scale of its error: its standard deviation over the samples plus its change
+    by one pixel at the edge.
+    """
 
     mean: float
     scale: float
@@ -51,7 +53,7 @@ class SizeStatistics:
         return cls(float(sizes.mean()), float(sizes.std()) + 0.5 + 0.02 * float(sizes.mean()))
 
     def error(self, size: float) -> float:
-        """Return the difference of a size from the mean of the samples, in units of the scale."""
+        """Return the difference of a size from its mean over the samples, divided by the scale of its error."""
         return (size - self.mean) / self.scale
 
 
@@ -93,7 +95,7 @@ class Samples:
 
     @property
     def bright(self) -> np.ndarray:
-        """Probability that a pixel is bright, (64, 64)."""
+        """Fraction of the samples in which a pixel is bright (above half of the maximum), (64, 64)."""
         return (self.samples > BRIGHT_THRESHOLD).mean(0)
 
     def interval(self, size: str, probability: float) -> tuple[float, float]:

@@ -61,14 +61,17 @@ def register_images(image: torch.Tensor, reference: torch.Tensor) -> tuple[torch
 
 
 def pairwise_correlation(images: torch.Tensor) -> torch.Tensor:
-    """Return the Pearson correlation of images (n, H, W) with each other after registration; (n, n), row by reference."""
+    """Return the Pearson correlation of images (n, H, W) with each other after registration; (n, n), where image i is the
+    reference of row i.
+    """
     return torch.stack([register_images(images, one)[1] for one in images])
 
 
 def register_groups(pictures: torch.Tensor, references: torch.Tensor) -> torch.Tensor:
     """Register groups of images (n, k, 64, 64) so that the first image of each group fits its reference (n, 64, 64).
 
-    Parts outside the window are lost, so a shift is weighted by the fourth power of the fraction of the light that it keeps.
+    Parts outside the window are lost, so the correlation at each shift is multiplied by the fourth power of the fraction of
+    the light that it keeps.
     """
     shown = references.shape[-1]
     side, grid = 2 * shown, (2 * shown, 2 * shown)
@@ -88,8 +91,9 @@ def register_groups(pictures: torch.Tensor, references: torch.Tensor) -> torch.T
 
 
 def crop_centred(images: torch.Tensor, side: int | None = None) -> torch.Tensor:
-    """Crop the `side` x `side` window (default: half of the images) that contains most of periodic images (..., H, W), taken
-    together, and centre them."""
+    """Crop the `side` x `side` window (default: half of the images) that contains most of the light of periodic images (...,
+    H, W), taken together, and centre them.
+    """
     side = images.shape[-1] // 2 if side is None else side
     for dimension in (-2, -1):
         profile = images.movedim(dimension, 0).flatten(1).sum(1).double()

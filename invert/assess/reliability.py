@@ -70,10 +70,12 @@ def assess_reliability(
 
 
 def describe_limits(found: Reconstruction, measurement: Measurement) -> list[str]:
-    """Describe what the frames did not allow: which light an undetected object would need, and how far the confidence holds.
+    """Describe what the frames did not allow: which light an undetected object would need, and for which lags the confidence
+    is calibrated.
 
-    The significance is proportional to the light, if the light sets the floor, and to the root of the number of frames. In 19 of
-    20 cases the true significance is at most two standard deviations above the measured one.
+    The significance of the signal is proportional to the amount of light, if the shot noise of this light sets the floor,
+    and to the root of the number of frames. In 19 of 20 cases the true significance is at most two standard deviations above
+    the measured one.
     """
     notes, side = [], measurement.lag_grid.object_side
     if measurement.detection < DETECTION_LIMIT:

@@ -29,10 +29,10 @@ class SpeckleTest:
             unpolarised light, 0 for texture, much more for a specular highlight.
         error: its standard error.
         unexplained: relative L2 error of the reconstruction's r*r against the estimate, in excess of noise.
-        unexplained_least: lower limit of `unexplained`, which the error of the noise exceeds with a probability of 1 %.
+        unexplained_least: lower limit of `unexplained`; because of noise, the true value is below it with a probability of 1 %.
         part_differences: standard deviation of the signal's power between parts of a frame, relative to its mean and in excess of
             chance; 0 for speckle.
-        part_chance: probability that speckle differs as much between parts.
+        part_chance: probability that speckle has `part_differences` at least as large.
         frame_differences: standard deviation of the power at a lag between frames, relative to its mean and in excess of noise.
         frame_chance: probability that frames of one object differ as much.
     """
@@ -91,8 +91,8 @@ def unexplained_fraction(
 ) -> tuple[float, float]:
     """Return the relative L2 error of an expected signal in excess of noise, and its lower limit.
 
-    The scatter of the squared noise sets the limit: both signs of a lag carry the same noise, and `inflation` covers the
-    correlation of neighbouring lags.
+    The scatter of the squared noise sets the limit: both signs of a lag carry the same noise, and the factor `inflation` of
+    the variance accounts for the correlation of neighbouring lags.
 
     Args:
         signal, expected: signal of the estimate and of a reconstruction (127, 127). used: mask of the lags that count.

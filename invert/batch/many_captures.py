@@ -77,7 +77,7 @@ def _sheet_name(number: int) -> str:
 
 
 def _known(request: Request, files: Sequence[Path], folder: Path) -> dict[str, Any] | None:
-    """Return the row of an earlier result of the same request and files; None without one."""
+    """Return the table row of an earlier result with the same options and files; None if there is none."""
     try:
         summary = json.loads((folder / "result.json").read_text())
         expected = [name for name in RESULT_FILES if name != "samples.npy" or summary["posterior"] is not None]

@@ -17,7 +17,7 @@ FORMAT = 2
 
 @dataclass(frozen=True)
 class Cell:
-    """Arguments of a cell, one row of scores per case, and images (cases, 64, 64)."""
+    """Settings with which a cell was evaluated, one row of scores per test case, and the albedos and truths (cases, 64, 64)."""
 
     asked: dict[str, Any]
     rows: list[dict[str, Any]]

@@ -46,7 +46,8 @@ def identify(image: np.ndarray, *, mirrored: bool = False, characters: str = CHA
 
     Args:
         image: reconstruction (64, 64).
-        mirrored: whether to try mirrored templates as well, for captures with the axes of the wall instead of the object's.
+        mirrored: whether to try mirrored templates as well, for captures whose axes are those of the wall, in which the
+            object may appear mirrored.
 
     Returns:
         (character, correlation), best first.

@@ -57,7 +57,9 @@ def _summary(result: Cell) -> dict[str, Any]:
 
 
 def _leads(results: list[Cell]) -> list[dict[str, Any]]:
-    """Return mean score differences between the first method and each other, paired by image: images differ more than methods."""
+    """Return mean score differences between the first method and each other, computed image by image, because scores vary
+    more between images than between methods.
+    """
     rows = {(result.asked["set"], result.asked["level"], result.asked["method"]): result.rows for result in results}
     first = results[0].asked["method"]
     leads = []
@@ -82,8 +84,9 @@ def _format_score(score: dict[str, Any] | None) -> str:
 
 
 def _tables(summary: list[dict[str, Any]], leads: list[dict[str, Any]]) -> str:
-    """Return one Markdown table per test set and score: methods in rows, levels in columns; below them the leads of the
-    first method."""
+    """Return one Markdown table per test set and score: methods in rows, levels in columns; below them the mean score
+    advantages of the first method.
+    """
     parts = []
     for test_set in dict.fromkeys(entry["set"] for entry in summary):
         entries = [entry for entry in summary if entry["set"] == test_set]

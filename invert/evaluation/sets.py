@@ -204,7 +204,7 @@ def load_measured_set(folder: Path) -> Iterator[Level]:
 
     There is no truth. Its substitute is the classical reconstruction, from many starts, of the longest exposure of the 7, and of
     fifty frames of a letter.
-    The other long exposures score each reconstruction of the 7 by their likelihood as well.
+    Each reconstruction of the 7 is also scored by the likelihood of the other long exposures given this reconstruction.
     """
     files = sorted(folder.glob("*.png"))
     series = sorted((file for file in files if "usec" in file.name), key=_microseconds, reverse=True)

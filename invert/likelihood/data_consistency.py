@@ -18,8 +18,8 @@ def run_data_consistency_steps(
 ) -> torch.Tensor:
     """Move albedos (n, 64, 64) up their likelihood given their estimates, under a Gaussian prior around the initial values.
 
-    Each is a preconditioned conjugate-gradient step whose length follows from the curvature. Dark pixels stay dark if their gradient is
-    negative.
+    Each is a preconditioned conjugate-gradient step whose length follows from the curvature. Pixels of zero albedo stay at
+    zero if the gradient of the log-likelihood there is negative.
 
     Args:
         variance: variance of the prior, (n,).

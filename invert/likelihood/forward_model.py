@@ -33,8 +33,9 @@ def half_of(lags: torch.Tensor) -> torch.Tensor:
 
 @lru_cache(maxsize=8)
 def lags_used(lags: int) -> torch.Tensor:
-    """Return a mask of the lags used, float64 (1, 64, 128): one of each pair, without zero lag and its neighbours, which carry
-    little information."""
+    """Return a mask of the lags used, float64 (1, 64, 128): one of each pair of opposite lags, without zero lag and its
+    neighbours, which carry little information.
+    """
     grid = lag_grid(lags)
     return half_of(torch.from_numpy((grid.ring > 1) & grid.half_plane).double()[None])
 
@@ -100,7 +101,8 @@ class ForwardModel:
 def fit_gains(
     signal: torch.Tensor, pedestal: torch.Tensor, estimate: torch.Tensor, floor: torch.Tensor, weight: torch.Tensor, rounds: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Fit the gains a and c (n,) of object and pedestal by reweighted least squares, with weights `weight` / expectation^2.
+    """Fit the gains a and c (n,) of object and pedestal by reweighted least squares, in which each lag has the weight
+    `weight` / S^2, with the fitted mean S.
 
     Args:
         signal: H (r*r) of each object, (n, lags); the other arguments broadcast to this shape.

@@ -26,8 +26,9 @@ ROUNDS, FAST_ROUNDS = 8, 3
 class Likelihood:
     """Log-likelihood of n estimates as a function of one albedo each, or of one estimate as a function of many albedos.
 
-    The noise model is Gamma of shape K with mean S = a H (r*r) + c p + b; see `invert.likelihood.forward_model`. The gains a and c, zero
-    or more, are fitted for each albedo. For correlated lags, K is divided by the variance inflation of their sums.
+    The noise model is Gamma of shape K with mean S = a H (r*r) + c p + b; see `invert.likelihood.forward_model`. The gains a
+    and c, zero or more, are fitted for each albedo. Because neighbouring lags are correlated, K is divided by the factor by
+    which this correlation increases the variance of sums over lags.
 
     Args:
         estimate: (n, 127, 127), zero lag in the middle; sets the device and the type of the computation.
@@ -67,7 +68,9 @@ class Likelihood:
         kind: torch.dtype = torch.float64,
         transfer: np.ndarray | None = None,
     ) -> Likelihood:
-        """Return the likelihood of one measurement. Without noise, K is 1, which keeps the order of albedos."""
+        """Return the likelihood of one measurement. For an estimate without noise, K is set to 1, which does not change the
+        ranking of albedos by likelihood.
+        """
         noise = measurement.noise
         estimate = torch.from_numpy(measurement.estimate).to(device, kind)[None]
         floor, dof = (torch.tensor([value]).to(estimate) for value in (noise.floor, noise.dof or 1.0))
@@ -96,8 +99,9 @@ class Likelihood:
         return self.used * self.dof * (1.0 - self.estimate / expected + perfect)
 
     def misfit(self, albedo: torch.Tensor) -> float:
-        """Return the log-likelihood deficit (nats) of an albedo (64, 64) against the saturated model at or above the floor,
-        minus its expectation under noise; for one estimate."""
+        """Return the log-likelihood deficit (nats) of an albedo (64, 64) relative to a model with one free mean per lag,
+        none of them below the floor, minus its expectation under noise; for one estimate.
+        """
         best = float(self.by_lag(self.estimate.clamp_min(self.floor)).sum())
         dof = float(self.dof) * self.inflation
         above = int((self.used * (self.estimate > self.floor)).sum())
@@ -152,7 +156,7 @@ class LikelihoodPoint:
 def log_likelihood_leads(reference: np.ndarray, albedo: np.ndarray, captures: Sequence[Measurement]) -> list[float]:
     """Return the lead in log-likelihood (nats) of `albedo` over `reference`, for each of several captures of the object.
 
-    The captures must not be those of the reconstructions; their noise is then fitted by neither.
+    The captures must not be those of the reconstructions; then neither albedo has been fitted to their noise.
     """
     both = torch.from_numpy(np.stack((albedo, reference)))
     likelihoods = [Likelihood.of(capture)(both) for capture in captures]

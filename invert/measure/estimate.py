@@ -52,7 +52,7 @@ class EstimateRecord:
 
     Attributes:
         frames: number of frames.
-        grid: patches whose lags the estimate has.
+        grid: layout of the patches in a frame, which determines the lags of the estimate.
         dof_expected: degrees of freedom K in theory.
         background: background and sensor faults in the frames.
         blur_found_pixels: standard deviation (rows, columns) of the blur that was estimated, if one was.

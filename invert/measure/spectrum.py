@@ -25,7 +25,7 @@ class Measurement:
 
     Attributes:
         estimate: (127, 127) float32, zero lag at [63, 63], lines through zero lag interpolated.
-        noise: floor, degrees of freedom, ring at which the signal ends.
+        noise: floor, degrees of freedom, and radius in lags beyond which no signal is detected.
         peak: (r*r)(0) above the floor, patch window deconvolved; 0 without an object.
         peak_error: its standard error.
         detection: significance of the signal above the floor in standard deviations, over all lags.
