@@ -13,7 +13,7 @@ PARAMETERS = (
     Parameter("wavelength", "metres", 1e-9, 1.0),
     Parameter("power", "watts", 1e-30, 1e15, zero=True),
     Parameter("spot_diameter", "metres", 1e-9, 1e6),
-    Parameter("scan_speed", "metres of the wall a second", 1e-30, 1e9, 0.0, zero=True),
+    Parameter("scan_speed", "metres per second on the wall", 1e-30, 1e9, 0.0, zero=True),
     Parameter("linewidth", "hertz (full width at half maximum)", 1e-30, 1e15, 0.0, zero=True),
 )
 _SCAN_STEP = Parameter("scan_step", "metres", 1e-30, 1e15, zero=True)
