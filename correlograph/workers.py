@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -142,3 +143,27 @@ def _run_on_cluster(task: Callable[[Any], Any], items: Sequence[Any], scheduler:
                 yield item_of[future.key], future.result()
             except KilledWorker:
                 yield item_of[future.key], WorkerDeath()
+
+
+def map_on_cluster(task: Callable[[Any, Any], Any], shared: Any, items: Sequence[Any], scheduler: str) -> Iterator[Any]:
+    """Run task(shared, item) on the workers of a Dask cluster; yield the outcomes in the order of the items.
+
+    Args:
+        task: a picklable function; its exceptions are raised.
+        shared: a picklable object, which is sent to each worker once.
+        scheduler: address of a running Dask scheduler.
+
+    Raises InputError if workers died repeatedly on an item.
+    """
+    from distributed import Client, KilledWorker
+
+    with Client(scheduler, timeout=20) as client:
+        sent = client.scatter(shared, hash=False)
+        futures = deque(client.submit(task, sent, item, pure=False, retries=2) for item in items)
+        while futures:
+            try:
+                yield futures.popleft().result()
+            except KilledWorker:
+                raise InputError(
+                    "--scheduler", "workers with enough memory", "workers that died", "give each worker more memory"
+                ) from None

@@ -63,7 +63,9 @@ def parser() -> ArgumentParser:
     p.add_argument("--weights", type=Path, help="other network weights, .safetensors, for --method unet")
     p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("--workers", type=WORKERS, help="processes for many captures; default: one per core")
-    p.add_argument("--scheduler", help="address of a running Dask scheduler, instead of --workers")
+    p.add_argument(
+        "--scheduler", help="address of a running Dask scheduler for many captures, or for the frames of one above 1 GB"
+    )
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     p.add_overwrite()
     return p
@@ -78,21 +80,21 @@ def main(argv: Sequence[str] | None = None) -> None:
     request = _request(options)
     captures = find_captures(options.inputs, options.autocorrelation)
     if "" in captures:
-        _invert_one(request, captures[""], Path(options.output), overwrite=options.overwrite)
+        _invert_one(request, captures[""], options)
     else:
         _invert_many(request, captures, options, workers)
 
 
-def _invert_one(request: Request, files: Sequence[Path], output: Path, *, overwrite: bool) -> None:
+def _invert_one(request: Request, files: Sequence[Path], options: Any) -> None:
     from tqdm import tqdm
 
     from invert.batch.captures import invert_capture
     from invert.methods import progress_steps
 
-    begin = time.perf_counter()
+    begin, output, overwrite = time.perf_counter(), Path(options.output), options.overwrite
     total = progress_steps(request.method, request.quality)
     with tqdm(total=total, desc=f"{request.method}:{request.quality}", unit="step", disable=None, leave=False) as bar:
-        result, summary = invert_capture(request, files, output, bar.update, overwrite=overwrite)
+        result, summary = invert_capture(request, files, output, bar.update, overwrite=overwrite, scheduler=options.scheduler)
     for warning in result.warnings:
         print(f"warning: {warning}", file=sys.stderr)
     for note in result.notes:

@@ -14,11 +14,13 @@ import numpy as np
 from correlograph.errors import InputError, check_device
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.corrections import Corrections
+from correlograph.files.file_frames import FileFrames
 from correlograph.files.images import check_symmetry
 from correlograph.files.output import path_of
-from correlograph.files.stacks import FileFrames, open_stack
+from correlograph.files.stacks import open_stack
 from correlograph.lags import LAG_SIDE
 from correlograph.ranges import LAG_COUNT, SEED
+from correlograph.workers import check_scheduler
 from invert.assess.reliability import assess_reliability, describe_limits
 from invert.assess.speckle_test import speckle_test
 from invert.blur_fit import estimate_blur, likelihood_before_division
@@ -53,6 +55,7 @@ def reconstruct(
     device: str = "cpu",
     autocorrelation: bool | None = None,
     sums_file: str | Path | None = None,
+    scheduler: str | None = None,
     progress: Progress = no_progress,
 ) -> Result:
     """Reconstruct the albedo of the hidden object.
@@ -72,6 +75,7 @@ def reconstruct(
         weights: network weights for `unet` instead of those that ship.
         autocorrelation: whether files hold autocorrelations; None decides by their shape.
         sums_file: file (.npz) that keeps the sums over the frames of a capture above 1 GB, so that a later call continues from it.
+        scheduler: address of a running Dask scheduler, whose workers add the frames of a capture above 1 GB. They need the same file names.
         progress: called with the number of steps done since the last call.
 
     Returns:
@@ -84,6 +88,8 @@ def reconstruct(
     _check_types(source, camera, corrections, progress)
     _check_numbers(patch, blur_pixels)
     seed = SEED.check("seed", seed)
+    if scheduler is not None:
+        check_scheduler(scheduler)
     file = _check_weights(weights, method)
     begin = time.perf_counter()
     capture = read_source(source, camera or CameraMetadata(), autocorrelation)
@@ -95,7 +101,7 @@ def reconstruct(
     known_blur = None if blur_pixels == "auto" else blur_pixels
     if isinstance(capture, Capture):
         kept = None if sums_file is None else path_of("sums_file", sums_file)
-        estimate = estimate_from_frames(capture, patch, device, mean_model, known_blur, lags, pitch_m, kept)
+        estimate = estimate_from_frames(capture, patch, device, mean_model, known_blur, lags, pitch_m, kept, scheduler)
     else:
         estimate = capture
 

@@ -14,9 +14,9 @@ from correlograph.errors import InputError, check_positive
 from correlograph.files.capture_folder import check_complete, frame_path, replace_capture, stage_capture
 from correlograph.files.exr_frames import FrameHeader, read_frame, write_frame
 from correlograph.files.figures import add_scale_bar, figure_as_html, show_figure
+from correlograph.files.file_frames import FileFrames
 from correlograph.files.file_metadata import FileMetadata
 from correlograph.files.output import output_folder, path_of, save_array, save_json
-from correlograph.files.stacks import FileFrames
 from correlograph.ranges import FRAMES
 
 if TYPE_CHECKING:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from correlograph.errors import InputError
 from correlograph.files.capture import Capture
+from correlograph.files.file_frames import FileFrames
 from correlograph.files.images import read_image
 from correlograph.files.output import path_of
-from correlograph.files.stacks import FileFrames
 
 MAX_UNLIT_FRACTION = 0.01
 """Maximum fraction of pixels without light in the flat-field frame; they take the mean of the others."""
@@ -76,15 +77,19 @@ class Corrections:
                     "zero pixels are left out; turn it round",
                 )
 
-        def correct(frame: np.ndarray) -> np.ndarray:
-            frame = frame - dark
-            if lit is not None:
-                frame = np.where(lit, frame, frame[lit].mean()) / gain
-            if used is not None:
-                frame = np.where(used, frame, frame[used].mean())
-            return frame.astype(np.float32, copy=False)
+        return partial(_correct, dark, lit, gain, used)
 
-        return correct
+
+def _correct(
+    dark: np.ndarray, lit: np.ndarray | None, gain: np.ndarray, used: np.ndarray | None, frame: np.ndarray
+) -> np.ndarray:
+    """Return a frame minus the dark frame, divided by the gain, with the mean in pixels that are not lit or not used."""
+    frame = frame - dark
+    if lit is not None:
+        frame = np.where(lit, frame, frame[lit].mean()) / gain
+    if used is not None:
+        frame = np.where(used, frame, frame[used].mean())
+    return frame.astype(np.float32, copy=False)
 
 
 def _read(option: str, name: Path | str, shape: tuple[int, ...]) -> np.ndarray:

@@ -6,14 +6,12 @@ description, and files of one frame. `file.h5::/entry/data` names a dataset insi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+import os
+from collections.abc import Callable
 from contextlib import ExitStack
-from copy import copy
 from importlib import import_module
 from pathlib import Path
-from threading import Lock
-from typing import Any, overload
+from typing import Any
 from weakref import finalize
 
 import numpy as np
@@ -71,6 +69,10 @@ class Stack:
     def read(self, number: int) -> Frame:
         """Return a frame, float32 (H, W), with its header if the simulator wrote it. Raises InputError if it is damaged."""
         return self._read(number)
+
+    def __reduce__(self) -> tuple[Callable[[Path], Stack], tuple[Path]]:
+        """Open the file again in the process that loads a pickled stack."""
+        return open_stack, (Path(os.path.abspath(self.path)),)
 
 
 def open_stack(path: Path) -> Stack:
@@ -241,58 +243,3 @@ def _require(package: str, file: Path) -> Any:
 
 def _unreadable(file: Path, error: Exception) -> InputError:
     return InputError("frame", "a file that can be read", f"{file} ({type(error).__name__})", "write it again or leave it out")
-
-
-class FileFrames(Sequence[np.ndarray]):
-    """Frames of several files in order, read when they are needed; iteration reads one ahead.
-
-    Args:
-        check: called with each frame, its header, its number, and its file.
-        change: called with each frame; returns the corrected frame, which replaces it.
-    """
-
-    def __init__(
-        self,
-        stacks: Sequence[Stack],
-        check: Callable[[np.ndarray, FrameHeader | None, int, Path], None],
-        change: Callable[[np.ndarray], np.ndarray] | None = None,
-    ) -> None:
-        self._check, self._change, self._lock = check, change, Lock()
-        self._places = [(stack, number) for stack in stacks for number in range(stack.count)]
-
-    def __len__(self) -> int:
-        return len(self._places)
-
-    @overload
-    def __getitem__(self, number: int) -> np.ndarray: ...
-    @overload
-    def __getitem__(self, number: slice) -> FileFrames: ...
-    def __getitem__(self, number: int | slice) -> np.ndarray | FileFrames:
-        if isinstance(number, slice):
-            part = copy(self)
-            part._places = self._places[number]
-            return part
-        return self.read(range(len(self))[number])[0]
-
-    def __iter__(self) -> Iterator[np.ndarray]:
-        with ThreadPoolExecutor(1) as reader:
-            following = reader.submit(self.read, 0)
-            for number in range(1, len(self) + 1):
-                frame, _ = following.result()
-                if number < len(self):
-                    following = reader.submit(self.read, number)
-                yield frame
-
-    def read(self, number: int) -> Frame:
-        """Return a frame after checks and correction, and its header."""
-        stack, place = self._places[number]
-        with self._lock:  # not every decoder serves several threads
-            pixels, header = stack.read(place)
-        self._check(pixels, header, number, stack.path)
-        return (pixels if self._change is None else self._change(pixels)), header
-
-    def map(self, change: Callable[[np.ndarray], np.ndarray]) -> FileFrames:
-        """Return the frames with a correction, which is applied when they are read."""
-        changed = copy(self)
-        changed._change = change
-        return changed

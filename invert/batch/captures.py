@@ -72,8 +72,12 @@ class Request:
         text = ", ".join(f"{name}={value}" for name, value in vars(options).items())
         return hashlib.sha256(f"{version()} {REVISION} {text} {datasets}".encode() + content.digest()).hexdigest()
 
-    def reconstruct(self, files: Sequence[Path], folder: Path | None = None, progress: Progress = no_progress) -> Result:
-        """Reconstruct one capture; `folder` keeps the sums over its frames if it is large."""
+    def reconstruct(
+        self, files: Sequence[Path], folder: Path | None = None, scheduler: str | None = None, progress: Progress = no_progress
+    ) -> Result:
+        """Reconstruct one capture. If it is large, `folder` keeps the sums over its frames, and the workers of a Dask
+        scheduler, if one is given, add them.
+        """
         return reconstruct(
             files,
             method=self.method,
@@ -90,6 +94,7 @@ class Request:
             device=self.device,
             autocorrelation=self.autocorrelation,
             sums_file=None if folder is None else folder / SUMS_FILE,
+            scheduler=scheduler,
             progress=progress,
         )
 
@@ -183,11 +188,13 @@ def invert_capture(
     progress: Progress = no_progress,
     *,
     overwrite: bool = False,
+    scheduler: str | None = None,
 ) -> tuple[Result, dict[str, object]]:
     """Reconstruct one capture into a folder; return the result and the content of result.json.
 
     Args:
         overwrite: whether to replace existing files of the same names that this program did not write.
+        scheduler: address of a running Dask scheduler, whose workers add the frames of a large capture.
     """
     check_request(request)
     truth = Truth.read(request.truth) if request.truth else None
@@ -196,7 +203,7 @@ def invert_capture(
     try:
         with sole_writer(output_folder(folder)):
             claim(folder, (*RESULT_FILES, SUMS_FILE), overwrite=overwrite)
-            result = request.reconstruct(files, folder, progress)
+            result = request.reconstruct(files, folder, scheduler, progress)
             return result, result.save(folder, truth, digest)
     finally:
         if is_new and folder.is_dir() and not any(folder.iterdir()):

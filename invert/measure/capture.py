@@ -17,10 +17,11 @@ from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.capture_folder import check_complete
 from correlograph.files.exr_frames import FrameHeader
+from correlograph.files.file_frames import FileFrames
 from correlograph.files.file_metadata import read_metadata
 from correlograph.files.images import FRAME_KINDS, MAX_PIXEL, read_image
 from correlograph.files.manifest import is_own
-from correlograph.files.stacks import FileFrames, file_of, is_stack, open_stack
+from correlograph.files.stacks import file_of, is_stack, open_stack
 from correlograph.lags import LAG_SIDE
 
 MIN_PIXEL = 1e-9
@@ -133,7 +134,7 @@ class _CaptureCheck:
 
     def __init__(self) -> None:
         self._first: tuple[tuple[int, ...], FrameHeader | None, Path] | None = None
-        self._numbers: dict[bytes, int] = {}
+        self._places: dict[bytes, tuple[int, Path]] = {}
 
     def __call__(self, pixels: np.ndarray, header: FrameHeader | None, number: int, file: Path) -> None:
         check_frame(pixels, file)
@@ -145,9 +146,8 @@ class _CaptureCheck:
                 f"{pixels.shape[1]} x {pixels.shape[0]} in {file.name}",
                 "give frames of one camera setting",
             )
-        digest = _digest(pixels)
-        if self._numbers.setdefault(digest, number) != number and pixels.any():
-            raise InputError("frames", "independent frames", f"{file.name} repeats an earlier frame", "leave the copy out")
+        if pixels.any():
+            self._add(_digest(pixels), number, file)
         if _capture_of(header) != _capture_of(first):
             raise InputError(
                 "frames",
@@ -155,6 +155,16 @@ class _CaptureCheck:
                 f"another header in {file.name}",
                 "invert the captures one by one",
             )
+
+    def merge(self, other: _CaptureCheck) -> None:
+        """Add the frames that a copy of this check has seen."""
+        for digest, (number, file) in other._places.items():
+            self._add(digest, number, file)
+
+    def _add(self, digest: bytes, number: int, file: Path) -> None:
+        """Raise InputError if a frame of another number has the same digest."""
+        if self._places.setdefault(digest, (number, file))[0] != number:
+            raise InputError("frames", "independent frames", f"{file.name} repeats an earlier frame", "leave the copy out")
 
 
 def _digest(pixels: np.ndarray) -> bytes:

@@ -15,9 +15,9 @@ from tqdm import tqdm
 from correlograph.errors import InputError, check_positive
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.drawing import SceneDrawing
+from correlograph.files.file_frames import FileFrames
 from correlograph.files.file_metadata import FileMetadata
 from correlograph.files.images import read_autocorrelation
-from correlograph.files.stacks import FileFrames
 from correlograph.lags import LAGS, LagGrid, lag_grid_of
 from correlograph.ranges import BLUR, LAG_COUNT, PATCH
 from invert.measure.capture import printable
@@ -155,6 +155,7 @@ def estimate_from_frames(
     lags: int | None = None,
     pitch_m: float | None = None,
     sums_file: Path | None = None,
+    scheduler: str | None = None,
 ) -> Estimate:
     """Estimate r*r from frames.
 
@@ -166,6 +167,7 @@ def estimate_from_frames(
         lags, pitch_m: largest lag on either side of zero, and lag pitch. Without patch, lags and pitch, both are adapted to
             the object (`invert.measure.lag_choice`); if only some are given, the others are 63 and 300 um.
         sums_file: file (.npz) of the sums over the frames of a capture above 1 GB. A later call with more frames continues from it.
+        scheduler: address of a running Dask scheduler, whose workers add the frames of such a capture.
     """
     if blur_pixels is not None:
         BLUR.check("blur_pixels", blur_pixels)
@@ -188,7 +190,8 @@ def estimate_from_frames(
         with tqdm(total=len(frames), unit="frame", disable=None if frames is not few else True, leave=False) as bar:
             if isinstance(estimator, AutocorrelationEstimator) and len(frames) > PART_FRAMES and device == "cpu":
                 is_kept = sums_file is not None and frames is not few
-                add_frames(estimator, frames, bar.update, SavedSums(sums_file) if is_kept else None)
+                saved = SavedSums(sums_file) if is_kept else None
+                add_frames(estimator, frames, bar.update, saved, scheduler=None if frames is few else scheduler)
             else:
                 for frame in frames:
                     estimator.add(frame)

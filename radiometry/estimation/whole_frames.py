@@ -80,6 +80,12 @@ class AutocorrelationEstimator:
         self._first_lags = np.empty(0)
         self._uneven = self._is_pattern_shared = False
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "_memory"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, _memory=local())
+
     def add(self, frame: np.ndarray | torch.Tensor) -> None:
         """Add one frame, shape (H, W), any real dtype."""
         if self.frames == 0:

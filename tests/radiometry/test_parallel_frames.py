@@ -1,15 +1,20 @@
-"""Addition of many frames by several threads, and continuation from saved sums."""
+"""Addition of many frames by several threads and by a Dask cluster, and continuation from saved sums."""
 
+import pickle
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata, Capture
+from correlograph.files.corrections import Corrections
 from invert.measure import capture as capture_module
 from invert.measure.capture import read_capture
 from invert.measure.estimate import estimate_from_frames
 from radiometry.autocorrelation import patch_grid
+from radiometry.estimation import parallel_frames
 from radiometry.estimation.parallel_frames import PART_FRAMES, add_frames
 from radiometry.estimation.saved_sums import SavedSums
 from radiometry.estimation.whole_frames import AutocorrelationEstimator, estimate_autocorrelation
@@ -111,3 +116,56 @@ def test_a_stack_that_grows_gives_the_estimate_of_its_frames_in_memory(tmp_path:
         assert sums.is_file()
         expected = estimate_from_frames(Capture(list(frames[:count])), PATCH, "cpu", lags=63)
         np.testing.assert_allclose(found.lags, expected.lags, atol=1e-6 * expected.lags.max())
+
+
+@pytest.fixture(scope="module")
+def scheduler() -> Iterator[str]:
+    """Yield the address of a Dask cluster of two processes on this machine."""
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=2, threads_per_worker=2, dashboard_address=None) as cluster:
+        yield cluster.scheduler_address
+
+
+def _capture_in_files(folder: Path, frames: list[np.ndarray]) -> Capture:
+    """Return a capture of a stack, of single files and of a dark frame, none of which is kept in memory."""
+    half = len(frames) // 2
+    np.save(folder / "a.npy", np.stack(frames[:half]).astype(np.uint16))
+    for number, frame in enumerate(frames[half:]):
+        np.save(folder / f"b{number:03}.npy", frame)
+    dark = np.full(SHAPE, 2.0, np.float32)
+    np.save(folder.parent / "dark.npy", dark)
+    return Corrections(dark=folder.parent / "dark.npy").apply(read_capture([folder], CameraMetadata()))
+
+
+def test_a_cluster_gives_the_sums_of_this_machine(tmp_path: Path, scheduler: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(capture_module, "MAX_KEPT_BYTES", 0)
+    monkeypatch.setattr(parallel_frames, "BLOCK_FRAMES", PART_FRAMES + 3)
+    (tmp_path / "capture").mkdir()
+    capture = _capture_in_files(tmp_path / "capture", _frames(4 * PART_FRAMES + 1))
+    here = estimate_from_frames(capture, PATCH, "cpu", lags=63)
+    there = estimate_from_frames(capture, PATCH, "cpu", lags=63, scheduler=scheduler)
+    np.testing.assert_array_equal(there.lags, here.lags)
+    assert there.record == here.record
+
+
+def test_a_cluster_finds_a_copy_of_a_frame(tmp_path: Path, scheduler: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(capture_module, "MAX_KEPT_BYTES", 0)
+    monkeypatch.setattr(parallel_frames, "BLOCK_FRAMES", PART_FRAMES)
+    frames = _frames(4 * PART_FRAMES)
+    frames[3 * PART_FRAMES + 2] = frames[PART_FRAMES + 5]  # in another block
+    (tmp_path / "capture").mkdir()
+    capture = _capture_in_files(tmp_path / "capture", frames)
+    with pytest.raises(InputError, match="repeats an earlier frame"):
+        estimate_from_frames(capture, PATCH, "cpu", lags=63, scheduler=scheduler)
+
+
+def test_frames_in_files_can_be_pickled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(capture_module, "MAX_KEPT_BYTES", 0)
+    (tmp_path / "capture").mkdir()
+    monkeypatch.chdir(tmp_path)
+    frames = _capture_in_files(Path("capture"), _frames(6)).frames
+    sent = pickle.dumps(frames)
+    monkeypatch.chdir("/")  # a worker may run in another folder
+    for one, other in zip(pickle.loads(sent), frames, strict=True):
+        np.testing.assert_array_equal(one, other)
