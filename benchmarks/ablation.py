@@ -1,6 +1,8 @@
-"""`python -m benchmarks.ablation DATASET [-o docs/figures]`: losses and mappings of the paper's sections 5.B and 5.C, small.
+"""`python -m benchmarks.ablation DATASET [-o docs/figures]`: compare the losses and mappings of the paper's sections 5.B and
+5.C with a small network.
 
-The paper's U-net at a quarter of its width, the paper's noise, the same steps and seed for each; table and curves.
+Each run trains the paper's U-net at a quarter of its width with the paper's noise and the same steps and seed. Writes a
+table and curves.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.cameras -o FOLDER`: predicted and reached exposures for cameras drawn at random.
+"""`python -m benchmarks.cameras -o FOLDER`: compare predicted exposures with those actually needed, for random cameras.
 
 Each camera photographs the reference scene. The prediction is that of `python -m radiometry.plan corner_letter --cameras --correlation`.
 Captures are rendered at several exposures around it and reconstructed. The exposures at which the mean detection exceeds its limit and
@@ -78,7 +78,7 @@ def measure_correlation(capture: cg.Capture, truth: cg.Truth, quality: str, seed
 def exposure_reaching(
     measure: Callable[..., float], geometry: Any, predicted_s: float, level: float, captures: int, quality: str
 ) -> float:
-    """Return the exposure of all frames at which the mean of a measure reaches a level."""
+    """Return the total exposure (sum over all frames) at which the mean of a measure reaches a level."""
     exposures, means = [], []
     for step, factor in enumerate(FACTORS):
         seconds = predicted_s * factor

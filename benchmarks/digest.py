@@ -1,6 +1,6 @@
 """`python -m benchmarks.digest`: SHA-256 of frames, estimates, weights and albedos, to compare two versions of the code.
 
-Moving or renaming code keeps the digests, on one machine and one number of threads.
+Moving or renaming code does not change the digests on the same machine with the same number of threads.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""`python -m benchmarks.false_alarms [--count 400]`: warnings about clean frames of random objects, cameras and exposures, and confidence.
+"""`python -m benchmarks.false_alarms [--count 400]`: count false warnings and check the confidence on clean frames of random
+objects, cameras and exposures.
 
 Objects: letters, characters, edges and grey shapes. Cameras: 512 to 2056 pixels along a side, read noise 0 to 3 electrons, no ADC or one
 of 8, 12 or 16 bits, several gains. Exposures: 1/512 to 1 s. Captures of 1, 2 or 10 frames. Every warning is a false alarm. Their number

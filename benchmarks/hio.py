@@ -36,7 +36,9 @@ def retrieval() -> float:
 
 
 def draw(path: Path) -> None:
-    """Microseconds of an iteration and start: over starts at 128 x 128, and over grids with 16 starts."""
+    """Plot microseconds per iteration and start against the number of starts (at 128 x 128) and against the grid size (with
+    16 starts).
+    """
     from matplotlib.figure import Figure
 
     def microseconds(side: int, starts: int) -> float:

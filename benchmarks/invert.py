@@ -1,7 +1,7 @@
 """`python -m benchmarks.invert [--paper WEIGHTS]`: from two whole frames to an albedo, step by step, in a warm process.
 
-Beside it, in the same run, the paper's U-net (untrained where no weights are given: its time does not depend on them) and one
-start of 2000 iterations of HIO.
+For comparison, in the same run: the paper's U-net (untrained if no weights are given, because they do not affect its time)
+and one start of 2000 iterations of HIO.
 """
 
 from __future__ import annotations

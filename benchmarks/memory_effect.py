@@ -1,7 +1,7 @@
 """`python -m benchmarks.memory_effect [-o docs/figures]`: correlography beside speckle correlation through the memory effect.
 
-One scene, one camera, one exposure time: light, contrast, resolution, field of view, and the reconstructions. Both methods get
-the same retrieval. Writes memory_effect.png and prints the table.
+Compares light, contrast, resolution, field of view and reconstructions for one scene, camera and exposure time. Both methods
+get the same retrieval. Writes memory_effect.png and prints the table.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Frames are made here, by code that shares nothing with `sim`: circular Gaussian amplitudes on the object's cells, one FFT,
 squared, Poisson noise. For every nuisance and 1, 2 and 10 frames: correlation with the truth and, in brackets, confidence,
-means over four letters with the same speckle for every nuisance; for 1 and 2 frames of a scene without an object, too. A
+means over four letters with the same speckle for every nuisance; also for 1 and 2 frames of a scene without an object. A
 confident wrong picture (confidence above 0.7, correlation below 0.5) is printed bold; a cell more than 0.05 below clean frames has
 an asterisk.
 """
@@ -36,10 +36,10 @@ Nuisance = Callable[[Frames, np.random.Generator], Frames]
 
 
 def speckle(albedo: np.ndarray, rng: np.random.Generator, moved: float = 0.0) -> np.ndarray:
-    """Intensity of mean 1 that an albedo (64, 64), one cell per lag of `PATCH` pixels, casts on `SHAPE` pixels.
+    """Return speckle of mean 1, of shape `SHAPE`, from an albedo (64, 64) with one cell per lag of patches of `PATCH` pixels.
 
-    Drawn on a wider period and cropped, so that it does not wrap round. With `moved`, the mean over a motion of so many pixels
-    to the right.
+    Drawn on a larger periodic grid and cropped, so that it does not wrap round. With `moved`, averaged over a motion of that
+    many pixels to the right.
     """
     rows, columns = (int(1.2 * side) for side in SHAPE)
     lag_rows, lag_columns = np.fft.fftfreq(rows) * PATCH, np.fft.fftfreq(columns) * PATCH

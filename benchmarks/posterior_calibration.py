@@ -46,14 +46,18 @@ def intervals_hold(samples: Samples, truth: np.ndarray) -> np.ndarray:
 
 
 def bright(samples: Samples, albedo: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Probability that pixels are bright, and whether they are, with the samples laid over the truth as the albedo fits it."""
+    """Probability that pixels are bright, and whether they are, with the samples registered to the truth by the
+    transformation that registers the albedo.
+    """
     pictures = torch.from_numpy(np.concatenate((albedo[None], samples.samples)))
     placed = register_groups(pictures[None], torch.from_numpy(np.ascontiguousarray(truth, np.float32))[None])[0, 1:]
     return (placed > BRIGHT_THRESHOLD).float().mean(0).numpy().ravel(), (truth > BRIGHT_THRESHOLD * truth.max()).ravel()
 
 
 def unreliability(probability: np.ndarray, shown: np.ndarray) -> float:
-    """Largest difference over the bins of probability between its mean and how often it is shown."""
+    """Return the largest difference, over the probability bins, between mean probability and observed frequency of bright
+    pixels.
+    """
     bins = np.digitize(probability, BINS[1:-1])
     held = [bins == number for number in range(len(BINS) - 1)]
     differences = [abs(probability[own].mean() - shown[own].mean()) for own in held if own.mean() > 0.01]

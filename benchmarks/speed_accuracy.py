@@ -1,6 +1,6 @@
 """`python -m benchmarks.speed_accuracy [-o docs/figures]`: every kernel against the direct sum in float64.
 
-Sweeps standoff 0.05 to 100 m, depth 0 to 20 mm and tilt 0 to 60 degrees, and at 1 m frames half and twice as large; the
+Sweeps standoff 0.05 to 100 m, depth 0 to 20 mm and tilt 0 to 60 degrees, and, at 1 m, frames of half and twice the size; the
 object is 1 cm across, or a third of the field of view where that is smaller, and depth shrinks with it. Writes
 speed_accuracy.json, a table and the Pareto picture.
 """
@@ -72,8 +72,9 @@ def field_distance(field: np.ndarray, reference: np.ndarray) -> float:
 
 
 def expected_lags(thing: Object, lag_m: float, *, exact: bool) -> np.ndarray:
-    """Expected autocorrelation by brute force over tiles: the fringe frequencies of each, as an FFT has them or by finite
-    differences of the exact paths."""
+    """Expected autocorrelation by brute force over tiles: with each tile's fringe frequencies as in an FFT propagator or
+    from finite differences of the exact paths.
+    """
     from sim.propagation.sampling import path_difference
 
     total, wall = 0.0, thing.wall
@@ -93,7 +94,9 @@ def expected_lags(thing: Object, lag_m: float, *, exact: bool) -> np.ndarray:
 
 
 def _shared_out(place: np.ndarray, power: np.ndarray, side: int = 256) -> np.ndarray:
-    """Power at places (n, 2) on a grid, each shared linearly by its four neighbours: no jump at a cell's edge."""
+    """Put the power of positions (n, 2) on a grid, split linearly among the four nearest cells, so that it does not jump at
+    a cell's edge.
+    """
     whole = np.clip(np.floor(place).astype(int), 0, side - 2)
     rest = place - whole
     image = np.zeros(side * side)
@@ -181,7 +184,9 @@ def statistical_distance(lags: np.ndarray, exact: np.ndarray) -> float:
 
 
 def whole_frame() -> str:
-    """The reference scene's frame with photon noise over one FFT plus one Poisson draw, and the direct sum's rate."""
+    """Return the time of a reference-scene frame with photon noise relative to one FFT plus one Poisson draw, and the rate
+    of the direct sum.
+    """
     import torch
 
     from scenes import scene_path

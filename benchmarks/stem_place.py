@@ -1,11 +1,11 @@
 """`python -m benchmarks.stem_place [--count 16] [--floors 2 4] [--rendered] [--measured PNG...]`: localise a letter stem in noise.
 
-The object resembles the 7 of the lab, with noise floors from a quarter to four times the maximum lag of the signal. The table
-compares the reconstruction with an ideal observer, who knows bar and stem and chooses among five positions. It shows the
-information of the estimate (nats between the object and the bar alone, and between the two closest positions), how often observer
-and reconstruction find the right position, the fraction of samples at the right position, and the calibration error of these
-fractions. Estimates are sampled from the noise model (K 64) or, with --rendered, from two rendered frames of the reference scene.
-With files of the lab's 7, the observer evaluates these.
+The object resembles the 7 of the lab, with noise floors from a quarter to four times the signal's largest value at a nonzero
+lag. The table compares the reconstruction with an ideal observer, who knows bar and stem and chooses among five positions.
+It shows the information of the estimate (nats between the object and the bar alone, and between the two closest positions),
+how often observer and reconstruction find the right position, the fraction of samples at the right position, and the
+calibration error of these fractions. Estimates are sampled from the noise model (K 64) or, with --rendered, from two
+rendered frames of the reference scene. With files of the lab's 7, the observer evaluates these.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ COLUMNS = (32, 24, 16, 8, 0)
 
 
 def bar_and_stem(column: int | None) -> torch.Tensor:
-    """A bar 38 long and 2 wide that rises by one in eight, with a stem 7 long and 4 wide below it, or none; (64, 64)."""
+    """Return a bar of 38 x 2 pixels with slope 1:8 and, unless `column` is None, a stem of 7 x 4 pixels below it; (64, 64)."""
     image = torch.zeros(64, 64)
     for place in range(38):
         image[35 - place // 8 : 37 - place // 8, 13 + place] = 1.0
@@ -57,7 +57,9 @@ def signal() -> torch.Tensor:
 
 
 def divergences(floor: float) -> tuple[float, float]:
-    """Mean log-likelihood ratios of the object to the bar alone and to the stem in the nearest other place."""
+    """Mean log-likelihood ratios of the object to the bar alone, and to the object with its stem at the nearest other
+    position.
+    """
     expected = Measurement((floor + signal()).float().numpy(), NoiseLevel(floor, DOF, 40), 1.0, 0.0, 100.0, ())
     nats = Likelihood.of(expected)(CANDIDATES)
     return float(nats[0] - nats[-1]), float(nats[0] - nats[1:-1].max())
@@ -111,7 +113,9 @@ def _read_measurement(file: Path) -> Measurement:
 
 
 def observe(file: Path) -> str:
-    """Nats of each place of the stem over the bar alone in a published autocorrelation, as a table row."""
+    """Return the log-likelihood ratio (nats) of each stem position to the bar alone, for a published autocorrelation, as a
+    table row.
+    """
     *places, none = Likelihood.of(_read_measurement(file))(CANDIDATES).tolist()
     return f"| {file.stem} | {' | '.join(f'{place - none:.1f}' for place in places)} |"
 

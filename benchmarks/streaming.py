@@ -91,7 +91,7 @@ def stream_frames(frames_in_all: int) -> None:
 
 
 def follow_camera(frames_per_s: float, seconds_in_all: float) -> None:
-    """Print how many frames of a camera the live view adds and drops."""
+    """Print how many camera frames the live view adds to its estimate and how many it drops."""
     capture = render_geometry(load("corner_letter").geometry, 8)
     views = [np.ascontiguousarray(frame[::down, ::right]) for frame in capture.frames for down in (1, -1) for right in (1, -1)]
     camera = RepeatingCamera(views, capture.camera, frames_per_s, seconds_in_all)

@@ -36,7 +36,8 @@ class Reconstruction:
         confidence: 0 to 1. For a network: predicted correlation with the truth. For other methods: mean correlation of the
             starts with the lowest residuals.
         residual: lowest relative squared error of the Fourier modulus over the starts; None for a network.
-        transfer: phase retrieval transfer function of the starts, augmentations or samples; empty if there is only one image.
+        transfer: phase retrieval transfer function: agreement of the starts, augmentations or samples per frequency; empty
+            if there is only one image.
         posterior: samples of the posterior; None unless the method is `unet` and the quality is higher than `fast`.
         features: inputs of a network's confidence; None for other methods.
         rejected: image that the network reconstructed with too low a confidence; None if there is none.
@@ -117,8 +118,9 @@ def _reject(found: Reconstruction) -> Reconstruction:
 
 
 def _postprocess_image(image: torch.Tensor, measurement: Measurement, quality: Quality) -> torch.Tensor:
-    """Crop the image (128, 128) of a network to an albedo (64, 64); except for `fast`, refine it (on more
-    lags the samples have been refined) and subtract its background."""
+    """Crop the image (128, 128) of a network to an albedo (64, 64). Except for `fast`, refine it, unless there are more
+    lags, on which the samples are already refined, and subtract its background.
+    """
     albedo = _crop_to_window(image, measurement.lag_grid.object_side)
     if quality == FAST or not albedo.any():
         return albedo

@@ -64,8 +64,8 @@ def reconstruct(
         source: a capture; a frame file, several, or a folder of them; frames (n, H, W) or (H, W); an estimate; or a published
             autocorrelation, as a file or an array of 127 x 127 lags (an array may have 65 to 511).
         method, quality: names, or entries of `invert.choices`.
-        patch: patch size in pixels; None derives it from the lag pitch, "fit" also from the width of the object.
-        lags: largest lag on either side of zero, 32 to 255; the albedo has one pixel more along each side.
+        patch: patch size in pixels; None derives it from the lag pitch; "fit" also takes the width of the object into account.
+        lags: largest lag on either side of zero, 32 to 255; the albedo has lags + 1 pixels along each axis.
         pitch_m: lag pitch. Without patch, lags and pitch, both are adapted to the object; see `invert.measure.lag_choice`.
         camera: metadata for frames that carry none.
         corrections: dark frame, flat-field frame and mask.

@@ -70,7 +70,7 @@ def assess_reliability(
 
 
 def describe_limits(found: Reconstruction, measurement: Measurement) -> list[str]:
-    """Describe what the frames did not allow: which light an undetected object would need, and for which lags the confidence
+    """Describe limits set by the frames: how much light an undetected object would need, and for which lags the confidence
     is calibrated.
 
     The significance of the signal is proportional to the amount of light, if the shot noise of this light sets the floor,

@@ -33,7 +33,8 @@ class SpeckleTest:
         part_differences: standard deviation of the signal's power between parts of a frame, relative to its mean and in excess of
             chance; 0 for speckle.
         part_chance: probability that speckle has `part_differences` at least as large.
-        frame_differences: standard deviation of the power at a lag between frames, relative to its mean and in excess of noise.
+        frame_differences: frame-to-frame standard deviation of the power at one lag, relative to its mean and in excess of
+            noise.
         frame_chance: probability that frames of one object differ as much.
     """
 

@@ -39,9 +39,9 @@ class Result:
     Attributes:
         measurement: noise level and Fourier modulus read from the estimate.
         seconds: duration of reading, autocorrelation and retrieval.
-        speckle_test: consistency of the light with speckle of this object; None if no object was found.
+        speckle_test: test whether the light is speckle of the reconstructed object; None if no object was found.
         warnings: observations about the frames, and reasons for a low confidence.
-        notes: what the frames did not allow: light that detection needs, and limits of the confidence.
+        notes: limits set by the frames: the light that a detection would need, and where the confidence is calibrated.
     """
 
     estimate: Estimate

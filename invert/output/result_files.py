@@ -28,8 +28,8 @@ RESULT_FILES = ("albedo.npy", "albedo.png", "autocorrelation.npy", "report.png",
 def write_result(folder: Path, result: Result, truth: Truth | np.ndarray | None, request_sha256: str | None) -> dict[str, Any]:
     """Write the arrays, the figures and, last, result.json; return the content of result.json.
 
-    With a truth, the report shows the registered albedo, and the floor over the peak is read by a fit of the known r*r to all
-    lags instead of an extrapolation to zero lag. The saved albedo is not registered.
+    With a truth, the report shows the registered albedo, and the ratio of the floor to the peak comes from a fit of the
+    known r*r to all lags instead of an extrapolation to zero lag. The saved albedo is not registered.
     """
     known = result.truth_on_lags(truth)
     (folder / "result.json").unlink(missing_ok=True)  # no earlier result.json may describe a partially written result
@@ -97,7 +97,9 @@ def summarise_samples(samples: Samples, pitches_m: tuple[float, float] | None) -
 
 
 def floor_over_known_peak(estimate: Estimate, truth: np.ndarray, has_lines: bool) -> float | None:
-    """Return b / (r*r)(0) by a fit of the known r*r, smoothed by the patch window and the camera; None without signal."""
+    """Return floor b over peak (r*r)(0) from a fit of the known r*r, smoothed by the patch window and the camera; None
+    without signal.
+    """
     known = autocorrelate(truth)
     signal = smooth_by_window(known)
     if estimate.transfer is not None:

@@ -19,7 +19,7 @@ SAME_PITCH = 0.01
 
 @dataclass(frozen=True)
 class Truth:
-    """A known albedo, square, zero or more, and the distance of its pixels along rows and columns; None if unknown."""
+    """A known albedo, square and non-negative, and its pixel pitch along rows and columns (None if unknown)."""
 
     albedo: np.ndarray
     pitches_m: tuple[float, float] | None = None
@@ -51,7 +51,9 @@ class Truth:
         return cls(capture.truth, tuple(capture.record["lag_pitches_m"]) if "lag_pitches_m" in capture.record else None)
 
     def on_lags(self, side: int, pitches_m: tuple[float, float] | None) -> np.ndarray:
-        """Return the albedo as means over the cells of a grid (side, side), both centred. Raises InputError without a pitch."""
+        """Return the albedo averaged over the cells of a grid (side, side) with the same centre. Raises InputError without a
+        pitch.
+        """
         known = self.pitches_m is not None and pitches_m is not None
         same = known and all(abs(ours - own) <= SAME_PITCH * own for ours, own in zip(pitches_m, self.pitches_m, strict=True))
         if self.albedo.shape == (side, side) and (same or not known):

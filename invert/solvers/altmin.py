@@ -1,4 +1,4 @@
-"""Alternating minimisation: phases from the image, image from the phases, with support only.
+"""Alternating minimisation: phases from the image, image from the phases; the support is the only constraint.
 
 Netrapalli, Jain and Sanghavi, NeurIPS 2013, arXiv:1306.0160, algorithm 1 without resampling, as in Metzler et al. 2020 (1000
 iterations). For Fourier measurements of an image in a support, the least-squares step is a projection onto the support. The starts

@@ -1,4 +1,4 @@
-"""Truncated amplitude flow: gradient descent on the amplitude error, without unreliable phases.
+"""Truncated amplitude flow: gradient descent on the amplitude error over frequencies with reliable phases.
 
 Wang, Giannakis and Eldar, IEEE Transactions on Information Theory 64, 773 (2018), doi:10.1109/TIT.2017.2756858,
 algorithm 1 with its published constants. The starts are random, because the orthogonality-promoting start assumes Gaussian

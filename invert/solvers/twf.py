@@ -16,7 +16,9 @@ from invert.solvers.base import Candidates, Progress, box_support, modulus_resid
 
 @dataclass(frozen=True)
 class TwfOptions:
-    """`lower`, `upper`: limits of |a z| / |z|; `spread`: limit of the intensity error in typical errors; `step`: step size."""
+    """`lower`, `upper`: limits of |a z| / |z|; `spread`: limit of the intensity error in multiples of the typical error;
+    `step`: step size.
+    """
 
     iterations: int = 1000
     starts: int = 16
