@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from correlograph.errors import InputError
-from correlograph.lags import OBJECT_SIDE
+from correlograph.lags import LAGS, OBJECT_SIDE
 from invert.choices import BEST, CLASSICAL
 from invert.evaluation.unusual import KINDS, draw_unusual
 from invert.measure.estimate import Estimate, estimate_from_frames, published_estimate
@@ -193,7 +193,7 @@ def _rendered_levels(
         for seed in seeds:
             capture = render_geometry(geometry.with_exposure(exposure_s), frames, seed)
             for mean_model in mean_models:
-                estimate = estimate_from_frames(capture, None, "cpu", mean_model)
+                estimate = estimate_from_frames(capture, None, "cpu", mean_model, lags=LAGS)  # as many as the truth has
                 cases[mean_model].append(Case(case, replace(estimate, frame=None), truth))
     for mean_model in mean_models:
         yield Level(_rendered_name(name, frames, mean_model), f"1/{1.0 / exposure_s:.0f} s", cases[mean_model])
