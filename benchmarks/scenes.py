@@ -11,7 +11,7 @@ import numpy as np
 from correlograph.files.exr_frames import read_frame
 from invert.__main__ import main as invert
 from invert.albedo.metrics import aligned_pearson
-from radiometry.noise.level import dim_zero_lag
+from radiometry.noise.measured_noise import dim_zero_lag
 from scenes import scene_path
 from sim.__main__ import main as sim
 

@@ -24,7 +24,7 @@ from invert.likelihood.gamma import Likelihood
 from invert.measure.estimate import Estimate, estimate_from_frames, published_estimate
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.pipeline import reconstruct
-from radiometry.noise.level import NoiseLevel
+from radiometry.noise.measured_noise import NoiseLevel
 from radiometry.noise.model import autocorrelate_windowed, draw_estimate
 
 DOF = 64.0

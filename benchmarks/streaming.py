@@ -26,7 +26,7 @@ from invert.measure import capture as capture_module
 from invert.measure.capture import read_capture
 from invert.measure.estimate import estimate_from_frames
 from radiometry.autocorrelation import patch_grid
-from radiometry.estimation.whole_frames import AutocorrelationEstimator
+from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator
 from sim.rendering import render_geometry
 from sim.scene import load
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from invert.output.result import Result
     from invert.output.truth import Truth
     from invert.pipeline import reconstruct
-    from radiometry.scene_budget import Forecast, light_budget, predict
+    from radiometry.scene_forecast import Forecast, light_budget, predict
     from sim.plan import Settings
     from sim.rendering import render
     from sim.scene import Scene, load
@@ -45,7 +45,7 @@ _MODULES = {
     "CameraMetadata": "correlograph.files.capture",
     "Capture": "correlograph.files.capture",
     "Corrections": "correlograph.files.corrections",
-    "Forecast": "radiometry.scene_budget",
+    "Forecast": "radiometry.scene_forecast",
     "InputError": "correlograph.errors",
     "Result": "invert.output.result",
     "Samples": "invert.albedo.posterior",
@@ -54,9 +54,9 @@ _MODULES = {
     "Settings": "sim.plan",
     "Truth": "invert.output.truth",
     "aligned_pearson": "invert.albedo.metrics",
-    "light_budget": "radiometry.scene_budget",
+    "light_budget": "radiometry.scene_forecast",
     "load": "sim.scene",
-    "predict": "radiometry.scene_budget",
+    "predict": "radiometry.scene_forecast",
     "reconstruct": "invert.pipeline",
     "render": "sim.rendering",
     "score": "invert.albedo.metrics",

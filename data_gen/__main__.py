@@ -101,7 +101,9 @@ def _check(options: Any) -> None:
 
 
 def _try_out(recipe: Any, scheduler: str | None) -> None:
-    """Refuse unusable input before a store is created: a dark scene, photographs without targets, a silent scheduler."""
+    """Refuse unusable input before a store is created: a dark scene, photographs without targets, a Dask scheduler that does
+    not answer.
+    """
     from data_gen.targets import draw_block
     from data_gen.work import measure
 

@@ -100,7 +100,7 @@ def read_luminance(file: Path) -> np.ndarray:
 def edge_targets(luminance: np.ndarray, count: int, rng: np.random.Generator, side: int = OBJECT_SIDE) -> np.ndarray | None:
     """Return `count` crops of the edges of one photograph, with one rotation and scale; uint8 (count, side, side), 0 or 255.
 
-    None if the photograph has too few edges in every view.
+    None if the photograph has too few edges at every rotation and scale that was tried.
     """
     for _ in range(VIEWS):
         edges = _edges(luminance, rng, side)

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from correlograph.errors import InputError
-from radiometry.estimation.whole_frames import estimate_autocorrelation
+from radiometry.estimation.autocorrelation_estimator import estimate_autocorrelation
 from radiometry.noise.model import autocorrelate_windowed, draw_estimate, expected_spectrum
 from radiometry.prediction import noise_terms, predict
 

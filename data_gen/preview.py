@@ -13,7 +13,7 @@ from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError
 from correlograph.files.figures import save_figure
 from correlograph.ranges import Range
-from radiometry.noise.level import dim_zero_lag
+from radiometry.noise.measured_noise import dim_zero_lag
 
 COLUMNS = 8
 

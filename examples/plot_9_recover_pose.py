@@ -16,8 +16,8 @@ import torch
 
 import sim
 from correlograph.lags import LAGS, lag_grid
-from radiometry.estimation.whole_frames import estimate_autocorrelation
-from radiometry.noise.level import dim_zero_lag
+from radiometry.estimation.autocorrelation_estimator import estimate_autocorrelation
+from radiometry.noise.measured_noise import dim_zero_lag
 from radiometry.prediction import patches_of
 from sim.gradients import Setup, expected_autocorrelation, setup_of
 

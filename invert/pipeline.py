@@ -71,7 +71,7 @@ def reconstruct(
         corrections: dark frame, flat-field frame and mask.
         blur_pixels: standard deviation of a known Gaussian blur; "auto" estimates it with the network. None also estimates
             it for `unet` and assumes no blur for the classical methods, which then run no network.
-        mean_model: background model: auto, pooled, fixed or published; see `radiometry.estimation.whole_frames`.
+        mean_model: background model: auto, pooled, fixed or published; see `radiometry.estimation.autocorrelation_estimator`.
         weights: network weights for `unet` instead of those that ship.
         autocorrelation: whether files hold autocorrelations; None decides by their shape.
         sums_file: file (.npz) that keeps the sums over the frames of a capture above 1 GB, so that a later call continues from it.

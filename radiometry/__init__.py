@@ -2,7 +2,7 @@
 
     photons.py          photon rate, coherence area
     light_budget_rows.py  light budget, one row per factor; closed form for flat, Lambertian scenes
-    scene_budget.py     light budget and prediction of a scene: the public functions
+    scene_forecast.py     light budget and prediction of a scene: the public functions
     autocorrelation.py  patches and their lags; effect of the patch window on r*r
     estimation/         frames -> estimate; camera and lamp artefacts; third moment
     transfer.py         H: pupil and pixel
@@ -23,10 +23,10 @@ from typing import TYPE_CHECKING, Any
 import lazy_loader
 
 if TYPE_CHECKING:
-    from radiometry.scene_budget import Forecast, light_budget, predict
+    from radiometry.scene_forecast import Forecast, light_budget, predict
 
 __all__ = ["Forecast", "light_budget", "predict"]
-_load_attribute, __dir__, _ = lazy_loader.attach(__name__, submod_attrs={"scene_budget": __all__})
+_load_attribute, __dir__, _ = lazy_loader.attach(__name__, submod_attrs={"scene_forecast": __all__})
 
 
 def __getattr__(name: str) -> Any:

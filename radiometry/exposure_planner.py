@@ -13,7 +13,7 @@ import numpy as np
 
 from correlograph.errors import InputError, check_positive
 from correlograph.lags import LAG_SIDE, OBJECT_SIDE
-from radiometry.noise.level import fit_known_signal
+from radiometry.noise.measured_noise import fit_known_signal
 from radiometry.prediction import Prediction, predict
 
 FRAME_COUNTS = (2, 3, 4, 5, 7, *(round(10 * 2 ** (half / 2)) for half in range(34)))

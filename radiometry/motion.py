@@ -42,8 +42,9 @@ class Motion:
         return bool(self.spot_way or any(self.object_way_m))
 
     def correlation(self, share: float | np.ndarray) -> np.ndarray:
-        """Return the correlation c of the speckle intensity after a fraction of the exposure, at the position to which
-        it has moved."""
+        """Return the correlation c of the speckle intensity with that after a fraction of the exposure, the shift of the
+        pattern compensated.
+        """
         share = np.asarray(share, np.float64)
         field = disc_overlap(self.spot_way * share) * airy(np.pi * np.hypot(*self.object_way_m) * share / self.grain_m)
         return field**2

@@ -22,12 +22,12 @@ from radiometry.autocorrelation import (
     peak_of_cell_means,
     smooth_by_window,
 )
+from radiometry.estimation.autocorrelation_estimator import degrees_of_freedom
 from radiometry.estimation.third_moment import MIN_SIGNAL_FRACTION, drawn_third_moment
-from radiometry.estimation.whole_frames import degrees_of_freedom
 from radiometry.light_budget_rows import light_budget
-from radiometry.noise.budget import NoiseTerms, estimate_error
 from radiometry.noise.detection import DETECTION_LIMIT, detection
-from radiometry.noise.level import WHOLE_FRAME_INFLATION, NoiseLevel
+from radiometry.noise.measured_noise import WHOLE_FRAME_INFLATION, NoiseLevel
+from radiometry.noise.predicted_floor import NoiseTerms, estimate_error
 from radiometry.photons import grain_area
 from radiometry.transfer import lag_transfer
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from correlograph.errors import InputError
-from radiometry.noise.budget import NoiseTerms
+from radiometry.noise.predicted_floor import NoiseTerms
 from sim.geometry import Geometry
 from sim.optics.coherence import variance_lost_to_linewidth
 from sim.optics.illumination import grain_m

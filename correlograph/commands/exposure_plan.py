@@ -102,7 +102,7 @@ def render_errors(geometry: Any, divisions: list[Any], seed: int) -> dict[int, f
     """Render the frames of each division of the exposure and measure the error of its estimate against the known r*r."""
     from tqdm import tqdm
 
-    from radiometry.estimation.whole_frames import AutocorrelationEstimator
+    from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator
     from radiometry.exposure_planner import measured_error
     from radiometry.prediction import predict
     from sim.frame import Simulation

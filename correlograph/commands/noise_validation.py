@@ -105,7 +105,7 @@ class Renderer:
         """Return, per exposure, mean and variance of the signal-free corner of an estimate from two frames of 64 patches
         each, scaled to a maximum of 255 like the published images.
         """
-        from radiometry.estimation.whole_frames import estimate_autocorrelation
+        from radiometry.estimation.autocorrelation_estimator import estimate_autocorrelation
 
         grid = self.prediction.grid
         corners = []
@@ -117,7 +117,7 @@ class Renderer:
     def over_patches(self) -> list[dict[str, float]]:
         """Return the series of two frames of 1/8 s, with the first patches of the grid only."""
         from radiometry.autocorrelation import PatchGrid
-        from radiometry.estimation.whole_frames import estimate_autocorrelation
+        from radiometry.estimation.autocorrelation_estimator import estimate_autocorrelation
 
         grid = self.prediction.grid
         size = grid.size
@@ -146,7 +146,7 @@ class Renderer:
         """Return estimates for Fig. 4: a total exposure of 10 s, divided in three ways. For a single frame, the background
         is the mean of its patches.
         """
-        from radiometry.estimation.whole_frames import estimate_autocorrelation
+        from radiometry.estimation.autocorrelation_estimator import estimate_autocorrelation
 
         grid = self.prediction.grid
         return [

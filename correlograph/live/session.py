@@ -23,8 +23,8 @@ from invert.measure.spectrum import estimate_noise, read_measurement
 from invert.output.result import Result
 from invert.pipeline import reconstruct
 from radiometry.autocorrelation import PatchGrid, automatic_patch_size, patch_grid
+from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator
 from radiometry.estimation.photon_transfer import PhotonTransfer, combine, photon_transfer
-from radiometry.estimation.whole_frames import AutocorrelationEstimator
 from radiometry.noise.detection import DETECTION_LIMIT
 
 SHARP_ERROR = 0.7

@@ -1,4 +1,4 @@
-"""One cell of an evaluation on disk: scores, albedos and truths of one method on one level."""
+"""Results of one method at one noise level on disk: scores, albedos and truths."""
 
 from __future__ import annotations
 

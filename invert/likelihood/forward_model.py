@@ -77,7 +77,7 @@ class ForwardModel:
         return torch.fft.rfft2(albedo, s=(self._period, self._period))
 
     def signal(self, power: torch.Tensor) -> torch.Tensor:
-        """Return H (r*r) (n, 64, 128) of a power spectrum |r|^2."""
+        """Return the signal, the transfer H of the camera times r*r, (n, 64, 128), of a power spectrum |r|^2."""
         lags = torch.fft.irfft2(power * self._window, s=(self._period, self._period))[..., : self._rows, :]
         if self._period > 2 * self._rows:
             lags = torch.cat((lags[..., : self._rows], lags[..., -self._rows :]), -1)

@@ -8,7 +8,7 @@ steps with the highest held-out log-likelihood is then repeated with all lags.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import islice
+from itertools import count, islice
 
 import torch
 
@@ -24,6 +24,9 @@ MIN_GAIN_SIGMA = 2.0
 
 LEARNING_RATE = 0.01
 """Learning rate of Adam for the root of the albedo, whose maximum is 1."""
+
+MEAN_DECAY, SQUARE_DECAY = 0.9, 0.999
+"""Decay of Adam's mean slope and mean square slope per step."""
 
 MIN_ALBEDO = 1e-4
 """Initial albedo of dark pixels, because the root has no slope at zero."""
@@ -64,12 +67,16 @@ def _validated_steps(albedo: torch.Tensor, likelihood: Likelihood, halves: torch
 def _ascent(albedo: torch.Tensor, likelihood: Likelihood, weight: torch.Tensor) -> Iterator[torch.Tensor]:
     """Yield albedos (n, 64, 64) before each step, without limit."""
     root = (albedo.clamp_min(0.0) + MIN_ALBEDO).sqrt().requires_grad_()
-    adam = torch.optim.Adam([root], lr=LEARNING_RATE)
-    while True:
+    mean, square = torch.zeros_like(root), torch.zeros_like(root)
+    for step in count(1):
         with torch.enable_grad():
             image = root.square()
             loss = -(weight * likelihood.at(image, weight).by_lag).sum()
         yield image.detach()
-        adam.zero_grad()
-        loss.backward()
-        adam.step()
+        (slope,) = torch.autograd.grad(loss, root)
+        # Adam (doi:10.48550/arXiv.1412.6980). The one of torch loads its compiler, which takes 2 s.
+        with torch.no_grad():
+            mean.lerp_(slope, 1.0 - MEAN_DECAY)
+            square.mul_(SQUARE_DECAY).addcmul_(slope, slope, value=1.0 - SQUARE_DECAY)
+            deviation = square.sqrt().div_((1.0 - SQUARE_DECAY**step) ** 0.5).add_(1e-8)
+            root.addcdiv_(mean, deviation, value=-LEARNING_RATE / (1.0 - MEAN_DECAY**step))

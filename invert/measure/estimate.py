@@ -25,12 +25,12 @@ from invert.measure.lag_choice import choose_lags
 from invert.measure.patch_fit import choose_patch_grid
 from invert.measure.spectrum import read_measurement
 from radiometry.autocorrelation import PITCH_M, PatchGrid, automatic_patch_size, patch_grid
+from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator, estimator_of
 from radiometry.estimation.background import BackgroundRecord, MeanModel
 from radiometry.estimation.parallel_frames import PART_FRAMES, add_frames
 from radiometry.estimation.published import PublishedEstimator
 from radiometry.estimation.saved_sums import SavedSums
 from radiometry.estimation.third_moment import FilteredFrames
-from radiometry.estimation.whole_frames import AutocorrelationEstimator, estimator_of
 from radiometry.transfer import gaussian_transfer, lag_transfer
 
 Patch = int | Literal["fit"] | None
@@ -162,7 +162,7 @@ def estimate_from_frames(
     Args:
         patch: patch size in pixels. None derives it from the lag pitch, or takes an eighth of the frame if the camera is
             unknown. "fit" starts there and adapts the size to the object (`invert.measure.patch_fit`).
-        mean_model: background model; see `radiometry.estimation.whole_frames`.
+        mean_model: background model; see `radiometry.estimation.autocorrelation_estimator`.
         blur_pixels: standard deviation of a known Gaussian blur in addition to pupil and pixel; 0 for no blur.
         lags, pitch_m: largest lag on either side of zero, and lag pitch. Without patch, lags and pitch, both are adapted to
             the object (`invert.measure.lag_choice`); if only some are given, the others are 63 and 300 um.

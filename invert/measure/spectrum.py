@@ -10,7 +10,7 @@ import torch
 
 from correlograph.lags import LagGrid, lag_grid_of
 from radiometry.noise.detection import DETECTION_LIMIT, detection
-from radiometry.noise.level import NoiseLevel, extrapolated_peak, fill_zero_lag, read_noise_level
+from radiometry.noise.measured_noise import NoiseLevel, extrapolated_peak, fill_zero_lag, read_noise_level
 
 RESOLUTION_LAGS = 0.5
 """Standard deviation, in lags, of the Gaussian that limits the resolution of a noisy reconstruction."""

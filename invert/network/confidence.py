@@ -39,7 +39,9 @@ DEFAULT_COEFFICIENTS = (0.0, 1.0, 0.0, 0.0, 0.0)
 
 
 def confidence(coefficients: Sequence[float], features: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Return the predicted correlation with the truth, 0 to 1, of features (..., 4): a logistic function, offset first."""
+    """Return the predicted correlation with the truth, 0 to 1, of features (..., 4): a logistic function, whose first
+    coefficient is the offset.
+    """
     return expit(coefficients[0] + np.asarray(features) @ np.asarray(coefficients[1:]))
 
 

@@ -15,7 +15,7 @@ from correlograph.files.figures import add_scale_bar, save_figure
 from correlograph.files.output import atomic
 from invert.albedo.metrics import aligned_pearson
 from invert.albedo.posterior import Samples
-from radiometry.noise.level import dim_zero_lag
+from radiometry.noise.measured_noise import dim_zero_lag
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure

@@ -15,7 +15,7 @@ from invert.measure.estimate import Estimate
 from invert.output.report import draw_report, save_image
 from invert.output.truth import Truth
 from radiometry.autocorrelation import autocorrelate, peak_of_cell_means, smooth_by_window
-from radiometry.noise.level import fit_known_signal
+from radiometry.noise.measured_noise import fit_known_signal
 
 if TYPE_CHECKING:
     from invert.output.result import Result

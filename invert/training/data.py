@@ -13,7 +13,7 @@ from correlograph.lags import lag_grid, lag_grid_of
 from invert.albedo.registration import normalise_peak
 from invert.network.features import Observation
 from invert.training.denoising import Draws, shift_randomly
-from radiometry.noise.level import SIGNAL_FREE_PART
+from radiometry.noise.measured_noise import SIGNAL_FREE_PART
 from radiometry.noise.model import autocorrelate_windowed, draw_estimate
 
 EMPTY_SHARE = 0.04

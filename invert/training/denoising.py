@@ -72,7 +72,9 @@ def shift_randomly(albedo: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
 
 
 def scale_dof_for_sums(seen: Observation) -> Observation:
-    """Return observations with the effective K of sums over lags: between those of independent and of correlated lags."""
+    """Return observations with the degrees of freedom K that sums over lags have: a value between those for independent and
+    for correlated lags.
+    """
     return replace(seen, dof=seen.dof / 2.0)
 
 

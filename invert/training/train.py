@@ -1,7 +1,7 @@
 """`python -m invert.train DATASET -o WEIGHTS.safetensors`: train a network; runs resume exactly.
 
 The data of every step depend on the seed and the step alone. A stopped run therefore continues as if it had not been stopped (to the
-last bit with the same number of threads), and several GPUs (torchrun) together process the data of one. The sampler is an
+last bit with the same number of threads), and several GPUs (torchrun) share the data that one would process. The sampler is an
 exception: each process has its own chains, and a checkpoint holds those of the first.
 """
 

@@ -1,6 +1,6 @@
 """Autocorrelation estimates from frames.
 
-whole_frames.py     estimator of all pixel pairs, with background models
+autocorrelation_estimator.py     estimator of all pixel pairs, with background models
 published.py        estimator of Metzler et al. 2020: non-overlapping patches
 background.py       record of background and sensor faults
 illumination.py     smooth illumination: detection and correction

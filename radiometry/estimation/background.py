@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 MeanModel = Literal["auto", "pooled", "fixed", "published"]
-"""Background models of an estimator; `radiometry.estimation.whole_frames` describes them."""
+"""Background models of an estimator; `radiometry.estimation.autocorrelation_estimator` describes them."""
 
 MEAN_MODELS: tuple[MeanModel, ...] = ("auto", "pooled", "fixed", "published")
 

@@ -16,8 +16,8 @@ import torch
 from scipy.ndimage import convolve
 from scipy.stats import chi2
 
+from radiometry.estimation.autocorrelation_estimator import degrees_of_freedom, spectral_window
 from radiometry.estimation.third_moment import FilteredFrames
-from radiometry.estimation.whole_frames import degrees_of_freedom, spectral_window
 
 MIN_EXPECTATION = 0.1
 """Minimum of the fitted power at a lag in units of its mean."""

@@ -21,7 +21,7 @@ class FrameSums:
         power: sum of their squared moduli, float32 of the same shape.
         narrow: spectra of the first frames of the capture, cropped to the lags (`third_moment.narrow`).
         noise: noise of the pixels of these frames.
-        faults: sensor faults; the sum of the hot pixels and the maxima of the others.
+        faults: sensor faults: the number of hot pixels in all frames, and the largest numbers of other faults in a frame.
         spectral_lines: number of waves that were subtracted.
         shift_pixels: largest shift of the camera, rows and columns; None if frames share no pattern.
     """

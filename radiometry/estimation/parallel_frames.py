@@ -12,10 +12,10 @@ import torch
 
 from correlograph.files.file_frames import FileFrames, FrameCheck
 from correlograph.workers import map_on_cluster
+from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator
 from radiometry.estimation.frame_sums import FrameSums
 from radiometry.estimation.saved_sums import SavedSums
 from radiometry.estimation.third_moment import MAX_FRAMES
-from radiometry.estimation.whole_frames import AutocorrelationEstimator
 
 PART_FRAMES = MAX_FRAMES
 """Number of frames that one thread adds up."""

@@ -13,9 +13,9 @@ import torch
 
 from correlograph.files.output import atomic
 from correlograph.version import version
+from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator
 from radiometry.estimation.frame_sums import FrameSums
 from radiometry.estimation.pixel_faults import PixelFaults
-from radiometry.estimation.whole_frames import AutocorrelationEstimator
 
 INTERVAL_S = 20.0
 """Minimum time between two writings of the file."""

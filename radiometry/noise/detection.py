@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from correlograph.lags import lag_grid_of
-from radiometry.noise.level import NoiseLevel
+from radiometry.noise.measured_noise import NoiseLevel
 
 DETECTION_LIMIT = 6.0
 """Minimum significance of a signal, in standard deviations above the floor; below it, no object is reported."""

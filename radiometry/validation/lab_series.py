@@ -13,7 +13,7 @@ from scipy.optimize import curve_fit
 from correlograph.errors import InputError
 from correlograph.files.images import read_autocorrelation
 from correlograph.lags import lag_grid_of
-from radiometry.noise.level import extrapolated_peak, fill_zero_lag, fit_known_signal, read_noise_level
+from radiometry.noise.measured_noise import extrapolated_peak, fill_zero_lag, fit_known_signal, read_noise_level
 
 CORNER = 20
 """Side of the signal-free corner whose mean and variance Metzler et al. 2020 plot."""

@@ -117,7 +117,9 @@ def specular_field(geometry: Geometry, grid: tuple[int, int]) -> np.ndarray | fl
 
 
 def _strip(rng: np.random.Generator, across: int, first: int, count: int) -> np.ndarray:
-    """Return columns of an infinite strip of heights, starting at `first`, each from its own seed; (across, count)."""
+    """Return columns `first` and following of an infinite strip of random surface heights, (across, count). Each column has
+    its own seed.
+    """
     seed = int(rng.integers(2**63))
     columns = range(first, first + count)
     return np.stack([np.random.default_rng([seed, column]).standard_normal(across) for column in columns], 1)

@@ -12,7 +12,7 @@ from invert.choices import FAST, UNET
 from invert.evaluation.identification import identify
 from invert.measure.spectrum import read_measurement
 from invert.methods import reconstruct_measurement
-from radiometry.noise.level import read_noise_level
+from radiometry.noise.measured_noise import read_noise_level
 from radiometry.noise.model import autocorrelate_windowed, log_likelihood
 
 RING = lag_grid(LAGS).ring

@@ -8,8 +8,8 @@ pytest.importorskip("mitsuba")
 
 from correlograph.lags import LAGS, lag_grid
 from radiometry.autocorrelation import PatchGrid, autocorrelate
-from radiometry.estimation.whole_frames import estimate_autocorrelation
-from radiometry.noise.level import fit_known_signal, read_noise_level
+from radiometry.estimation.autocorrelation_estimator import estimate_autocorrelation
+from radiometry.noise.measured_noise import fit_known_signal, read_noise_level
 from radiometry.photons import grain_area
 from radiometry.prediction import predict
 

@@ -9,8 +9,9 @@ pytest.importorskip("mitsuba")
 
 from correlograph.lags import LAGS, lag_grid
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
+from radiometry.estimation import third_moment
+from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator
 from radiometry.estimation.third_moment import drawn_third_moment, expected_third_moment
-from radiometry.estimation.whole_frames import AutocorrelationEstimator
 from radiometry.prediction import predict
 from scenes import scene_path
 from sim.frame import Simulation
@@ -58,3 +59,15 @@ def test_its_signal_to_noise_is_that_of_rendered_frames():
     assert np.mean(seen) == pytest.approx(1.0, abs=3.0 * deviation / 4.0)
     # The deviation of sixteen is good to 18 %.
     assert 1.0 / deviation == pytest.approx(prediction.third_moment_signal_to_noise(1), rel=0.5)
+
+
+@pytest.mark.parametrize("reach", [0.1, 0.4])
+def test_estimated_trace_is_that_of_the_matrix(monkeypatch, reach):
+    rng = np.random.default_rng(4)
+    rows, columns = np.indices((96, 96))
+    albedo = rng.random((96, 96)) * (rows + 2 * columns < 160) * (columns > 9)  # 3500 cells, no symmetry
+    distance = np.hypot(*np.meshgrid(np.arange(-95, 96), np.arange(-95, 96)))
+    weight = np.exp(-distance / (95 * reach))
+    estimated = third_moment.expected_third_moment(albedo, weight, 1.0, 1)
+    monkeypatch.setattr(third_moment, "MAX_EXACT_CELLS", 10**6)
+    assert estimated == pytest.approx(third_moment.expected_third_moment(albedo, weight, 1.0, 1), rel=0.03)

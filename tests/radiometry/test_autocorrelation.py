@@ -6,7 +6,7 @@ import pytest
 from correlograph.errors import InputError
 from correlograph.lags import LAGS
 from radiometry.autocorrelation import autocorrelate, automatic_patch_size, patch_grid, peak_of_cell_means, smooth_by_window
-from radiometry.estimation.whole_frames import estimate_autocorrelation
+from radiometry.estimation.autocorrelation_estimator import estimate_autocorrelation
 
 
 def slow_lag(patches: list[np.ndarray], row: int, column: int) -> np.ndarray:

@@ -7,10 +7,10 @@ from scipy.ndimage import gaussian_filter
 
 from correlograph.lags import LAGS, lag_grid
 from radiometry.autocorrelation import autocorrelate, patch_grid, smooth_by_window
+from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator, estimate_autocorrelation
 from radiometry.estimation.illumination import flatten_illumination, is_uneven
 from radiometry.estimation.pixel_faults import repair
 from radiometry.estimation.spectral_lines import find_lines, subtract_waves
-from radiometry.estimation.whole_frames import AutocorrelationEstimator, estimate_autocorrelation
 from tests.light import speckle, wall_texture
 
 RING = lag_grid(LAGS).ring

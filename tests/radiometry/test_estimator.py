@@ -9,8 +9,12 @@ import torch
 from correlograph.errors import InputError
 from correlograph.lags import LAGS, lag_grid
 from radiometry.autocorrelation import patch_grid
-from radiometry.estimation.whole_frames import AutocorrelationEstimator, degrees_of_freedom, estimate_autocorrelation
-from radiometry.noise.level import read_noise_level
+from radiometry.estimation.autocorrelation_estimator import (
+    AutocorrelationEstimator,
+    degrees_of_freedom,
+    estimate_autocorrelation,
+)
+from radiometry.noise.measured_noise import read_noise_level
 from radiometry.noise.model import lag_correlation
 from tests.light import speckle
 

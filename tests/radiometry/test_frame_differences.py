@@ -5,8 +5,8 @@ import pytest
 
 from correlograph.lags import lag_grid
 from radiometry.autocorrelation import patch_grid
+from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator
 from radiometry.estimation.frame_differences import FrameDifferences, frame_differences
-from radiometry.estimation.whole_frames import AutocorrelationEstimator
 from tests.light import letter_cells, thrown
 
 PATCH, SHAPE = 129, (400, 480)

@@ -5,7 +5,7 @@ import pytest
 
 from correlograph.lags import LAGS, lag_grid
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
-from radiometry.noise.level import ASSUMED_DOF, extrapolated_peak, fit_known_signal, read_noise_level
+from radiometry.noise.measured_noise import ASSUMED_DOF, extrapolated_peak, fit_known_signal, read_noise_level
 
 HALF_PLANE = lag_grid(LAGS).half_plane
 

@@ -9,8 +9,8 @@ from scipy import stats
 
 from correlograph.errors import InputError
 from radiometry.estimation.published import published_dof
-from radiometry.noise.budget import NoiseTerms, estimate_error
 from radiometry.noise.model import draw_estimate, expected_spectrum, log_likelihood
+from radiometry.noise.predicted_floor import NoiseTerms, estimate_error
 from radiometry.safety import maximum_permissible_exposure, spot_safety
 
 

@@ -15,9 +15,9 @@ from invert.measure.capture import read_capture
 from invert.measure.estimate import estimate_from_frames
 from radiometry.autocorrelation import patch_grid
 from radiometry.estimation import parallel_frames
+from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator, estimate_autocorrelation
 from radiometry.estimation.parallel_frames import PART_FRAMES, add_frames
 from radiometry.estimation.saved_sums import SavedSums
-from radiometry.estimation.whole_frames import AutocorrelationEstimator, estimate_autocorrelation
 
 SHAPE, PATCH = (300, 421), 129
 

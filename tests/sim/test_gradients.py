@@ -86,7 +86,7 @@ def test_gradients_by_albedo(lab):
 def test_pose_of_a_known_letter_is_found_from_two_frames():
     import sim
     from examples.plot_9_recover_pose import recover
-    from radiometry.estimation.whole_frames import estimate_autocorrelation
+    from radiometry.estimation.autocorrelation_estimator import estimate_autocorrelation
     from radiometry.prediction import patches_of
 
     hidden = sim.load("tilted_letter", exposure=0.125, standoff=1.1, tilt=-30.0)

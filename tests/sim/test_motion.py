@@ -7,8 +7,8 @@ pytest.importorskip("mitsuba")
 
 from correlograph.errors import InputError
 from correlograph.lags import LAGS, lag_grid
-from radiometry.estimation.whole_frames import estimate_autocorrelation
-from radiometry.noise.level import fit_known_signal, read_noise_level
+from radiometry.estimation.autocorrelation_estimator import estimate_autocorrelation
+from radiometry.noise.measured_noise import fit_known_signal, read_noise_level
 from radiometry.prediction import predict
 from scenes import scene_path
 from sim.frame import Simulation

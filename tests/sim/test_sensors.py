@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("mitsuba")
 
 from correlograph.errors import InputError
-from radiometry.noise.budget import NoiseTerms
+from radiometry.noise.predicted_floor import NoiseTerms
 from radiometry.prediction import predict
 from sim.frame import Simulation
 from sim.optics.camera import count_photons

@@ -12,7 +12,7 @@ from invert.measure.estimate import Estimate
 from invert.measure.lag_choice import choose_lags, upper_snr
 from invert.measure.spectrum import read_measurement
 from radiometry.autocorrelation import autocorrelate, patch_grid, smooth_by_window
-from radiometry.estimation.whole_frames import estimate_autocorrelation
+from radiometry.estimation.autocorrelation_estimator import estimate_autocorrelation
 from tests.light import speckle
 
 SHAPE, PATCH = (1100, 1210), 130

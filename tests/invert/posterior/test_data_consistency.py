@@ -11,7 +11,7 @@ from invert.likelihood.forward_model import ForwardModel, half_of, lags_used
 from invert.likelihood.gamma import Likelihood
 from invert.measure.spectrum import Measurement
 from invert.network.features import Observation
-from radiometry.noise.level import NoiseLevel
+from radiometry.noise.measured_noise import NoiseLevel
 from radiometry.noise.model import autocorrelate_windowed, draw_estimate
 
 FLOOR, DOF = 0.3, 64.0

@@ -15,7 +15,7 @@ from invert.likelihood.gamma import Likelihood, log_likelihood_leads
 from invert.measure.spectrum import read_measurement
 from invert.methods import Reconstruction
 from invert.training.data import at_noise
-from radiometry.noise.level import NoiseLevel
+from radiometry.noise.measured_noise import NoiseLevel
 from radiometry.noise.model import autocorrelate_windowed, draw_estimate, log_likelihood
 from tests.invert.posterior.steps import MIRRORED_STEM, RIGHT, noisy
 

@@ -1,11 +1,13 @@
 """Likelihood ascent: gains what other captures confirm, and leaves alone what noise does not let be judged."""
 
+from itertools import islice
+
 import pytest
 import torch
 
 from invert.albedo.registration import on_grid, register_images
 from invert.likelihood.gamma import Likelihood, log_likelihood_leads
-from invert.likelihood.refinement import refine_by_likelihood
+from invert.likelihood.refinement import LEARNING_RATE, MIN_ALBEDO, _ascent, refine_by_likelihood
 from invert.measure.spectrum import Measurement, read_measurement
 from radiometry.noise.model import autocorrelate_windowed, draw_estimate
 from tests.invert.posterior.steps import RIGHT
@@ -52,3 +54,14 @@ def test_slope_of_the_likelihood():
     with torch.no_grad():
         ahead, behind = (float(likelihood((albedo + step * way)[None])[0]) for step in (1e-4, -1e-4))
     assert float((slope * way).sum()) == pytest.approx((ahead - behind) / 2e-4, rel=1e-3)
+
+
+def test_ascent_takes_the_steps_of_adam():
+    likelihood = Likelihood.of(make_measurement(1.0, 64.0, 0), torch.device("cpu"), torch.float32)
+    root = (RIGHT + MIN_ALBEDO).sqrt().requires_grad_()
+    adam = torch.optim.Adam([root], lr=LEARNING_RATE)
+    for found in islice(_ascent(RIGHT[None], likelihood, likelihood.used), 6):
+        torch.testing.assert_close(found[0], root.detach().square())
+        adam.zero_grad()
+        (-(likelihood.used * likelihood.at(root.square()[None], likelihood.used).by_lag).sum()).backward()
+        adam.step()

@@ -9,7 +9,7 @@ import sim  # noqa: E402
 from correlograph.errors import InputError  # noqa: E402
 from correlograph.lags import LAGS, lag_grid  # noqa: E402
 from radiometry.autocorrelation import PatchGrid, autocorrelate, smooth_by_window  # noqa: E402
-from radiometry.estimation.whole_frames import estimate_autocorrelation  # noqa: E402
+from radiometry.estimation.autocorrelation_estimator import estimate_autocorrelation  # noqa: E402
 from radiometry.light_budget_rows import light_budget  # noqa: E402
 from scenes import scene_path  # noqa: E402
 from sim.backend.variant import llvm_major  # noqa: E402

@@ -17,7 +17,7 @@ pytest.importorskip("mitsuba")
 import sim
 from correlograph.lags import LAGS, lag_grid
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
-from radiometry.estimation.whole_frames import estimate_autocorrelation
+from radiometry.estimation.autocorrelation_estimator import estimate_autocorrelation
 from radiometry.prediction import patches_of
 from scenes import scene_path
 from sim.backend.variant import llvm_major
