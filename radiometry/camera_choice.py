@@ -94,7 +94,7 @@ def arrangements(
     wavelengths_m: Iterable[float | None] = (None,),
     powers_w: Iterable[float | None] = (None,),
 ) -> list[Arrangement]:
-    """Return all combinations."""
+    """Return every combination of magnification, binning, pupil, wavelength and power; None keeps the value of the scene."""
     return [Arrangement(*values) for values in itertools.product(magnifications, binnings, pupils_m, wavelengths_m, powers_w)]
 
 

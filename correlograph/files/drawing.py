@@ -36,7 +36,7 @@ class Line:
 
 @dataclass(frozen=True)
 class SceneDrawing:
-    """Two views of a scene, from above and from the side."""
+    """Drawing of a scene to scale, from above and from the side."""
 
     views: tuple[tuple[Line, ...], tuple[Line, ...]]
 

@@ -42,7 +42,7 @@ def lags_used(lags: int) -> torch.Tensor:
 
 @lru_cache(maxsize=8)
 def pedestal_profile(lags: int) -> torch.Tensor:
-    """Return the pedestal at every lag, float64 (1, 64, 128), 1 at zero lag."""
+    """Return the pedestal p, a wide excess that lab estimates contain, at every lag, float64 (1, 64, 128), 1 at zero lag."""
     grid = lag_grid(lags)
     profile = torch.exp(-0.5 * (torch.from_numpy(grid.steps).double() / (PEDESTAL_SIGMA * grid.object_side)).square())
     return half_of(torch.outer(profile, profile)[None])

@@ -91,7 +91,9 @@ class Chains:
         return which
 
     def task(self, which: torch.Tensor, device: torch.device) -> Task:
-        """Return the input and the target of the next annealing step of some chains, which are partly denoised samples."""
+        """Return input and target of the next annealing step of some chains; a chain is a sample on its way from noise to an
+        object.
+        """
         one = {name: value[which].to(device) for name, value in self.state.items()}
         seen = Observation.from_estimate(one["estimate"], one["floor"], one["dof"])
         return Task(seen, one["truth"], one["noisy"], _level(one, one["done"]), one["albedo"])

@@ -122,7 +122,9 @@ class Wall:
         return ((np.arange(height) - 0.5 * (height - 1)) * self.pitch_m, (np.arange(width) - 0.5 * (width - 1)) * self.pitch_m)
 
     def pixels(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
-        """Return the positions from the object's centre of pixels (row, column), fractions allowed, broadcast; (..., 3)."""
+        """Return the positions of pixels relative to the object's centre, (..., 3). Rows and columns may be fractions and
+        are broadcast.
+        """
         height, width = self.shape
         down = (np.asarray(row, np.float64) - 0.5 * (height - 1)) * self.pitch_m
         right = (np.asarray(column, np.float64) - 0.5 * (width - 1)) * self.pitch_m
