@@ -86,7 +86,8 @@ def describe_limits(found: Reconstruction, measurement: Measurement) -> list[str
         )
     if found.object_found and found.features is not None and side > OBJECT_SIDE:
         notes.append(
-            f"the confidence is calibrated for {OBJECT_SIDE} lags; for {side} lags it can exceed the correlation by 0.2"
+            f"the confidence is calibrated for {OBJECT_SIDE} lags; on more, here {side}, it exceeds the correlation by more than 0.24 in "
+            "one of 20 cases"
         )
     return notes
 
