@@ -36,8 +36,8 @@ def retrieval() -> float:
 
 
 def draw(path: Path) -> None:
-    """Plot microseconds per iteration and start against the number of starts (at 128 x 128) and against the grid size (with
-    16 starts).
+    """Plot the time that one iteration takes for one start, against the number of starts (at 128 x 128) and against the grid size
+    (with 16 starts).
     """
     from matplotlib.figure import Figure
 

@@ -36,7 +36,7 @@ Nuisance = Callable[[Frames, np.random.Generator], Frames]
 
 
 def speckle(albedo: np.ndarray, rng: np.random.Generator, moved: float = 0.0) -> np.ndarray:
-    """Return speckle of mean 1, of shape `SHAPE`, from an albedo (64, 64) with one cell per lag of patches of `PATCH` pixels.
+    """Return speckle of mean 1, of shape `SHAPE`, from an albedo (64, 64) whose cells are as wide as a lag of patches of `PATCH` pixels.
 
     Drawn on a larger periodic grid and cropped, so that it does not wrap round. With `moved`, averaged over a motion of that
     many pixels to the right.

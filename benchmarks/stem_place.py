@@ -2,7 +2,7 @@
 
 The object resembles the 7 of the lab, with noise floors from a quarter to four times the signal's largest value at a nonzero
 lag. The table compares the reconstruction with an ideal observer, who knows bar and stem and chooses among five positions.
-It shows the information of the estimate (nats between the object and the bar alone, and between the two closest positions),
+It shows how well the estimate separates the object from the bar alone, and the two closest positions (divergence in nats),
 how often observer and reconstruction find the right position, the fraction of samples at the right position, and the
 calibration error of these fractions. Estimates are sampled from the noise model (K 64) or, with --rendered, from two
 rendered frames of the reference scene. With files of the lab's 7, the observer evaluates these.

@@ -48,7 +48,8 @@ class PatchGrid:
         return wavelength_m * distance_m / (self.size * pixel_pitch_m)
 
     def lag_pitches_m(self, wavelength_m: float, distance_m: float, pixel_pitch_m: tuple[float, float]) -> tuple[float, float]:
-        """Return the object distances of one lag (rows, columns), for the row and column pitches as the object sees them."""
+        """Return the distance on the object that corresponds to one lag (rows, columns), for pixel
+        pitches foreshortened as seen from the object."""
         down, right = (n * pitch for n, pitch in zip(self.patch_shape, pixel_pitch_m, strict=True))
         return wavelength_m * distance_m / down, wavelength_m * distance_m / right
 

@@ -38,8 +38,8 @@ class Spot:
 class Geometry:
     """Geometry of a scene. Lengths in metres, vectors in world axes (3,).
 
-    `right` and `down` are the steps on the wall between adjacent pixels per metre of `pixel_pitch_m`, as the camera sees them. They
-    are longer than 1 if the camera sees the wall at an angle.
+    `right` and `down` are the steps on the wall between adjacent pixels, divided by `pixel_pitch_m`, the pitch across the camera's line
+    of sight. They are longer than 1 if the camera sees the wall at an angle.
     """
 
     spot: Spot
@@ -199,7 +199,7 @@ class Geometry:
 
     @property
     def period_shape(self) -> tuple[int, int]:
-        """Period (rows, columns), in pixels, of the wall field of samples spaced by `object_pitch_m`."""
+        """Period (rows, columns), in pixels, of the field on the wall if samples of the object are `object_pitch_m` apart."""
         grains = [
             self.wavelength_m * self.distance_m / (extent * pitch)
             for extent, pitch in zip(self.hidden_object.extent_m, self.seen_pitch_m, strict=True)

@@ -195,9 +195,9 @@ class Capture:
         """Write rendered frames with truth.npy and sim.json, as `python -m sim` does.
 
         Args:
-            overwrite: whether to replace files of these names that others wrote.
+            overwrite: whether to replace files of these names that this program did not write.
 
-        Raises InputError for captured frames, and for files of others without `overwrite`.
+        Raises InputError for captured frames, and for such files without `overwrite`.
         """
         if len(self.headers) != len(self.frames) or self.truth is None:
             raise InputError("capture", "frames that were rendered", "captured ones", "their files are elsewhere already")

@@ -94,7 +94,7 @@ COLOURS = ("tab:green", "tab:blue", "tab:red", "tab:orange", "0.35", "0.6", "k")
 
 
 def _read_line(content: object) -> Line | None:
-    """Return a line of a sim.json, None for anything else; a file of a stranger must not reach matplotlib unchecked."""
+    """Return a line of a plan in sim.json, None for anything else. The file is checked because others may have changed it."""
     if not isinstance(content, dict) or set(content) != {"x", "y", "label", "colour", "style", "width", "is_filled"}:
         return None
     x, y, width = content["x"], content["y"], content["width"]

@@ -149,7 +149,7 @@ def _cell_means(geometry: Any) -> np.ndarray:
 
 
 def rendered_edges(images: Path, count: int, seed: int, frames: int, mean_models: Sequence[MeanModel]) -> Iterator[Level]:
-    """Render frames of Canny edges of photographs, one lag wide, in place of the letter of the reference scene."""
+    """Render frames of the reference scene with Canny edges of photographs, one lag wide, in place of its letter."""
     import sim
     from radiometry.prediction import patches_of
 

@@ -29,21 +29,22 @@ def run_data_consistency_steps(
     at = likelihood.at(albedo)
     preconditioner = (at.information() + precision).reciprocal()
     direction = former = torch.zeros_like(albedo)
-    former_norm = torch.ones_like(precision)
+    former_norm, is_unexplained = torch.ones_like(precision), torch.ones_like(precision)
     for step in range(steps):
         at = likelihood.at(albedo) if step else at
-        is_unexplained = at.deviance() > explained
-        if not bool(is_unexplained.any()):
-            break
+        if explained:
+            is_unexplained = (at.deviance() > explained)[:, None, None]
+            if not bool(is_unexplained.any()):
+                break
         slope = at.gradient() + precision * (begun - albedo)
-        slope = slope * ((albedo > 0.0) | (slope > 0.0)) * is_unexplained[:, None, None]
+        slope = slope * ((albedo > 0.0) | (slope > 0.0)) * is_unexplained
         steepest = preconditioner * slope
         conjugate = (_dot(slope - former, steepest) / former_norm).clamp_min(0.0)  # Polak and Ribiere
         direction = steepest + conjugate * direction * (slope != 0.0)
         direction = torch.where(_dot(direction, slope) > 0.0, direction, steepest)
         former, former_norm = slope, _dot(slope, steepest).clamp_min(1e-30)
-        bend = _dot(direction, at.curvature(direction) + precision * direction).clamp_min(1e-30)
-        length = (_dot(slope, direction) / bend).clamp_max(MAX_STEP_LENGTH)
+        bend = at.curvature(direction)[:, None, None] + _dot(direction, precision * direction)
+        length = (_dot(slope, direction) / bend.clamp_min(1e-30)).clamp_max(MAX_STEP_LENGTH)
         albedo = (albedo + length * direction).clamp(0.0, MAX_ALBEDO)
     return albedo
 

@@ -74,11 +74,11 @@ class ForwardModel:
 
     def spectrum(self, albedo: torch.Tensor) -> torch.Tensor:
         """Return the Fourier transform of albedos (n, 64, 64)."""
-        return torch.fft.rfft2(albedo, s=(self._period, self._period))
+        return self._forward(albedo)
 
     def signal(self, power: torch.Tensor) -> torch.Tensor:
         """Return the signal, the transfer H of the camera times r*r, (n, 64, 128), of a power spectrum |r|^2."""
-        lags = torch.fft.irfft2(power * self._window, s=(self._period, self._period))[..., : self._rows, :]
+        lags = self._inverse(power * self._window)
         if self._period > 2 * self._rows:
             lags = torch.cat((lags[..., : self._rows], lags[..., -self._rows :]), -1)
         return lags if self._transfer is None else lags * self._transfer
@@ -93,8 +93,16 @@ class ForwardModel:
         if self._period > 2 * self._rows:
             gap = lags.new_zeros((*lags.shape[:-1], self._period - 2 * self._rows))
             lags = torch.cat((lags[..., : self._rows], gap, lags[..., self._rows :]), -1)
-        both = 2.0 * self._window * torch.fft.rfft2(lags, s=(self._period, self._period)).real
-        return torch.fft.irfft2(both * spectrum, s=(self._period, self._period))[..., : self._rows, : self._rows]
+        both = 2.0 * self._window * self._forward(lags).real
+        return self._inverse(both * spectrum)[..., : self._rows]
+
+    def _forward(self, rows: torch.Tensor) -> torch.Tensor:
+        """Return the Fourier transform of zero-padded arrays; the padded rows are not transformed along the rows."""
+        return torch.fft.fft(torch.fft.rfft(rows, n=self._period), n=self._period, dim=-2)
+
+    def _inverse(self, spectrum: torch.Tensor) -> torch.Tensor:
+        """Return the first 64 rows of the inverse transform, (n, 64, period)."""
+        return torch.fft.irfft(torch.fft.ifft(spectrum, dim=-2)[..., : self._rows, :], n=self._period)
 
 
 @torch.no_grad()  # the likelihood is stationary at the fitted gains

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -89,7 +90,7 @@ class Likelihood:
         """Evaluate the likelihood at albedos (n, 64, 64).
 
         Args:
-            weight: weight of each lag in the fit of the gains, (n, 64, 128); 1 for the lags used by default.
+            weight: weight of each lag in the fit of the gains, (n, 64, 128). By default 1 for every lag that is used, 0 for others.
         """
         return LikelihoodPoint(self, albedo, self.used if weight is None else weight)
 
@@ -110,25 +111,26 @@ class Likelihood:
 
 
 class LikelihoodPoint:
-    """A likelihood at albedos (n, 64, 64), with its derivatives; the gradient is zero at an albedo of zeros.
-
-    Attributes:
-        by_lag: contribution of each lag to the log-likelihood, (n, 64, 128); differentiable.
-    """
+    """A likelihood at albedos (n, 64, 64), with its derivatives; the gradient is zero at an albedo of zeros."""
 
     def __init__(self, likelihood: Likelihood, albedo: torch.Tensor, weight: torch.Tensor) -> None:
         estimate, floor, used, pedestal = likelihood.estimate, likelihood.floor, likelihood.used, likelihood.pedestal
         self._likelihood, self._model, self._albedo = likelihood, likelihood.model, albedo.to(estimate.dtype)
         self._spectrum = self._model.spectrum(self._albedo)
-        signal = self._model.signal(self._spectrum.abs().square())
+        signal = self._model.signal((self._spectrum * self._spectrum.conj()).real)
         scale = (signal.detach() * used).amax((-2, -1)).clamp_min(1e-6)[:, None, None]
         signal = signal / scale
         flat = (one.flatten(1) for one in (signal, pedestal, estimate, floor, weight))
         bright, faint = (gain[:, None, None] for gain in fit_gains(*flat, likelihood.rounds))
         expected = floor + bright * signal + faint * pedestal
-        self.by_lag = likelihood.by_lag(expected)
+        self._expected = expected
         self._gain, self._excess = bright / scale, estimate - expected
         self._weight = used * likelihood.dof * self._gain / expected.square()
+
+    @cached_property
+    def by_lag(self) -> torch.Tensor:
+        """Contribution of each lag to the log-likelihood, (n, 64, 128); differentiable."""
+        return self._likelihood.by_lag(self._expected)
 
     def log_likelihood(self) -> torch.Tensor:
         """Return the log-likelihood of the albedos minus that of a perfect fit, (n,), in nats."""
@@ -148,9 +150,11 @@ class LikelihoodPoint:
         return self._model.slope(self._weight * self._gain, self._model.spectrum(self._albedo.square())).clamp_min(1e-6)
 
     def curvature(self, change: torch.Tensor) -> torch.Tensor:
-        """Return the Fisher information matrix at fixed gains times a change of the albedo, (n, 64, 64)."""
+        """Return the Fisher information along a change of the albedo (n, 64, 64), (n,): minus the expected second derivative of
+        the log-likelihood, at fixed gains.
+        """
         of_signal = self._model.signal(2.0 * (self._spectrum.conj() * self._model.spectrum(change)).real)
-        return self._model.slope(self._weight * self._gain * of_signal, self._spectrum)
+        return (self._weight * self._gain * of_signal.square()).sum((-2, -1))
 
 
 def log_likelihood_leads(reference: np.ndarray, albedo: np.ndarray, captures: Sequence[Measurement]) -> list[float]:

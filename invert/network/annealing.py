@@ -101,17 +101,16 @@ def sample_posterior(
     rng: torch.Generator,
     progress: Progress = no_progress,
 ) -> AnnealingResult:
-    """Sample the posterior of one observation.
+    """Sample the posterior of one object.
 
     Args:
         inflation: variance inflation of sums over lags; K is divided by it.
         candidates: albedos (m, 64, 64) that replace unlikely samples before the first round.
         progress: called after each denoising step.
     """
-    observation = _repeat(observation, options.samples)
     data, denoised_means = replace(observation, dof=observation.dof / inflation), []
     sigma = observation.dof.new_full((len(candidates),), CANDIDATE_SIGMA)
-    candidates = apply_shrunken_data_step(_repeat(data, len(candidates)), candidates, sigma, options.ascent)
+    candidates = apply_shrunken_data_step(data, candidates, sigma, options.ascent)
     side = lag_grid_of(observation.estimate).object_side
     zeros = torch.zeros(options.samples, side, side, device=observation.estimate.device)
     first = replace(options, **INITIAL_SCHEDULE)
@@ -139,7 +138,7 @@ def run_annealing(
     """Add noise to albedos (n, 64, 64) and denoise them; return the albedos and the mean of the denoiser outputs.
 
     Args:
-        observation: conditioning input of the sampler network.
+        observation: conditioning input of the sampler network, one per albedo or one of all.
         data: the same observation with the effective K of sums over lags.
     """
 
@@ -198,15 +197,10 @@ def replace_unlikely_samples(data: Observation, samples: torch.Tensor, others: t
     Later rounds would correct them as well. However, an object that is mostly right converges faster than one that is not.
     """
     pool = torch.cat((samples, others))
-    likelihood = _repeat(data, len(pool)).likelihood()(pool)
+    likelihood = data.likelihood()(pool)
     best = likelihood.argsort(descending=True, stable=True)
     worst = likelihood[: len(samples)].argsort(stable=True)[: int(MAX_REPLACED_FRACTION * len(samples))]
     best = best[: len(worst)]
     source = torch.arange(len(samples), device=samples.device)
     source[worst] = torch.where(likelihood[worst] < likelihood[best] - REPLACEMENT_MARGIN_NATS, best, worst)
     return pool[source]
-
-
-def _repeat(observation: Observation, count: int) -> Observation:
-    """Repeat the first entry of an observation for each of many albedos."""
-    return Observation(*(one[:1].expand(count, *one.shape[1:]) for one in vars(observation).values()))

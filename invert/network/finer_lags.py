@@ -55,7 +55,7 @@ def sample_on_finer_lags(
     fits noise at the highest frequencies.
 
     Args:
-        observation: the measurement as input of the network, once for each sample.
+        observation: the measurement as input of the network.
         starts: samples of the coarser grid, (n, side, side).
     """
     data = replace(observation, dof=observation.dof / measurement.noise.inflation)

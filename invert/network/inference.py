@@ -202,7 +202,7 @@ def _continue_on_finer_lags(
     found = sample_on_finer_lags(
         network.sampler,
         measurement,
-        make_observation([measurement] * len(starts)).part(slice(None), device),
+        make_observation([measurement]).part(slice(None), device),
         starts,
         quality,
         torch.Generator().manual_seed(seed),
@@ -255,7 +255,7 @@ def _crop_starts(found: Candidates) -> torch.Tensor:
 
 
 def _blend_denoised_means(mean_sample: torch.Tensor, denoised_means: torch.Tensor) -> torch.Tensor:
-    """Blend the mean sample (128, 128) with the mean of denoiser outputs (n, 64, 64) registered to it; maxima 1."""
+    """Blend the mean sample (128, 128) with the mean of the denoiser outputs (n, 64, 64), registered to it; each has maximum 1."""
     registered, _ = register_images(zero_pad(normalise_peak(denoised_means)), mean_sample)
     mean_denoised = normalise_peak(registered.mean(0))
     return (1.0 - DENOISED_MEAN_WEIGHT) * normalise_peak(mean_sample) + DENOISED_MEAN_WEIGHT * mean_denoised

@@ -39,6 +39,7 @@ class Sampler(nn.Module):
         """Denoise albedos; return (n, 64, 64).
 
         Args:
+            seen: one observation per albedo, or one of all.
             noisy: albedos (n, 64, 64) with white noise of standard deviation sigma (n,).
             guess: previous estimate of the albedos (self-conditioning input), (n, 64, 64), registered; zeros without one.
         """
@@ -51,7 +52,8 @@ class Sampler(nn.Module):
         maps = torch.stack((shrink * noisy, guess, torch.asinh(significance) / 3.0, step), 1)
         cells = functional.pixel_unshuffle(maps, 2)
         level = (sigma.log() / 4.0)[:, None, None, None].expand(-1, 1, *cells.shape[-2:])
-        shown = torch.cat((cells, sketch_features(seen), level), 1)
+        features = sketch_features(seen).expand(len(cells), -1, -1, -1)
+        shown = torch.cat((cells, features, level), 1)
         with torch.autocast(shown.device.type, dtype=torch.bfloat16):
             drawn = self.drawing(self.unet(shown.to(memory_format=torch.channels_last))[0])[:, 0]
         return ALBEDO_STD**2 * shrink.square() * noisy + spread * ALBEDO_STD * shrink * drawn

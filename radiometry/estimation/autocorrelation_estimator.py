@@ -172,7 +172,8 @@ class AutocorrelationEstimator:
         return degrees_of_freedom(counted, self.grid.frame_shape, self._patch)
 
     def estimate(self) -> np.ndarray:
-        """Return the estimate, float32 (127, 127), zero lag in the middle: a power spectrum per pixel, in frame units squared.
+        """Return the estimate, float32 (127, 127), zero lag in the middle: the power spectrum of the frames
+        divided by the number of pixels, in frame units squared.
 
         Raises InputError without frames, for a single frame with a single patch, and for copies of one frame.
         """
@@ -229,7 +230,7 @@ class AutocorrelationEstimator:
     def _moved_back(self, spectrum: torch.Tensor, number: int) -> tuple[torch.Tensor, tuple[float, float] | None]:
         """Return the spectrum of a frame, corrected for camera shift, and the shift; None without a static pattern.
 
-        Later frames are not searched for a pattern if none of the first `MAX_FRAMES` shares one with the first frame.
+        If none of the first `MAX_FRAMES` frames has a pattern in common with the first one, later frames are not searched for it.
         """
         if number >= MAX_FRAMES and not self._is_pattern_shared:
             return spectrum, None

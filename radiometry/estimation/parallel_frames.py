@@ -41,7 +41,7 @@ def add_frames(
     same for any number of threads or workers.
 
     Args:
-        advance: called with a number of frames when these have been added.
+        advance: progress callback, called with the number of frames added since its last call.
         saved: sums of an earlier run, from which this one continues, and which it replaces.
         threads: number of threads; as many as torch uses by default.
         scheduler: address of a running Dask scheduler, whose workers read and add frames that lie in files.

@@ -7,8 +7,8 @@ Frames are filtered to J = w A, where w is the fraction of signal at each lag. T
 
     E[J^3] = 2 sum over x, y, z of r_x r_y r_z w(y - x) w(z - y) w(x - z) = 2 tr((D M)^3),   D = diag(r),  M_xy = w(x - y),
 
-while E[J^2] is the sum over lags of w^2 (r*r). The contribution of shot noise is subtracted; the gain of the camera is measured
-(`radiometry.estimation.photon_transfer`), because read noise contributes nothing.
+while E[J^2] is the sum over lags of w^2 (r*r). The contribution of shot noise is subtracted. It follows from the gain of the
+camera (`radiometry.estimation.photon_transfer`), not from the noise floor, because read noise has no third moment.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ class Background:
         share: stray light in units of the hidden object's light.
         place: row and column, modulo the period, of each cell that emits light, (n,) each.
         amplitude: amplitude of each cell, sum of squares 1, (n,).
-        coherent: contrast of its speckle before pupil and pixel; 1 if it comes from a region as narrow as an object.
+        coherent: contrast of its speckle before pupil and pixels reduce it; 1 if it comes from a region no larger than the object.
     """
 
     share: float

@@ -95,7 +95,8 @@ def _sum_tiles(
 
     Args:
         centre: tile centres (t, 3). offset: pixel offsets within their tile (p, 3). position: scatterers (n, 3).
-        amplitude, difference: complex amplitude with its phase at each tile's centre, and the path difference there (t, n).
+        amplitude: complex amplitude of each scatterer, with its phase at each tile's centre, (t, n).
+        difference: path from each scatterer to each tile's centre minus the path from the object's centre, (t, n).
     """
     backend = dr.llvm if device == "cpu" else dr.cuda
     real = backend.Float if dtype is np.float32 else backend.Float64

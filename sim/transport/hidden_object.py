@@ -127,7 +127,8 @@ class HiddenObject:
         return self.sample(pitch_m if isinstance(pitch_m, tuple) else (pitch_m, pitch_m), (side, side)).albedo
 
     def position(self, coordinates: np.ndarray, depth_m: np.ndarray) -> np.ndarray:
-        """Return positions from the object's centre, (n, 3), of samples at grid coordinates (n, 2), `depth_m` behind it."""
+        """Return positions relative to the object's centre, (n, 3), of samples at grid coordinates (n, 2), `depth_m` behind the
+        grid plane."""
         plane = coordinates[:, :1] * self.axes.down + coordinates[:, 1:] * self.axes.right
         nearer = (1.0 + depth_m / self._distance_m)[:, None]
         return plane * nearer + depth_m[:, None] * self.line_of_sight

@@ -71,8 +71,7 @@ def test_floor_fraction_is_dimensionless(unit):
 def test_resampling_replaces_the_least_likely():
     """The two least likely of six samples become copies of the two most likely, or of a more likely candidate."""
     measurement = noisy()
-    seen = make_observation([measurement])
-    data = Observation(*(one.expand(6, *one.shape[1:]) for one in vars(seen).values()))
+    data = make_observation([measurement])
     faint = torch.nn.functional.avg_pool2d(RIGHT[None], 3, 1, 1)[0]
     drawn = torch.stack((MIRRORED_STEM.mT, faint, RIGHT.mT, faint.roll(1, 0), MIRRORED_STEM, faint.roll(2, 0)))
     nats = Likelihood.of(measurement)(drawn)

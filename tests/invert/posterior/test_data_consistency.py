@@ -84,8 +84,7 @@ def test_information_is_the_diagonal_of_the_curvature(albedo, place):
     at = make_observation(albedo, (1, 2)).likelihood().at(albedo)
     unit = torch.zeros_like(albedo)
     unit[(slice(None), *place)] = 1.0
-    exact, found = (one[(slice(None), *place)] for one in (at.curvature(unit), at.information()))
-    ratio = exact / found
+    ratio = at.curvature(unit) / at.information()[(slice(None), *place)]
     assert ((ratio > 0.5) & (ratio < 2.0)).all()
 
 
@@ -99,10 +98,11 @@ def test_curvature_is_the_derivative_of_the_gradient(albedo):
     way[0, 20:31, 18:22] = torch.rand(11, 4, generator=torch.Generator().manual_seed(7)) - 0.5
     at = seen.likelihood().at(truth)
     # The brightness is fitted for every albedo but kept in the curvature, so along this way it shall not change.
-    way = way - truth * (truth * at.curvature(way)).sum() / (truth * at.curvature(truth)).sum()
+    mixed = 0.25 * (at.curvature(way + truth) - at.curvature(way - truth))
+    way = way - truth * float(mixed / at.curvature(truth))
     ahead, behind = (seen.likelihood().at(truth + share * way).gradient() for share in (0.01, -0.01))
     expected = ((behind - ahead) / 0.02 * way).sum()
-    assert float((at.curvature(way) * way).sum()) == pytest.approx(float(expected), rel=0.1)
+    assert float(at.curvature(way)) == pytest.approx(float(expected), rel=0.1)
 
 
 def test_the_deviance_is_one_at_the_truth(albedo):
