@@ -20,8 +20,8 @@ import torch
 
 from correlograph.files.capture import CameraMetadata
 from correlograph.files.stacks import open_stack
-from correlograph.live.acquisition import Acquisition
 from correlograph.live.session import LiveSession
+from correlograph.live.threads import Acquisition
 from invert.measure import capture as capture_module
 from invert.measure.capture import read_capture
 from invert.measure.estimate import estimate_from_frames

@@ -38,7 +38,8 @@ class Quality:
             denoised modulus.
         augmentations: number of transformed copies of the input over which denoiser and fusion average.
         samples: posterior samples; 0 leaves the posterior sampler out.
-        rounds: number of times that noise is added to each posterior sample and removed again by the network.
+        rounds: maximum number of times that noise is added to each posterior sample and removed again by the network.
+        converged: correlation of the mean reconstruction with that of one round less at which the rounds end; 1 for all rounds.
         finer_samples, finer_rounds: the same on grids of more than 64 lags, where sampling starts from the posterior samples
             of a coarser grid.
     """
@@ -50,6 +51,7 @@ class Quality:
     augmentations: int
     samples: int = 0
     rounds: int = 0
+    converged: float = 1.0
     finer_samples: int = 1
     finer_rounds: int = 1
 
@@ -66,7 +68,16 @@ METHODS = {
 
 FAST = Quality("fast", 4, 0.3, network_starts=6, augmentations=1)
 BALANCED = Quality(
-    "balanced", 16, 1.0, network_starts=16, augmentations=4, samples=12, rounds=8, finer_samples=4, finer_rounds=4
+    "balanced",
+    16,
+    1.0,
+    network_starts=16,
+    augmentations=4,
+    samples=12,
+    rounds=8,
+    converged=0.9995,
+    finer_samples=4,
+    finer_rounds=4,
 )
 BEST = Quality("best", 64, 1.0, network_starts=32, augmentations=4, samples=32, rounds=12, finer_samples=8, finer_rounds=8)
 QUALITIES = {quality.name: quality for quality in (FAST, BALANCED, BEST)}

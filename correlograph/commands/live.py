@@ -51,9 +51,9 @@ def main(argv: Sequence[str] | None = None) -> None:
             "source", "a folder or file, or --simulate SCENE", "neither" if options.source is None else "both", "choose one"
         )
     source, exposure_s = open_source(options)
-    from correlograph.live.acquisition import Acquisition
     from correlograph.live.page import serve
     from correlograph.live.session import LiveSession
+    from correlograph.live.threads import Acquisition
 
     acquisition = Acquisition(source, LiveSession(source.camera, exposure_s, options.forget), options.until)
     page = serve(acquisition, Path(options.output), options.port)

@@ -12,7 +12,7 @@ import numpy as np
 from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError
 from correlograph.ranges import SEED
-from radiometry.validation.lab_series import corner, lab_floor, lab_over_exposure, lab_over_patches, slope
+from radiometry.validation.lab_noise import corner, lab_floor, lab_over_exposure, lab_over_patches, slope
 
 EXPOSURES_S = (1 / 512, 1 / 128, 1 / 32, 1 / 8, 1 / 4, 1 / 2, 1.0)
 PATCHES = (1, 2, 3, 5, 10, 25, 64)

@@ -2,6 +2,6 @@
 
 sources.py   frames from a folder or file that grows, from a simulated scene, or from any object that yields frames
 session.py   running estimate, measured values, reconstruction and saved frames
-acquisition.py   threads that read, add and reconstruct
+threads.py   threads that read, add and reconstruct
 page.py      the page, for one browser on this machine
 """

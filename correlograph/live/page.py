@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from correlograph.errors import InputError
-from correlograph.live.acquisition import Acquisition
 from correlograph.live.session import LiveReport
+from correlograph.live.threads import Acquisition
 from invert.output.result import Result
 
 REFRESH_MS = 500

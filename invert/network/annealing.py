@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import torch
 
 from correlograph.lags import lag_grid_of
-from invert.albedo.registration import crop_centred, normalise_peak, zero_pad
+from invert.albedo.registration import crop_centred, normalise_peak, register_images, zero_pad
 from invert.choices import Quality
 from invert.likelihood.data_consistency import MAX_ALBEDO, run_data_consistency_steps
 from invert.network.features import Observation, fill_zero_lag_by_neighbours, mean_near_zero_lag
@@ -26,10 +26,11 @@ class Annealing:
 
     Attributes:
         samples: number of samples.
-        rounds: number of re-noising rounds.
+        rounds: maximum number of re-noising rounds.
         steps: noise levels per round.
         first, last: highest and lowest noise level of a round; the cube roots of the levels are equidistant.
         ascent: data-consistency steps at each level.
+        converged: correlation of the mean denoiser output with that of one round less at which the rounds end.
     """
 
     samples: int
@@ -38,11 +39,12 @@ class Annealing:
     first: float = 0.8
     last: float = 0.05
     ascent: int = 8
+    converged: float = 1.0
 
     @classmethod
     def of(cls, quality: Quality) -> Annealing:
         """Return the schedule of a quality."""
-        return cls(quality.samples, quality.rounds)
+        return cls(quality.samples, quality.rounds, converged=quality.converged)
 
     def levels(self) -> torch.Tensor:
         """Return the noise level of each step, (steps,)."""
@@ -101,12 +103,12 @@ def sample_posterior(
     rng: torch.Generator,
     progress: Progress = no_progress,
 ) -> AnnealingResult:
-    """Sample the posterior of one object.
+    """Sample the posterior of one object. The rounds end early when the mean of the denoiser outputs has converged.
 
     Args:
         inflation: variance inflation of sums over lags; K is divided by it.
         candidates: albedos (m, 64, 64) that replace unlikely samples before the first round.
-        progress: called after each denoising step.
+        progress: called after each denoising step with a number of steps.
     """
     data, denoised_means = replace(observation, dof=observation.dof / inflation), []
     sigma = observation.dof.new_full((len(candidates),), CANDIDATE_SIGMA)
@@ -115,11 +117,17 @@ def sample_posterior(
     zeros = torch.zeros(options.samples, side, side, device=observation.estimate.device)
     first = replace(options, **INITIAL_SCHEDULE)
     samples, _ = run_annealing(sampler, observation, data, zeros, first, rng, progress)
+    mean = zero_pad(samples[0])
     for number in range(options.rounds):
         others = candidates[:0] if number else candidates
         samples = torch.stack([crop_centred(one) for one in zero_pad(replace_unlikely_samples(data, samples, others))])
         samples, denoised = run_annealing(sampler, observation, data, samples, options, rng, progress)
         denoised_means.append(denoised)
+        registered, _ = register_images(zero_pad(normalise_peak(denoised)), mean)
+        former, mean = mean, registered.sum(0) + (mean if number else 0.0)
+        if number and float(register_images(mean[None], former)[1]) >= options.converged:
+            progress((options.rounds - number - 1) * options.steps)
+            break
     variance = PRIOR_VARIANCE_FACTOR * posterior_variance(torch.full_like(observation.dof, options.last))
     samples = run_data_consistency_steps(data.likelihood(), normalise_peak(samples), variance, MAX_FINAL_STEPS, 1.0 / inflation)
     return AnnealingResult(normalise_peak(samples), torch.cat(denoised_means))

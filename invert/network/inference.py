@@ -50,8 +50,9 @@ out of the support."""
 SAMPLER_STEP = 20
 """Progress steps of one denoising step of the sampler, which takes about as long as this many phase retrieval iterations."""
 
-DENOISED_MEAN_WEIGHT = 0.7
-"""Weight of the mean denoiser output in the reconstruction; the rest is the mean of the samples. Evidence: docs/research.md."""
+DENOISED_MEAN_WEIGHT, FUSION_WEIGHT = 0.5, 0.25
+"""Weights of the mean denoiser output and of the fusion in the reconstruction; the rest is the mean of the samples. Evidence:
+docs/research.md."""
 
 UNBOUNDED_DOF = 1e6
 """K of an estimate without measurable noise."""
@@ -239,7 +240,7 @@ def _reconstruct_on_first_lags(
             lambda steps=1: progress(SAMPLER_STEP * steps),
         )
         samples, together = sampled.samples, _registered_mean(sampled.samples, 0.0)
-        image = _blend_denoised_means(together.image, sampled.denoised_means)
+        image = _blend(together.image, sampled.denoised_means, albedos)
     else:
         together = _registered_mean(albedos, 0.7)
         image = together.image
@@ -254,11 +255,16 @@ def _crop_starts(found: Candidates) -> torch.Tensor:
     return normalise_peak(torch.stack([crop_centred(one) for one in found.images.flatten(0, 1)]))
 
 
-def _blend_denoised_means(mean_sample: torch.Tensor, denoised_means: torch.Tensor) -> torch.Tensor:
-    """Blend the mean sample (128, 128) with the mean of the denoiser outputs (n, 64, 64), registered to it; each has maximum 1."""
-    registered, _ = register_images(zero_pad(normalise_peak(denoised_means)), mean_sample)
-    mean_denoised = normalise_peak(registered.mean(0))
-    return (1.0 - DENOISED_MEAN_WEIGHT) * normalise_peak(mean_sample) + DENOISED_MEAN_WEIGHT * mean_denoised
+def _blend(mean_sample: torch.Tensor, denoised_means: torch.Tensor, fused: torch.Tensor) -> torch.Tensor:
+    """Blend the mean sample (128, 128) with the means of denoiser outputs and of fused images (n, 64, 64), registered to it.
+
+    Each has maximum 1.
+    """
+    blended = (1.0 - DENOISED_MEAN_WEIGHT - FUSION_WEIGHT) * normalise_peak(mean_sample)
+    for weight, images in ((DENOISED_MEAN_WEIGHT, denoised_means), (FUSION_WEIGHT, fused)):
+        registered, _ = register_images(zero_pad(normalise_peak(images)), mean_sample)
+        blended = blended + weight * normalise_peak(registered.mean(0))
+    return blended
 
 
 def _registered_mean(albedos: torch.Tensor, min_relative_correlation: float) -> Consensus:

@@ -1,1 +1,1 @@
-"""Lab estimates as series (lab_series.py), and the figures that compare them with the noise model (figures.py)."""
+"""Lab estimates as series (lab_noise.py), and the figures that compare them with the noise model (figures.py)."""

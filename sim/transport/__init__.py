@@ -2,7 +2,7 @@
 
 surfaces.py          surfaces that can be modelled; transmission between two points
 light_transport.py   light from laser to pixel via one point of a surface
-hidden_object.py     the object as seen from the virtual detector, on any grid (object_grid.py: rays and cells)
+hidden_object.py     the object as seen from the virtual detector, on any grid (ray_grid.py: rays and cells)
 flat_object.py       a flat object of albedo cells
 footprint.py         footprint of a camera at any angle, and the lags that it resolves
 monte_carlo.py       Monte Carlo light budget and stray light

@@ -8,7 +8,7 @@ import numpy as np
 
 from sim.propagation.option import Visibility
 from sim.transport.hidden_object import HiddenObject
-from sim.transport.object_grid import Samples
+from sim.transport.ray_grid import Samples
 
 
 class FlatObject:

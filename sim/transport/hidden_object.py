@@ -16,7 +16,7 @@ from sim.plugins.phase_screen import PhaseScreen
 from sim.propagation.option import Visibility
 from sim.transport.footprint import LagAxes
 from sim.transport.light_transport import CarriedLight, LightTransport
-from sim.transport.object_grid import GridRays, Samples, cell_sums, cells, centre_in, points
+from sim.transport.ray_grid import GridRays, Samples, cell_sums, cells, centre_in, points
 from sim.transport.surfaces import check_energy, has_masks, is_one_of, layers, transmittance
 
 RAYS = 768

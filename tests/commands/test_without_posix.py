@@ -50,7 +50,7 @@ run_command(main)
 RUN_LIVE = """
 import numpy as np
 from correlograph.files.capture import CameraMetadata
-from correlograph.live.acquisition import Acquisition
+from correlograph.live.threads import Acquisition
 from correlograph.live.session import LiveSession
 
 

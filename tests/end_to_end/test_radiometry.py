@@ -10,7 +10,7 @@ pytest.importorskip("mitsuba")
 from correlograph.commands.exposure_plan import main as plan
 from correlograph.commands.light_budget import main as account
 from correlograph.commands.noise_validation import main as validate
-from radiometry.validation.lab_series import lab_floor
+from radiometry.validation.lab_noise import lab_floor
 from scenes import scene_path
 
 SCENE = scene_path("corner_letter")

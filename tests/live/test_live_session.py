@@ -12,9 +12,9 @@ import tifffile
 
 import correlograph as cg
 from correlograph.errors import InputError
-from correlograph.live.acquisition import WAITING, Acquisition
 from correlograph.live.session import LiveSession, covariance_line, grain_width
 from correlograph.live.sources import GrowingFiles
+from correlograph.live.threads import WAITING, Acquisition
 from invert.measure.estimate import estimate_from_frames
 from tests.light import speckle
 

@@ -1,5 +1,7 @@
 """The sampler and its rounds: shapes of its task, repeatable draws, and samples that are found from noise alone."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -7,6 +9,7 @@ from invert.albedo.registration import register_images, zero_pad
 from invert.likelihood.data_consistency import run_data_consistency_steps
 from invert.likelihood.gamma import Likelihood
 from invert.network.annealing import (
+    INITIAL_SCHEDULE,
     PRIOR_VARIANCE_FACTOR,
     REPLACEMENT_MARGIN_NATS,
     Annealing,
@@ -20,6 +23,7 @@ from invert.network.checkpoints import DEFAULT_WEIGHTS, load_network
 from invert.network.features import Observation
 from invert.network.inference import make_observation
 from invert.network.sampler import posterior_variance
+from invert.solvers.base import Progress, no_progress
 from invert.training.data import at_noise, hidden_in_noise
 from invert.training.objectives import DenoisedPicture
 from tests.invert.posterior.steps import MIRRORED_STEM, RIGHT, noisy
@@ -32,15 +36,16 @@ def sampler():
     return load_network(DEFAULT_WEIGHTS)[0].sampler
 
 
-def drawn(sampler, seed: int) -> AnnealingResult:
+def drawn(sampler, seed: int, options: Annealing = FEW, progress: Progress = no_progress) -> AnnealingResult:
     measurement = noisy()
     return sample_posterior(
         sampler,
         make_observation([measurement]),
         measurement.noise.inflation,
         torch.zeros(1, 64, 64),
-        FEW,
+        options,
         torch.Generator().manual_seed(seed),
+        progress,
     )
 
 
@@ -56,6 +61,16 @@ def test_samples_come_from_noise_to_the_object(sampler):
     assert float((likelihood(found.samples) - likelihood(blurred)).min()) > 100.0
     torch.testing.assert_close(drawn(sampler, 1).samples, found.samples)
     assert float((drawn(sampler, 2).samples - found.samples).abs().max()) > 0.01
+
+
+@pytest.mark.parametrize(("converged", "rounds"), [(1.0, 3), (0.0, 2)])
+def test_rounds_end_when_the_mean_has_converged(sampler, converged, rounds):
+    """All three rounds for a correlation that is never reached, two for one that always is; the same number of progress steps."""
+    steps: list[int] = []
+    options = replace(FEW, rounds=3, converged=converged)
+    found = drawn(sampler, 1, options, lambda count=1: steps.append(count))
+    assert len(found.denoised_means) == rounds * options.samples
+    assert sum(steps) == INITIAL_SCHEDULE["steps"] + 3 * options.steps
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 50.0])
