@@ -18,6 +18,7 @@ import numpy as np
 from scipy.special import j1
 
 _SHARES = (np.arange(512) + 0.5) / 512
+"""Midpoints of the integral over the exposure."""
 
 
 @dataclass(frozen=True)

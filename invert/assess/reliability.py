@@ -44,9 +44,16 @@ MAX_DEFICIT_NATS, MAX_DEFICIT_FRACTION = 100.0, 0.04
 docs/research.md."""
 
 MAX_SATURATED_FRACTION = 1e-3
+"""Maximum fraction of saturated pixels without a note."""
+
 MAX_FRAME_CORRELATION = 0.3
+"""Maximum correlation of frames without a note; correlated frames lower K."""
+
 MAX_SHIFT_PIXELS = 0.2
+"""Maximum shift of the camera between frames without a note; the estimate corrects it."""
+
 MAX_PATTERN_FRACTION = 0.1
+"""Maximum fraction of lags at which a static pattern is subtracted without a note."""
 
 
 def assess_reliability(

@@ -13,6 +13,7 @@ import numpy as np
 from correlograph.files.output import save_array, save_json
 
 FORMAT = 2
+"""Version of the files; cells of another version are computed again."""
 
 
 @dataclass(frozen=True)

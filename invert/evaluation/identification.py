@@ -18,11 +18,16 @@ CHARACTERS = string.ascii_uppercase + string.digits + "abdefghnqrty"
 """Capitals, digits, and those small letters that differ from their capital."""
 
 _PADDING_PIXELS = 32
+"""Zeros beside template and reconstruction, so that a circular shift loses nothing."""
+
 _TURNS_DEG = (-30, -20, -10, 0, 10, 20, 30)
 _SHEARS = (-0.4, -0.2, 0.0, 0.2, 0.4)
 _STRETCHES = (0.6, 1.0, 1.7, 2.5)
 _SIZES = (0.85, 1.0)
+"""Poses of a template: those of a letter that stands roughly upright and is tilted by up to 65 degrees."""
+
 _COMPRESSION = 0.7
+"""Power of the brightness, because illumination is seldom uniform."""
 
 
 @lru_cache(maxsize=4)

@@ -29,6 +29,8 @@ UNUSUAL_LEVELS = ((10.0, 300.0), (80.0, 300.0), (200.0, 300.0), (400.0, 300.0))
 
 EXPOSURES_S = tuple(2.0**-power for power in range(2, 10))
 EDGE_EXPOSURES_S = (1 / 8, 1 / 32, 1 / 128)
+"""Exposures of rendered letters and of rendered edges."""
+
 JUDGES_S = 0.5
 """Minimum exposure of the captures that score reconstructions of other captures."""
 

@@ -19,6 +19,7 @@ ENLARGEMENT = 8
 """Pixels of the picture per lag; OCR expects letters of 20 to 40 pixels."""
 
 MARGIN_LAGS = 4
+"""Margin around the text, without which tesseract loses letters at the edge."""
 BRIGHT_QUANTILE, TEXT_LEVEL = 0.995, 0.3
 """Quantile of the albedo that is black in the picture, and level above which there is text."""
 

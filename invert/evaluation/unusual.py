@@ -13,6 +13,8 @@ from scipy.ndimage import gaussian_filter
 from correlograph.lags import OBJECT_SIDE
 
 FINE = 4
+"""Cells per lag along each axis, before the average."""
+
 HALF_LAGS = OBJECT_SIDE / 2
 
 _LAG = (np.arange(OBJECT_SIDE * FINE) + 0.5) / FINE - HALF_LAGS

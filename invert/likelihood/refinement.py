@@ -16,6 +16,8 @@ from invert.likelihood.gamma import Likelihood
 from invert.measure.spectrum import Measurement
 
 MAX_STEPS = 120
+"""Maximum number of steps of the ascent."""
+
 PATIENCE = 12
 """Steps without improvement after which the ascent stops."""
 

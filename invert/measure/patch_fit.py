@@ -20,6 +20,7 @@ MAX_RELIABLE_EXTENT = 50 / 64
 """Extent, as a fraction of the lags, above which an object may be wider than these."""
 
 MAX_SIZE_RATIO, MIN_SIZE_RATIO = 2.0, 1.2
+"""Maximum change of the patch size, and the minimum one that is worth a second estimate."""
 
 ENCLOSED_SIGNAL_FRACTION = 0.98
 """Fraction of the signal inside an object's extent; the rest is leakage of patches and noise."""

@@ -21,6 +21,7 @@ PICTURES = 4
 """Number of classical reconstructions in the input of the fusion."""
 
 DOF_RANGE = (1.0, 1e6)
+"""Range to which K is limited; the training data contain 8 to 10^6."""
 
 
 @dataclass(frozen=True)

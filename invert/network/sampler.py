@@ -17,6 +17,7 @@ ALBEDO_STD = 0.25
 """Approximate standard deviation of albedos (sigma_data in Karras et al.)."""
 
 _MAPS = 4
+"""Images in the input: noisy image, previous estimate, significance of the gradient, step."""
 
 _MIN_INFORMATION = 4.0
 """Fisher information of a pixel below which the step in the input is shortened; it corresponds to an error of half the

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 
 CLUSTERS_SHOWN = 2
+"""Number of clusters of samples that fit into the report."""
 FRAME_CORNER = 257
 """Side of the part of the frame that the report shows, in pixels."""
 LINE_WIDTH = 110

@@ -11,6 +11,7 @@ from invert.solvers.base import Candidates, Progress, no_progress
 from invert.solvers.twf import TwfOptions, truncated_flow
 
 MTWF_OPTIONS = TwfOptions(spread=12.0)
+"""Options as published."""
 
 
 def mtwf(

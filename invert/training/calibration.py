@@ -24,6 +24,7 @@ from invert.network.confidence import confidence
 from invert.training.data import Batch, make_varied_batch
 
 RIDGE = 1e-2
+"""Weight of the squared coefficients, which keeps correlated features finite."""
 
 QUANTILES = 41
 """Number of equidistant quantiles of the error of a size."""

@@ -16,6 +16,7 @@ from invert.training.denoising import Task, denoising_loss, make_denoising_task
 from invert.training.losses import LOSSES, noise_left, registered_pearson
 
 CONFIDENCE_LOSS_WEIGHT = 0.5
+"""Weight of the cross-entropy of the predicted correlation in the loss."""
 
 VALIDATION_SIGMA = 0.7
 """Noise level at which the progress of the sampler is measured."""

@@ -27,6 +27,7 @@ VALIDATION = ((80 / 255, 256.0), (80 / 255, 64.0), (80 / 255, 16.0), (5 / 255, 1
 """Pairs of floor (in units of the highest estimate except at zero lag) and K at which progress is measured."""
 
 WARM_UP = 200
+"""Steps over which the learning rate rises linearly."""
 
 
 class Training:

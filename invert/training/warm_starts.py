@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from invert.network.model import CorrelographyNet
 
 CHUNK = 32
+"""Number of entries that are computed and stored together."""
 ARRAYS: dict[str, tuple[tuple[int, ...], str]] = {
     "albedo": ((64, 64), "uint8"),
     "classical": ((PICTURES, 64, 64), "uint8"),

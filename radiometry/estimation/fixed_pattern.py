@@ -26,6 +26,7 @@ _SUM_DEVIATION = 1.5
 """Standard deviation of the sum of many lags in units of that of independent lags: 1 + 2 sum rho_n."""
 
 _MAX_SHIFT_PIXELS = 32
+"""Maximum shift of the camera that is searched; an eighth of the frame if that is less."""
 
 SHIFT_FALSE_ALARMS = 1e-4
 """Probability that any frame of a capture, however long, appears shifted from the first one if all are independent."""

@@ -21,7 +21,10 @@ LINE = 30.0
 """Minimum power of a line in units of the mean around it; by chance once in e^30."""
 
 _BLOCK = 8
+"""Side of the blocks of the spectrum whose maximum is compared with the mean around them."""
+
 _INNER, _OUTER = 3, 6
+"""Half sides of the square that a line may fill and of the one around it that gives the background, in bins."""
 _MAX_LINES = 100
 """Maximum number of lines; with more of them, the light is not periodic."""
 
