@@ -100,7 +100,10 @@ def _torch() -> bool:
         )
     else:
         _tell("GPU", "none", "--device cuda is refused; everything runs on the CPU, training takes hours instead of minutes")
-    return _tell("threads", f"{torch.get_num_threads()} of torch (OMP_NUM_THREADS; results repeat for one number)")
+    return _tell(
+        "threads",
+        f"{torch.get_num_threads()} of torch for frames and training (OMP_NUM_THREADS); each reconstruction runs on one",
+    )
 
 
 def _weights() -> bool:

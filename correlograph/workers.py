@@ -167,3 +167,18 @@ def map_on_cluster(task: Callable[[Any, Any], Any], shared: Any, items: Sequence
                 raise InputError(
                     "--scheduler", "workers with enough memory", "workers that died", "give each worker more memory"
                 ) from None
+
+
+@contextmanager
+def one_torch_thread() -> Iterator[None]:
+    """Run torch on one thread. Several wait for one another in busy loops, which costs time when other programs use the
+    cores, and round differently for each number of threads.
+    """
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from correlograph.lags import LAGS
+from correlograph.workers import one_torch_thread
 from invert.albedo.posterior import Samples, register_samples
 from invert.albedo.registration import consensus, crop_centred, normalise_peak
 from invert.choices import CLASSICAL, FAST, Method, Quality
@@ -67,6 +68,7 @@ def progress_steps(method: Method, quality: Quality) -> int:
     return network_progress_steps(quality) if method.is_network else solver_options(method, quality).iterations
 
 
+@one_torch_thread()
 def reconstruct_measurement(
     measurement: Measurement,
     method: Method,
@@ -76,7 +78,7 @@ def reconstruct_measurement(
     progress: Progress = no_progress,
     weights: Path | None = None,
 ) -> Reconstruction:
-    """Reconstruct a measurement; without a detectable signal the reconstruction is empty.
+    """Reconstruct a measurement on one thread; without a detectable signal the reconstruction is empty.
 
     Args:
         weights: file of weights for `unet` instead of those that ship.

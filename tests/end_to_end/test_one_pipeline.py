@@ -5,6 +5,7 @@ from argparse import Namespace
 
 import numpy as np
 import pytest
+import torch
 
 import correlograph as cg
 from invert.__main__ import main as invert
@@ -48,6 +49,18 @@ def test_command_python_batch_evaluation_and_estimates_agree(tmp_path, command, 
     for other in (by_python.albedo, by_request.albedo, by_estimate.albedo, by_evaluation):
         assert other.tobytes() == albedo.tobytes()
     assert row["confidence"] == by_python.confidence
+
+
+def test_the_number_of_threads_changes_no_result(estimate_file):
+    before, albedos = torch.get_num_threads(), set()
+    try:
+        for threads in (1, 2, 3):
+            torch.set_num_threads(threads)
+            albedos.add(cg.reconstruct(estimate_file, quality="balanced").albedo.tobytes())
+            assert torch.get_num_threads() == threads
+    finally:
+        torch.set_num_threads(before)
+    assert len(albedos) == 1
 
 
 def test_classical_methods_run_no_network(estimate_file, monkeypatch):
