@@ -72,7 +72,7 @@ def measure_detection(capture: cg.Capture, truth: cg.Truth, quality: str, seed: 
 
 def measure_correlation(capture: cg.Capture, truth: cg.Truth, quality: str, seed: int) -> float:
     result = cg.reconstruct(capture, quality=quality, seed=seed)
-    return cg.aligned_pearson(result.albedo, result.truth_on_lags(truth))[0] if result.object_found else 0.0
+    return result.compare(truth).pearson if result.object_found else 0.0
 
 
 def exposure_reaching(

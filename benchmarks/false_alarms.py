@@ -84,7 +84,7 @@ def main() -> None:
     for number in tqdm(range(options.first, options.first + options.count), unit="capture", disable=None):
         drawn, capture, truth = draw_capture(options.photographs, number)
         result = cg.reconstruct(capture, quality=options.quality)
-        correlation = cg.aligned_pearson(result.albedo, result.truth_on_lags(truth))[0] if result.object_found else 0.0
+        correlation = result.compare(truth).pearson if result.object_found else 0.0
         row = {"number": number} | drawn | {"lags": result.estimate.lag_grid.lags, "found": result.object_found}
         row |= {"confidence": round(float(result.confidence), 3), "correlation": round(float(correlation), 3)}
         test = result.speckle_test

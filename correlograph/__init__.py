@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from correlograph.files.corrections import Corrections
     from invert.albedo.metrics import Scores, aligned_pearson, score
     from invert.albedo.posterior import Samples
+    from invert.field.field import Field
     from invert.output.result import Result
     from invert.output.truth import Truth
     from invert.pipeline import reconstruct
@@ -45,6 +46,7 @@ _MODULES = {
     "CameraMetadata": "correlograph.files.capture",
     "Capture": "correlograph.files.capture",
     "Corrections": "correlograph.files.corrections",
+    "Field": "invert.field.field",
     "Forecast": "radiometry.scene_forecast",
     "InputError": "correlograph.errors",
     "Result": "invert.output.result",
@@ -66,6 +68,7 @@ __all__ = [
     "CameraMetadata",
     "Capture",
     "Corrections",
+    "Field",
     "Forecast",
     "InputError",
     "Result",

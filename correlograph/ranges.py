@@ -71,6 +71,9 @@ WAVELENGTH = Range(1e-11, 1e-2)
 LAG_COUNT = Range(32, 255)
 """Largest lag on either side of zero."""
 
+CELLS_PER_LAG = Range(1, 64)
+"""Pixels of a fine albedo per lag."""
+
 PATCH = Range(lag_grid(32).side, 2**31 - 1)
 """Patch sizes in pixels; a patch has at least as many pixels as lags."""
 

@@ -25,10 +25,11 @@ result = cg.reconstruct(capture, quality="fast")
 result
 
 # %%
-truth = result.truth_on_lags(cg.Truth.of(capture))
-pearson, registered = cg.aligned_pearson(result.albedo, truth)
+comparison = result.compare(cg.Truth.of(capture))
 figure, axes = plt.subplots(1, 2, figsize=(6, 3), layout="constrained")
-for panel, (title, albedo) in zip(axes, {"registered": registered, "true albedo": truth}.items(), strict=True):
+for panel, (title, albedo) in zip(
+    axes, {"registered": comparison.albedo, "true albedo": comparison.truth}.items(), strict=True
+):
     panel.imshow(albedo, cmap="gray")
     panel.set(title=title, xticks=[], yticks=[])
-print(f"correlation {pearson:.2f}, one pixel is {result.estimate.pitches_m[0] * 1e6:.0f} um")
+print(f"correlation {comparison.pearson:.2f}, one pixel is {result.estimate.pitches_m[0] * 1e6:.0f} um")

@@ -10,17 +10,15 @@ import matplotlib.pyplot as plt
 import correlograph as cg
 import invert
 import sim
-from invert.albedo.metrics import aligned_pearson
 
 capture = sim.render(sim.load("corner_letter", exposure=1 / 64, albedo="R.png"), frames=2, seed=4)
 methods = ("unet", "classical", "hio", "raar", "altmin")
 figure, axes = plt.subplots(1, len(methods) + 1, figsize=(12, 2.6), layout="constrained")
 for panel, method in zip(axes, methods, strict=False):
     result = invert.reconstruct(capture, method=method, quality="fast")
-    truth = result.truth_on_lags(cg.Truth.of(capture))
-    correlation, moved = aligned_pearson(result.albedo, truth)
-    panel.imshow(moved, cmap="gray", vmin=0.0)
-    panel.set(title=f"{method}, {result.seconds['retrieval']:.1f} s", xlabel=f"correlation {correlation:.2f}")
+    comparison = result.compare(cg.Truth.of(capture))
+    panel.imshow(comparison.albedo, cmap="gray", vmin=0.0)
+    panel.set(title=f"{method}, {result.seconds['retrieval']:.1f} s", xlabel=f"correlation {comparison.pearson:.2f}")
     panel.set(xticks=[], yticks=[])
-axes[-1].imshow(truth, cmap="gray")
+axes[-1].imshow(comparison.truth, cmap="gray")
 axes[-1].set(title="truth", xticks=[], yticks=[])

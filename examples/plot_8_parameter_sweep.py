@@ -15,7 +15,7 @@ for standoff in standoffs:
     scene = cg.load("corner_letter", standoff=standoff, exposure=1 / 32)
     capture = cg.render(scene, frames=2, seed=5)
     result = cg.reconstruct(capture, quality="fast")
-    pearson, _ = cg.aligned_pearson(result.albedo, result.truth_on_lags(cg.Truth.of(capture)))
+    pearson = result.compare(cg.Truth.of(capture)).pearson
     rows.append((pearson, result.confidence, cg.predict(scene).floor_over_peak))
     print(f"{standoff} m: correlation {pearson:.2f}, {result}")
 

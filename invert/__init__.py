@@ -8,6 +8,7 @@
     albedo/          albedo images: registration, posterior samples, scores
     likelihood/      likelihood of albedos, and refinement by it
     solvers/         classical phase retrieval, one method per file
+    field/           the complex field of each frame, and the fine albedo
     network/         the network: features, architecture, posterior sampling, weights files
     assess/          consistency with speckle, confidence, warnings
     output/          results: figures and files

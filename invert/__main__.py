@@ -12,7 +12,7 @@ from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError, check_device
 from correlograph.ranges import BLUR, LAG_COUNT, PATCH, SEED, SI, WAVELENGTH, WORKERS, Range
 from correlograph.workers import check_scheduler, check_workers
-from invert.choices import METHODS, QUALITIES, UNET
+from invert.choices import FIELD, METHODS, QUALITIES, UNET, retrieves_fields
 from radiometry.estimation.background import MEAN_MODELS
 
 if TYPE_CHECKING:
@@ -61,6 +61,9 @@ def parser() -> ArgumentParser:
     )
     p.add_argument("--truth", type=Path, help="known albedo (.npy or image, one pixel per lag) to compare with")
     p.add_argument("--weights", type=Path, help="other network weights, .safetensors, for --method unet")
+    p.add_argument(
+        "--save-fields", action="store_true", help="also write the field of each frame (fields.npz), for --method field"
+    )
     p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("--workers", type=WORKERS, help="processes for many captures; default: one per core")
     p.add_argument(
@@ -140,6 +143,7 @@ def _request(options: Any) -> Request:
         truth=truth,
         seed=options.seed,
         device=options.device,
+        save_fields=options.save_fields,
     )
 
 
@@ -155,9 +159,11 @@ def _check(options: Any) -> int:
     workers = check_workers(options.workers, options.scheduler)
     if options.scheduler is not None:
         check_scheduler(options.scheduler)
-    if options.weights is not None and options.method != UNET.name:
-        found = f"--method {options.method}"
-        raise InputError("--weights", f"--method {UNET}", found, f"select --method {UNET} or remove --weights")
+    method = METHODS[options.method]
+    if options.weights is not None and not method.is_network:
+        raise InputError("--weights", f"--method {UNET}", f"--method {method}", f"select --method {UNET} or remove --weights")
+    if options.save_fields and not retrieves_fields(method, QUALITIES[options.quality]):
+        raise InputError("--save-fields", f"--method {FIELD}", f"--method {method}", f"select --method {FIELD}")
     given = [name for name in ("dark", "flat", "mask", "blur_pixels") if getattr(options, name) is not None]
     given += [name for name in ("patch", "lags", "pitch_m", "mean_model") if getattr(options, name) != "auto"]
     if options.autocorrelation and given:

@@ -60,10 +60,11 @@ class Quality:
 
 
 UNET = Method("unet", is_network=True)
+FIELD = Method("field", is_network=True)
 CLASSICAL = Method("classical")
 METHODS = {
     method.name: method
-    for method in (UNET, CLASSICAL, *map(Method, ("hio", "raar", "er", "altmin", "twf", "taf", "mtwf", "admm-tv")))
+    for method in (UNET, FIELD, CLASSICAL, *map(Method, ("hio", "raar", "er", "altmin", "twf", "taf", "mtwf", "admm-tv")))
 }
 
 FAST = Quality("fast", 4, 0.3, network_starts=6, augmentations=1)
@@ -91,6 +92,11 @@ def method_named(method: str | Method) -> Method:
 def quality_named(quality: str | Quality) -> Quality:
     """Return the quality of a name. Raises InputError for another name."""
     return quality if isinstance(quality, Quality) else _entry("quality", quality, QUALITIES)
+
+
+def retrieves_fields(method: Method, quality: Quality) -> bool:
+    """Return whether the field of each frame is retrieved, if there are frames: by `field`, and by `unet` with quality `best`."""
+    return method == FIELD or (method, quality) == (UNET, BEST)
 
 
 def check_mean_model(mean_model: str) -> MeanModel:

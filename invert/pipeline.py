@@ -24,11 +24,24 @@ from correlograph.workers import check_scheduler
 from invert.assess.reliability import assess_reliability, describe_limits
 from invert.assess.speckle_test import speckle_test
 from invert.blur_fit import estimate_blur, likelihood_before_division
-from invert.choices import BALANCED, FAST, UNET, Method, Quality, check_mean_model, method_named, quality_named
+from invert.choices import (
+    BALANCED,
+    FAST,
+    FIELD,
+    UNET,
+    Method,
+    Quality,
+    check_mean_model,
+    method_named,
+    quality_named,
+    retrieves_fields,
+)
+from invert.field.reconstruction import FieldReconstruction
+from invert.field.retrieval import retrieve_fields
 from invert.measure.capture import check_frame, describe_pitch, read_capture
 from invert.measure.estimate import Estimate, Patch, check_power, estimate_from_frames, published_estimate
-from invert.measure.spectrum import read_measurement
-from invert.methods import reconstruct_measurement
+from invert.measure.spectrum import Measurement, read_measurement
+from invert.methods import Reconstruction, reconstruct_measurement
 from invert.output.result import Result, Settings
 from invert.solvers.base import Progress, no_progress
 
@@ -96,6 +109,7 @@ def reconstruct(
     if isinstance(capture, Capture):
         capture = (corrections or Corrections()).apply(capture)
     else:
+        _refuse_without_frames(method)
         _refuse_frame_options(patch, lags, pitch_m, corrections, blur_pixels, mean_model)
     read_s = time.perf_counter() - begin
     known_blur = None if blur_pixels == "auto" else blur_pixels
@@ -120,12 +134,29 @@ def reconstruct(
     reconstruction, warnings = assess_reliability(
         reconstruction, test, measurement, partial(likelihood_before_division, estimate), estimate.record
     )
+    fields, field_notes = None, []
+    if isinstance(capture, Capture) and reconstruction.object_found and retrieves_fields(method, quality):
+        fields, field_notes = _retrieve_fields(capture, estimate, measurement, reconstruction, seed)
     seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
     settings = Settings(method.name, quality.name, seed)
-    notes = describe_limits(reconstruction, measurement)
+    notes = describe_limits(reconstruction, measurement) + field_notes
     if isinstance(capture, Capture):
         notes += describe_pitch(capture)
-    return Result(estimate, measurement, reconstruction, settings, seconds, test, tuple(warnings), tuple(notes))
+    return Result(estimate, measurement, reconstruction, settings, seconds, test, tuple(warnings), tuple(notes), fields)
+
+
+def _retrieve_fields(
+    capture: Capture, estimate: Estimate, measurement: Measurement, coarse: Reconstruction, seed: int
+) -> tuple[FieldReconstruction | None, list[str]]:
+    """Return the fields, or None with the reason why the coarse albedo stands."""
+    try:
+        found = retrieve_fields(capture, estimate, measurement, coarse.albedo, seed)
+    except InputError as error:
+        return None, [f"no fields were retrieved ({error}); the coarse albedo stands"]
+    if found.certificate.is_accepted:
+        return found, []
+    gain = f"{found.certificate.gain_nats_per_pixel:.2g} +- {found.certificate.gain_error:.1g} nats per pixel"
+    return None, [f"the fields predict held-out pixels no better than a filter does (gain {gain}); the coarse albedo stands"]
 
 
 def read_source(source: Source, camera: CameraMetadata, autocorrelation: bool | None = None) -> Capture | Estimate:
@@ -213,6 +244,12 @@ def _check_weights(weights: str | Path | None, method: Method) -> Path | None:
     if weights is not None and not method.is_network:
         raise InputError("weights", f"method {UNET}", f"method {method}", f"select method {UNET} or remove weights")
     return None if weights is None else path_of("weights", weights)
+
+
+def _refuse_without_frames(method: Method) -> None:
+    if method == FIELD:
+        found = "an autocorrelation, which holds no phase of a frame"
+        raise InputError("method", "frames for method field", found, f"provide frames, or select method {UNET}")
 
 
 def _refuse_frame_options(

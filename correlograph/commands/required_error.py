@@ -55,7 +55,7 @@ class RequiredError:
     def _find(self, geometry: Any) -> float:
         from tqdm import tqdm
 
-        from correlograph import Truth, aligned_pearson, reconstruct
+        from correlograph import Truth, reconstruct
         from radiometry.prediction import predict
         from sim.rendering import render_geometry
 
@@ -69,7 +69,7 @@ class RequiredError:
                 capture = render_geometry(cropped.with_exposure(exposure_s * factor), self.frames, seed)
                 result = reconstruct(capture, quality=self.quality, seed=seed)
                 bar.update()
-                return aligned_pearson(result.albedo, result.truth_on_lags(truth))[0] if result.object_found else 0.0
+                return result.compare(truth).pearson if result.object_found else 0.0
 
             detected = prediction.detection_factor(self.frames)
             if detected is None:

@@ -27,7 +27,7 @@ from invert.pipeline import Blur, reconstruct
 from invert.solvers.base import Progress, no_progress
 from radiometry.estimation.background import MeanModel
 
-REVISION = 14
+REVISION = 15
 """Revision of the results; to be raised whenever a code change alters the result of a request."""
 
 RESERVED_NAMES = {"table.md", "captures.json"}
@@ -58,6 +58,7 @@ class Request:
     truth: Path | None = None
     seed: int = 0
     device: str = "cpu"
+    save_fields: bool = False
 
     def sha256(self, files: Sequence[Path]) -> str:
         """Return the digest of the version, the options, and the bytes of all files that a result depends on."""
@@ -204,7 +205,7 @@ def invert_capture(
         with sole_writer(output_folder(folder)):
             claim(folder, (*RESULT_FILES, SUMS_FILE), overwrite=overwrite)
             result = request.reconstruct(files, folder, scheduler, progress)
-            return result, result.save(folder, truth, digest)
+            return result, result.save(folder, truth, digest, fields=request.save_fields)
     finally:
         if is_new and folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()  # nothing was reconstructed

@@ -27,7 +27,10 @@ from correlograph.lags import LAG_SIDE
 MIN_PIXEL = 1e-9
 """Minimum of the brightest pixel; squares and sums keep their digits in single precision above it."""
 
-RESULT_NAMES = {"albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "plan.png", "samples.npy", "truth.npy"}
+RESULT_NAMES = {
+    *("albedo.npy", "albedo.png", "albedo_coarse.npy", "autocorrelation.npy", "deviation.npy", "fields.npz"),
+    *("report.png", "plan.png", "samples.npy", "truth.npy"),
+}
 """Names of output files of this program; they are not read as frames."""
 
 MAX_KEPT_BYTES = 2**30

@@ -13,18 +13,21 @@ import numpy as np
 
 from correlograph.files.figures import add_scale_bar, save_figure
 from correlograph.files.output import atomic
-from invert.albedo.metrics import aligned_pearson
 from invert.albedo.posterior import Samples
 from radiometry.noise.measured_noise import dim_zero_lag
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
+    from invert.field.reconstruction import FieldReconstruction
     from invert.output.result import Result
+    from invert.output.truth import Comparison
 
 
 CLUSTERS_SHOWN = 2
 """Number of clusters of samples that fit into the report."""
+BRIGHT_QUANTILE = 0.998
+"""Quantile of a speckled image that is plotted white."""
 FRAME_CORNER = 257
 """Side of the part of the frame that the report shows, in pixels."""
 LINE_WIDTH = 110
@@ -54,22 +57,25 @@ def save_image(path: Path, image: np.ndarray, scale: int = 8) -> None:
         Image.fromarray(np.kron(grey, np.ones((scale, scale), np.uint8))).save(partial, format="PNG")
 
 
-def draw_report(result: Result, truth: np.ndarray | None = None) -> Figure:
+def draw_report(result: Result, comparison: Comparison | None = None) -> Figure:
     """Plot the panels of a result, the posterior in a second row, and its numbers and warnings below.
 
     Args:
-        truth: known albedo (64, 64); the reconstruction and the samples are registered to it.
+        comparison: known albedo and the registered reconstruction; the samples are registered to it as well.
     """
     from matplotlib.figure import Figure
 
-    albedo, samples, pearson = result.albedo, result.samples, None
-    if truth is not None:
-        pearson, albedo = aligned_pearson(albedo, truth)
-        samples = samples and samples.register_to(albedo)
-    pitch_m = None if result.estimate.pitches_m is None else result.estimate.pitches_m[1]
+    albedo, samples, pearson, truth = result.albedo, result.samples, None, None
+    if comparison is not None:
+        pearson, albedo, truth = comparison.pearson, comparison.albedo, comparison.truth
+        samples = samples and samples.register_to(result.coarse_albedo if result.fields else albedo)
+    pitch_m = None if result.pitches_m is None else result.pitches_m[1]
     rows = [_result_panels(result, albedo, truth, pitch_m)]
+    lag_pitch_m = None if result.estimate.pitches_m is None else result.estimate.pitches_m[1]
+    if result.fields is not None:
+        rows.append(_field_panels(result.fields, result.coarse_albedo, pitch_m, lag_pitch_m))
     if samples is not None:
-        rows.append(_posterior_panels(samples, pitch_m))
+        rows.append(_posterior_panels(samples, lag_pitch_m))
     lines = [line for text in report_lines(result, pearson) for line in textwrap.wrap(text, LINE_WIDTH)]
     columns = max(map(len, rows))
     drawing = result.estimate.drawing
@@ -115,9 +121,23 @@ def _result_panels(result: Result, albedo: np.ndarray, truth: np.ndarray | None,
             extent=(-edge, edge, edge, -edge),
         )
     )
-    panels.append(_albedo_panel("reconstructed albedo", albedo, pitch_m))
+    title = "reconstructed albedo" if result.fields is None else "albedo from fields"
+    panels.append(_albedo_panel(title, albedo, pitch_m))
     if truth is not None:
         panels.append(_albedo_panel("true albedo", truth, pitch_m))
+    return panels
+
+
+def _field_panels(
+    fields: FieldReconstruction, coarse: np.ndarray, pitch_m: float | None, lag_pitch_m: float | None
+) -> list[_Panel]:
+    """Plot the coarse albedo, the mean intensity of the fields before despeckling, and the standard deviation of the albedo."""
+    panels = [_albedo_panel("coarse albedo", coarse, lag_pitch_m)]
+    if fields.intensity is not None:
+        top = float(np.quantile(fields.intensity, BRIGHT_QUANTILE)) or 1.0
+        panels.append(_Panel("mean intensity of the fields", fields.intensity, 0.0, top, pitch_m, unit="pixels"))
+    if fields.deviation is not None:
+        panels.append(_Panel("standard deviation of the albedo", fields.deviation, 0.0, 0.3, pitch_m, unit="pixels"))
     return panels
 
 
@@ -155,6 +175,8 @@ def report_lines(result: Result, pearson: float | None) -> list[str]:
     ]
     if result.estimate.pitches_m is not None:
         parts.append(f"{result.estimate.pitches_m[0] * 1e6:.0f} um per lag")
+    if result.fields is not None:
+        parts.append(result.fields.describe(result.estimate.pitches_m))
     if pearson is not None:
         parts.append(f"correlation with the truth {pearson:.2f}")
     parts.append(f"{settings.method}:{settings.quality}, {result.seconds_total:.1f} s")

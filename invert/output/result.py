@@ -12,12 +12,14 @@ import numpy as np
 from correlograph.errors import InputError, check_positive
 from correlograph.files.output import path_of
 from correlograph.ranges import CONFIDENCE
+from invert.albedo.metrics import aligned_pearson
 from invert.albedo.posterior import Samples
 from invert.assess.speckle_test import SpeckleTest
+from invert.field.reconstruction import FieldReconstruction
 from invert.measure.estimate import Estimate
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction
-from invert.output.truth import Truth
+from invert.output.truth import Comparison, Truth, compare_fine
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,6 +44,7 @@ class Result:
         speckle_test: test whether the light is speckle of the reconstructed object; None if no object was found.
         warnings: observations about the frames, and reasons for a low confidence.
         notes: limits set by the frames: the light that a detection would need, and where the confidence is calibrated.
+        fields: field of each frame and the fine albedo, if they were retrieved and accepted; otherwise None.
     """
 
     estimate: Estimate
@@ -52,11 +55,32 @@ class Result:
     speckle_test: SpeckleTest | None = None
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    fields: FieldReconstruction | None = None
 
     @property
     def albedo(self) -> np.ndarray:
-        """float32 (64, 64), or larger with more lags; one pixel per lag, maximum 1; zero if no object was found."""
+        """float32 (64, 64), or larger with more lags; one pixel per lag, maximum 1; zero if no object was found. With fields,
+        each lag is divided into `fields.cells_per_lag` pixels along both axes.
+        """
+        return self.coarse_albedo if self.fields is None else self.fields.albedo
+
+    @property
+    def coarse_albedo(self) -> np.ndarray:
+        """The albedo from the autocorrelation alone, one pixel per lag."""
         return self.reconstruction.albedo
+
+    @property
+    def pitches_m(self) -> tuple[float, float] | None:
+        """Width of a pixel of the albedo along rows and columns; None if the camera is unknown."""
+        lags = self.estimate.pitches_m
+        return (
+            lags
+            if lags is None or self.fields is None
+            else (
+                lags[0] / self.fields.cells_per_lag,
+                lags[1] / self.fields.cells_per_lag,
+            )
+        )
 
     @property
     def confidence(self) -> float:
@@ -94,7 +118,18 @@ class Result:
         if truth is None:
             return None
         known = truth if isinstance(truth, Truth) else Truth(truth)
-        return known.on_lags(len(self.albedo), self.estimate.pitches_m)
+        return known.on_lags(len(self.coarse_albedo), self.estimate.pitches_m)
+
+    def compare(self, truth: Truth | np.ndarray) -> Comparison:
+        """Register the albedo to a truth and correlate them, on pixels of the coarser of the two.
+
+        Raises InputError for a truth that cannot be resampled.
+        """
+        known = truth if isinstance(truth, Truth) else Truth(truth)
+        if self.fields is not None:
+            return compare_fine(self.albedo, self.pitches_m, known, self.fields.cells_per_lag)
+        on_lags = known.on_lags(len(self.albedo), self.estimate.pitches_m)
+        return Comparison(*aligned_pearson(self.albedo, on_lags), on_lags)
 
     def plot(self, truth: Truth | np.ndarray | None = None) -> Figure:
         """Return the report as a matplotlib figure.
@@ -104,7 +139,7 @@ class Result:
         """
         from invert.output.report import draw_report
 
-        return draw_report(self, self.truth_on_lags(truth))
+        return draw_report(self, None if truth is None else self.compare(truth))
 
     def show(self, truth: Truth | np.ndarray | None = None) -> None:
         """Open the report in a window, or below a notebook cell."""
@@ -118,6 +153,7 @@ class Result:
         truth: Truth | np.ndarray | None = None,
         request_sha256: str | None = None,
         *,
+        fields: bool = False,
         overwrite: bool = False,
     ) -> dict[str, Any]:
         """Write the files that `python -m invert` writes; return the content of result.json.
@@ -125,6 +161,7 @@ class Result:
         Args:
             truth: known albedo to compare with; a `Truth` has a pitch and is resampled to the lags.
             request_sha256: digest of everything that the result depends on; a later run recognises the result by it.
+            fields: whether to write the field of each frame as well (fields.npz).
             overwrite: whether to replace files of these names that this program did not write.
 
         Raises InputError for such files without `overwrite`.
@@ -137,7 +174,7 @@ class Result:
             raise InputError("request_sha256", "a text or None", f"{request_sha256!r:.60}", "omit it")
         target = output_folder(folder)
         claim(target, RESULT_FILES, overwrite=overwrite)
-        return write_result(target, self, truth, request_sha256)
+        return write_result(target, self, truth, request_sha256, fields=fields)
 
     @classmethod
     def load(cls, folder: str | Path) -> Result:
@@ -151,14 +188,17 @@ class Result:
             albedo, lags = (np.load(path / name, allow_pickle=False) for name in ("albedo.npy", "autocorrelation.npy"))
             posterior = summary["posterior"]
             samples = posterior and Samples(np.load(path / "samples.npy", allow_pickle=False), posterior.get("size_errors"))
-            if lags.shape != (2 * len(albedo) - 1,) * 2 or not np.isfinite(lags).all():
+            fields = summary.get("fields") and FieldReconstruction.load(path, albedo, summary["fields"])
+            coarse = np.load(path / "albedo_coarse.npy", allow_pickle=False) if fields else albedo
+            if lags.shape != (2 * len(coarse) - 1,) * 2 or not np.isfinite(lags).all():
                 raise ValueError("autocorrelation.npy")
-            pitches = summary["pitches_m"] and tuple(check_positive("pitch", pitch) for pitch in summary["pitches_m"])
+            pitches = summary["lag_pitches_m"] if fields else summary["pitches_m"]
+            pitches = pitches and tuple(check_positive("pitch", pitch) for pitch in pitches)
             if pitches is not None and len(pitches) != 2:
                 raise ValueError("pitches_m")
             estimate = Estimate(summary["input"], lags, pitches_m=pitches)
             reconstruction = Reconstruction(
-                Truth(albedo, name="albedo.npy").albedo,
+                Truth(coarse, name="albedo.npy").albedo,
                 summary["object_found"] is True,
                 CONFIDENCE.check("confidence", summary["confidence"]),
                 summary["residual"] and float(summary["residual"]),
@@ -172,7 +212,7 @@ class Result:
         except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, RecursionError) as error:
             found = f"{type(error).__name__} in {path} ({error!s:.80})"
             raise InputError("result", "a folder that python -m invert wrote", found, "check the path") from None
-        return cls(estimate, read_measurement(lags), reconstruction, settings, seconds, test, warnings, notes)
+        return cls(estimate, read_measurement(lags), reconstruction, settings, seconds, test, warnings, notes, fields or None)
 
     def settings_as_dict(self) -> dict[str, Any]:
         """Return method, quality, seed, warnings, notes and speckle test for JSON."""

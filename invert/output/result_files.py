@@ -9,7 +9,6 @@ import numpy as np
 
 from correlograph.files.figures import save_figure
 from correlograph.files.output import save_array, save_json
-from invert.albedo.metrics import aligned_pearson
 from invert.albedo.posterior import SIZES, Samples
 from invert.measure.estimate import Estimate
 from invert.output.report import draw_report, save_image
@@ -21,38 +20,50 @@ if TYPE_CHECKING:
     from invert.output.result import Result
 
 
-RESULT_FILES = ("albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "result.json", "samples.npy")
+FIELD_FILES = ("albedo_coarse.npy", "deviation.npy", "fields.npz")
+"""Files of a result with fields; fields.npz is written on request."""
+
+RESULT_FILES = ("albedo.npy", "albedo.png", "autocorrelation.npy", "report.png", "result.json", "samples.npy", *FIELD_FILES)
 """Names of the files of a result; a result without a posterior has no samples.npy."""
 
 
-def write_result(folder: Path, result: Result, truth: Truth | np.ndarray | None, request_sha256: str | None) -> dict[str, Any]:
+def write_result(
+    folder: Path, result: Result, truth: Truth | np.ndarray | None, request_sha256: str | None, *, fields: bool = False
+) -> dict[str, Any]:
     """Write the arrays, the figures and, last, result.json; return the content of result.json.
 
     With a truth, the report shows the registered albedo, and the ratio of the floor to the peak comes from a fit of the
     known r*r to all lags instead of an extrapolation to zero lag. The saved albedo is not registered.
     """
-    known = result.truth_on_lags(truth)
+    comparison = None if truth is None else result.compare(truth)
     (folder / "result.json").unlink(missing_ok=True)  # no earlier result.json may describe a partially written result
-    summary = summarise(result, known, request_sha256)
+    summary = summarise(result, truth, request_sha256)
     save_array(folder / "albedo.npy", np.ascontiguousarray(result.albedo, np.float32))
     save_array(folder / "autocorrelation.npy", result.estimate.lags)
-    (folder / "samples.npy").unlink(missing_ok=True)
+    for name in ("samples.npy", *FIELD_FILES):
+        (folder / name).unlink(missing_ok=True)
+    if result.fields is not None:
+        save_array(folder / "albedo_coarse.npy", np.ascontiguousarray(result.coarse_albedo, np.float32))
+        if result.fields.deviation is not None:
+            save_array(folder / "deviation.npy", result.fields.deviation)
+        if fields and result.fields.field is not None:
+            result.fields.field.save(folder / "fields.npz")
     if result.samples is not None:
         save_array(folder / "samples.npy", result.samples.samples)
-    save_image(folder / "albedo.png", result.albedo)
-    save_figure(folder / "report.png", draw_report(result, known))
+    save_image(folder / "albedo.png", result.albedo, 8 if result.fields is None else 1)
+    save_figure(folder / "report.png", draw_report(result, comparison))
     save_json(folder / "result.json", summary)
     return summary
 
 
-def summarise(result: Result, truth: np.ndarray | None = None, request_sha256: str | None = None) -> dict[str, Any]:
+def summarise(result: Result, truth: Truth | np.ndarray | None = None, request_sha256: str | None = None) -> dict[str, Any]:
     """Return the content of result.json; the README describes its keys."""
     estimate, measurement, reconstruction = result.estimate, result.measurement, result.reconstruction
     noise, comparison = measurement.noise, {}
     floor_over_peak, floor_error = measurement.floor_over_peak, measurement.floor_over_peak_error
     if truth is not None:
-        comparison = {"pearson": aligned_pearson(result.albedo, truth)[0]}
-        floor_over_peak = floor_over_known_peak(estimate, truth, bool(measurement.interpolated))
+        comparison = {"pearson": result.compare(truth).pearson}
+        floor_over_peak = floor_over_known_peak(estimate, result.truth_on_lags(truth), bool(measurement.interpolated))
         floor_error = None
     return {
         "input": estimate.name,
@@ -68,8 +79,10 @@ def summarise(result: Result, truth: np.ndarray | None = None, request_sha256: s
             "detection_sigma": measurement.detection if np.isfinite(measurement.detection) else None,
             "lines_interpolated": list(measurement.interpolated),
         },
-        "pitch_m": estimate.pitches_m and estimate.pitches_m[0],
-        "pitches_m": estimate.pitches_m,
+        "pitch_m": result.pitches_m and result.pitches_m[0],
+        "pitches_m": result.pitches_m,
+        "lag_pitches_m": estimate.pitches_m,
+        "fields": result.fields and result.fields.as_dict(estimate.pitches_m),
         "residual": reconstruction.residual,
         "phase_retrieval_transfer": [round(value, 4) for value in reconstruction.transfer],
         "posterior": None if result.samples is None else summarise_samples(result.samples, estimate.pitches_m),

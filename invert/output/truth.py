@@ -12,6 +12,7 @@ from correlograph.errors import InputError
 from correlograph.files.capture import Capture
 from correlograph.files.capture_folder import check_complete
 from correlograph.files.images import read_image
+from invert.albedo.metrics import aligned_pearson
 
 SAME_PITCH = 0.01
 """Relative difference up to which two pitches count as equal."""
@@ -66,6 +67,33 @@ class Truth:
             _overlap(side, pitch, len(self.albedo), own) for pitch, own in zip(pitches_m, self.pitches_m, strict=True)
         )
         return (rows @ self.albedo @ columns.T).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """An albedo registered to a truth, the truth on the same pixels, and their Pearson correlation."""
+
+    pearson: float
+    albedo: np.ndarray
+    truth: np.ndarray
+
+
+def compare_fine(albedo: np.ndarray, pitches_m: tuple[float, float] | None, known: Truth, cells: int) -> Comparison:
+    """Compare an albedo whose pixels are finer than those of a truth, after registration, on the pixels of the truth.
+
+    Args:
+        cells: pixels of the albedo per lag, for a truth of unknown pitch, which has one pixel per lag.
+    """
+    if pitches_m is None or known.pitches_m is None:
+        on_lags = known.on_lags(len(albedo) // cells, None)
+        own = (1.0, 1.0)
+        known, pitches_m = Truth(on_lags, own, known.name), (1.0 / cells, 1.0 / cells)
+    shown = known.on_lags(len(albedo), pitches_m)
+    pearson, moved = aligned_pearson(albedo, shown)
+    if min(known.pitches_m or pitches_m) > max(pitches_m):
+        means = Truth(moved.clip(0.0), pitches_m).on_lags(len(known.albedo), known.pitches_m)
+        pearson = float(np.corrcoef(means.ravel(), known.albedo.ravel())[0, 1])
+    return Comparison(pearson, moved, shown)
 
 
 def _overlap(side: int, pitch_m: float, own_side: int, own_pitch_m: float) -> np.ndarray:

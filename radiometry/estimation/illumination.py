@@ -63,11 +63,18 @@ def flatten_illumination(image: torch.Tensor, patch: tuple[int, int]) -> torch.T
     mean = float(image.mean())
     if mean <= 0.0:
         return image
-    illumination = _illumination(
-        image / mean, [min(count, MAX_ZERO_COUNT) for count in _half_waves_over(image, patch, MAX_MODES_PER_PATCH)]
-    )
+    illumination = relative_illumination(image, patch)
     speckle = (image - mean * illumination) * ((1.0 + ILLUMINATION_OFFSET) / (illumination + ILLUMINATION_OFFSET))
     return speckle + (mean - speckle.mean())
+
+
+def relative_illumination(image: torch.Tensor, patch: tuple[int, int]) -> torch.Tensor:
+    """Return the smooth illumination of a frame (H, W), mean 1; 1 everywhere for a frame without light."""
+    mean = float(image.mean())
+    if mean <= 0.0:
+        return torch.ones_like(image)
+    counts = _half_waves_over(image, patch, MAX_MODES_PER_PATCH)
+    return _illumination(image / mean, [min(count, MAX_ZERO_COUNT) for count in counts])
 
 
 def _half_waves_over(image: torch.Tensor, patch: tuple[int, int], share: float) -> list[int]:

@@ -1,0 +1,61 @@
+"""Forward model of a frame: expected counts I = v H |F E|^2 + background, and the likelihood of counts.
+
+F is the Fourier transform to the wall, H the transfer of pupil, pixel and blur, v the relative illumination. Counts are Poisson
+variables; read noise is included by shifting counts and background by its variance (shifted Poisson).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+
+from invert.field.counts import FrameCounts
+from invert.field.grid import FieldGrid
+
+MIN_EXPECTED = 1e-2
+"""Minimum expected counts of a pixel; a smaller expectation would give single photons any weight."""
+
+
+@dataclass(frozen=True)
+class ForwardModel:
+    """Expected counts of fields on the object (..., box rows, box columns).
+
+    Attributes:
+        transfer: H at the frequencies of an rfft2 of the periodic grid.
+    """
+
+    grid: FieldGrid
+    transfer: torch.Tensor
+
+    def blur(self, image: torch.Tensor) -> torch.Tensor:
+        """Apply H to an image on the periodic grid; H is real and even, so it is its own adjoint."""
+        return torch.fft.irfft2(torch.fft.rfft2(image) * self.transfer, s=self.grid.shape)
+
+    def intensity(self, wall: torch.Tensor) -> torch.Tensor:
+        """Return H |U|^2 on the frame."""
+        return self.grid.on_frame(self.blur(power(wall)))
+
+    def cross_intensity(self, wall: torch.Tensor, other: torch.Tensor) -> torch.Tensor:
+        """Return H 2 Re(U* V) on the frame, the derivative of the intensity of U in the direction V."""
+        return self.grid.on_frame(self.blur(2.0 * (wall.real * other.real + wall.imag * other.imag)))
+
+    def gradient(self, residual: torch.Tensor, wall: torch.Tensor) -> torch.Tensor:
+        """Return the derivative of sum(residual I) with respect to the conjugate of the field on the object."""
+        padded = residual.new_zeros((*residual.shape[:-2], *self.grid.shape))
+        self.grid.on_frame(padded).copy_(residual)
+        return self.grid.to_object(wall * self.blur(padded))
+
+    def expected(self, wall: torch.Tensor, counts: FrameCounts) -> torch.Tensor:
+        """Return the expected counts on the frame."""
+        return (counts.illumination * self.intensity(wall) + counts.background).clamp_min(MIN_EXPECTED)
+
+
+def power(field: torch.Tensor) -> torch.Tensor:
+    """Return |E|^2, without the square root of a complex absolute value."""
+    return field.real.square().addcmul_(field.imag, field.imag)
+
+
+def log_likelihood(counts: torch.Tensor, expected: torch.Tensor) -> torch.Tensor:
+    """Return the Poisson log-likelihood of each pixel, without the factorial."""
+    return torch.xlogy(counts, expected) - expected

@@ -1,0 +1,83 @@
+"""Fine albedo from the fields of a capture, with its resolution, its standard deviation and its certificate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from correlograph.ranges import CELLS_PER_LAG
+from invert.field.certificate import Certificate
+from invert.field.field import Field
+
+
+@dataclass(frozen=True)
+class FieldReconstruction:
+    """Fine albedo of a capture.
+
+    Attributes:
+        albedo: despeckled mean of |E|^2 on the window of the coarse albedo, float32 (k n, k n), maximum 1.
+        cells_per_lag: k, the number of pixels per lag.
+        certificate: whether the fields predict held-out pixels.
+        frames: number of fields, which is the number of looks.
+        resolution_lags: half of the finest period that two halves of the frames share, in lags; None for one frame.
+        photons_per_grain: expected photoelectrons per frame and speckle grain of the object's bounding box.
+        background_fraction: fraction of the counts that is no light of the object.
+        deviation: standard deviation of the albedo, from halves of the frames, like `albedo`; None for one frame.
+        intensity: mean of |E|^2 before despeckling, like `albedo`; None for a loaded result.
+        field: field of each frame; None for a loaded result.
+    """
+
+    albedo: np.ndarray
+    cells_per_lag: int
+    certificate: Certificate
+    frames: int
+    resolution_lags: float | None
+    photons_per_grain: float
+    background_fraction: float
+    deviation: np.ndarray | None = None
+    intensity: np.ndarray | None = None
+    field: Field | None = None
+
+    def resolution_m(self, lag_pitches_m: tuple[float, float] | None) -> float | None:
+        """Return the resolution in metres; None if it or the lag pitch is unknown."""
+        if self.resolution_lags is None or lag_pitches_m is None:
+            return None
+        return self.resolution_lags * max(lag_pitches_m)
+
+    def describe(self, lag_pitches_m: tuple[float, float] | None) -> str:
+        """Return resolution, number of looks and certificate in a few words."""
+        resolution = self.resolution_m(lag_pitches_m)
+        parts = [] if resolution is None else [f"resolution {resolution * 1e6:.0f} um"]
+        looks = "1 look" if self.frames == 1 else f"{self.frames} looks"
+        return ", ".join([*parts, looks, f"held-out pixels predicted at {self.certificate.gain_sigma:.0f} sigma"])
+
+    def as_dict(self, lag_pitches_m: tuple[float, float] | None) -> dict[str, Any]:
+        """Return the quantities for JSON."""
+        return {
+            "cells_per_lag": self.cells_per_lag,
+            "looks": self.frames,
+            "photons_per_grain": self.photons_per_grain,
+            "background_fraction": self.background_fraction,
+            "resolution_lags": self.resolution_lags,
+            "resolution_m": self.resolution_m(lag_pitches_m),
+            "certificate": self.certificate.as_dict(),
+        }
+
+    @classmethod
+    def load(cls, folder: Path, albedo: np.ndarray, summary: dict[str, Any]) -> FieldReconstruction:
+        """Return the reconstruction that `as_dict` described. Raises ValueError, KeyError or TypeError for damaged content."""
+        cells = CELLS_PER_LAG.check("cells_per_lag", summary["cells_per_lag"])
+        deviation = folder / "deviation.npy"
+        return cls(
+            albedo,
+            cells,
+            Certificate.from_dict(summary["certificate"]),
+            int(summary["looks"]),
+            None if summary["resolution_lags"] is None else float(summary["resolution_lags"]),
+            float(summary["photons_per_grain"]),
+            float(summary["background_fraction"]),
+            np.load(deviation, allow_pickle=False) if deviation.is_file() else None,
+        )

@@ -1,0 +1,207 @@
+"""Retrieval of the fields of a capture: prior, search, refinement, certificate, expectation maximisation, albedo.
+
+Frames are independent given the prior, so threads process them in parallel, each on one core; the result does not depend on their
+number.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import torch
+from scipy import ndimage
+
+from correlograph.files.capture import Capture
+from correlograph.workers import one_torch_thread
+from invert.field.certificate import Certificate, Prediction, predict_held_out
+from invert.field.counts import Calibration, FrameCounts, background_of, read_counts
+from invert.field.despeckling import Despeckled, despeckle
+from invert.field.field import Field
+from invert.field.filtering import filter_counts, intensity_spectrum, variance_transfer
+from invert.field.forward_model import ForwardModel, power
+from invert.field.grid import FieldGrid, field_grid
+from invert.field.prior import bounding_box, prior_from_albedo, priors_from_albedo, scale_to_signal
+from invert.field.reconstruction import FieldReconstruction
+from invert.field.refinement import Refinement
+from invert.field.search import Search
+from invert.measure.estimate import Estimate
+from invert.measure.spectrum import Measurement
+from invert.solvers.base import Progress, no_progress
+
+BRIGHT_STEPS, DIM_STEPS = 300, 800
+"""Steps of a search at `BRIGHT_PHOTONS` or more, and at `DIM_PHOTONS` or fewer photons per grain."""
+
+BRIGHT_PHOTONS, DIM_PHOTONS = 15.0, 5.0
+"""Photons per speckle grain of the bounding box; see `BRIGHT_STEPS`."""
+
+REFINEMENT_STEPS = 30
+"""Steps of conjugate gradients."""
+
+MAXIMISATIONS = 2
+"""Maximum number of times that the prior is replaced by the mean intensity of the fields; the first that does not predict held-out
+pixels better ends them."""
+
+FRAMES_FOR_CALIBRATION = 8
+"""Number of frames from which gain, read noise and background are estimated."""
+
+
+Outcome = tuple[torch.Tensor, Prediction]
+"""Field of one frame on the box of the grid, and its prediction of the held-out pixels."""
+
+
+@dataclass(frozen=True)
+class Pass:
+    """Fields of all frames with one prior (frames, box rows, box columns), their despeckled intensity, and their certificate."""
+
+    fields: torch.Tensor
+    albedo: Despeckled
+    certificate: Certificate
+
+    @classmethod
+    def of(cls, outcomes: Sequence[Outcome]) -> Pass:
+        """Combine the outcomes of all frames."""
+        fields = torch.stack([field for field, _ in outcomes])
+        with one_torch_thread():
+            return cls(fields, despeckle(power(fields)), Certificate.of([prediction for _, prediction in outcomes]))
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """What all frames share."""
+
+    model: ForwardModel
+    prior: torch.Tensor
+    steps: int
+    seed: int
+
+    def retrieve(self, counts: FrameCounts, number: int) -> Outcome:
+        """Return the field of one frame, and how well it predicts the held-out counts."""
+        spectrum = intensity_spectrum(self.prior, self.model)
+        target = filter_counts(counts, spectrum, self.model)
+        rng = torch.Generator().manual_seed(self.seed * 1_000_003 + number)
+        found = Search(self.model, counts, target, self.prior).run(self.steps, rng)
+        refinement = Refinement(self.model, counts, scale_to_signal(self.prior, counts.signal, self.model.grid))
+        state = refinement.run(found, REFINEMENT_STEPS)
+        filtered = counts.illumination * self.model.grid.on_frame(self.model.blur(target)) + counts.background
+        return refinement.field(state), predict_held_out(counts, refinement.expected(state), filtered)
+
+
+def retrieve_fields(
+    capture: Capture,
+    estimate: Estimate,
+    measurement: Measurement,
+    albedo: np.ndarray,
+    seed: int,
+    progress: Progress = no_progress,
+) -> FieldReconstruction:
+    """Retrieve the field of every frame with the coarse albedo as prior, and the fine albedo from all of them.
+
+    Args:
+        albedo: coarse albedo of the estimate, not zero.
+        progress: called after each frame of each of the two passes.
+
+    Raises InputError if the frames undersample the speckle.
+    """
+    assert estimate.record is not None
+    grid = field_grid(
+        (capture.frames[0].shape[0], capture.frames[0].shape[1]), estimate.record.grid.patch_shape, bounding_box(albedo)
+    )
+    model = ForwardModel(grid, grid.transfer(capture.camera, estimate.blur_pixels or (0.0, 0.0)))
+    calibration = Calibration.of(capture.frames[:FRAMES_FOR_CALIBRATION], measurement.noise.floor)
+    uneven = estimate.record.grid.patch_shape if estimate.record.background.uneven_illumination else None
+    prior = prior_from_albedo(albedo, grid)
+
+    def counts_of(number: int) -> FrameCounts:
+        rng = torch.Generator().manual_seed((seed + 1) * 7_368_787 + number)
+        return read_counts(capture.frames[number], calibration, grid, rng, uneven)
+
+    with one_torch_thread():
+        first = [counts_of(number) for number in range(min(len(capture.frames), FRAMES_FOR_CALIBRATION))]
+        kept = variance_transfer(intensity_spectrum(prior, model), model)
+        grains = float(prior.sum() ** 2 / prior.square().sum()) * grid.measured_fraction
+        background = background_of(first, kept, grains)
+    signal = float(np.mean([one.signal + one.background for one in first])) - background
+    photons = signal * grid.cells_per_grain
+    problem = _Problem(model, prior, search_steps(photons), seed)
+
+    def retrieve(job: tuple[torch.Tensor, int]) -> Outcome:
+        tried, number = job
+        one = counts_of(number)
+        known = replace(one, background=background, signal=max(one.signal + one.background - background, 1e-6))
+        return replace(problem, prior=tried).retrieve(known, number)
+
+    def run_pass(with_prior: torch.Tensor, done: Sequence[Outcome] = ()) -> Pass:
+        jobs = [(with_prior, number) for number in range(len(done), len(capture.frames))]
+        return Pass.of([*done, *_in_threads(retrieve, jobs, progress)])
+
+    best = run_pass(prior)
+    for _ in range(MAXIMISATIONS):
+        candidates = priors_from_albedo(best.albedo.albedo)
+        trials = list(_in_threads(retrieve, [(one, 0) for one in candidates], progress))
+        chosen = int(np.argmax([prediction.gain_nats for _, prediction in trials]))
+        again = run_pass(candidates[chosen], trials[chosen : chosen + 1])
+        if again.certificate.gain_nats_per_pixel <= best.certificate.gain_nats_per_pixel:
+            break
+        best = again
+    fields, fine, certificate = best.fields, best.albedo, best.certificate
+    window = _Window(grid, len(albedo), max(1, round(1.0 / min(grid.cell_lags))))
+    top = max(float(fine.albedo.max()), 1e-30)
+    return FieldReconstruction(
+        window.image(fine.albedo / top),
+        window.cells_per_lag,
+        certificate,
+        len(fields),
+        fine.resolution(grid.cell_lags),
+        photons,
+        background / (signal + background),
+        None if fine.deviation is None else window.image(fine.deviation / top),
+        window.image(power(fields).mean(0) / top),
+        _field_of(fields, grid, capture, estimate),
+    )
+
+
+def search_steps(photons_per_grain: float) -> int:
+    """Return the number of steps of a search: more in dim frames."""
+    dimness = np.log(BRIGHT_PHOTONS / max(photons_per_grain, 1e-9)) / np.log(BRIGHT_PHOTONS / DIM_PHOTONS)
+    return round(BRIGHT_STEPS * (DIM_STEPS / BRIGHT_STEPS) ** float(np.clip(dimness, 0.0, 1.0)))
+
+
+@dataclass(frozen=True)
+class _Window:
+    """Window of the coarse albedo (side, side), with `cells_per_lag` pixels per lag."""
+
+    grid: FieldGrid
+    side: int
+    cells_per_lag: int
+
+    def image(self, cells: torch.Tensor) -> np.ndarray:
+        """Interpolate an image on the cells of the box to the window, float32; zero outside the box."""
+        centres = (np.arange(self.side * self.cells_per_lag) + 0.5) / self.cells_per_lag - 0.5
+        positions = [
+            (centres - origin) / width for origin, width in zip(self.grid.origin_lags, self.grid.cell_lags, strict=True)
+        ]
+        return ndimage.map_coordinates(cells.numpy(), np.meshgrid(*positions, indexing="ij"), order=1, mode="constant")
+
+
+def _field_of(fields: torch.Tensor, grid: FieldGrid, capture: Capture, estimate: Estimate) -> Field:
+    lags, camera = estimate.pitches_m, capture.camera
+    pitches = None if lags is None else (grid.cell_lags[0] * lags[0], grid.cell_lags[1] * lags[1])
+    return Field(fields.numpy(), grid.shape, grid.frame_shape, pitches, camera.wavelength_m, camera.distance_m)
+
+
+def _in_threads(task: Callable[[Any], Any], jobs: Sequence[Any], progress: Progress) -> Iterator[Any]:
+    """Yield the outcomes of a task for all jobs in order, computed in threads with one torch thread each."""
+    with ThreadPoolExecutor(os.cpu_count() or 1, initializer=torch.set_num_threads, initargs=(1,)) as pool:
+        futures = [pool.submit(task, job) for job in jobs]
+        try:
+            for future in futures:
+                yield future.result()
+                progress()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise

@@ -1,0 +1,32 @@
+"""Frames of a hidden object by an independent generator: scatterers at random positions, so that no lattice coincides with the solver's."""
+
+from __future__ import annotations
+
+import finufft
+import numpy as np
+
+
+def letter(side: int = 64, size: int = 20) -> np.ndarray:
+    """Return an F of `size` pixels with a dimmer dot at its lower right, (side, side)."""
+    albedo = np.zeros((side, side))
+    top, left, width = (side - size) // 2, (side - size) // 2 + 2, max(2, size // 7)
+    albedo[top : top + size, left : left + width] = 1.0
+    albedo[top : top + width, left : left + size * 2 // 3] = 1.0
+    albedo[top + size // 2 : top + size // 2 + width, left : left + size // 2] = 1.0
+    albedo[top + size - width : top + size, left + size // 2 : left + size // 2 + width] = 0.6
+    return albedo
+
+
+def expected_frame(
+    albedo: np.ndarray, shape: tuple[int, int], patch: int, rng: np.random.Generator, per_cell: int = 30
+) -> np.ndarray:
+    """Return the speckle intensity (rows, columns), mean about 1, of an albedo with one pixel per lag of a patch."""
+    rows, columns = np.nonzero(albedo)
+    count = per_cell * len(rows)
+    chosen = rng.integers(0, len(rows), count)
+    places = np.stack((rows[chosen], columns[chosen])) + rng.random((2, count)) - 0.5
+    phases = np.sqrt(albedo[rows[chosen], columns[chosen]]) * np.exp(2j * np.pi * rng.random(count))
+    turns = -2.0 * np.pi * (places - 0.5 * (albedo.shape[0] - 1)) / patch
+    field = finufft.nufft2d1(turns[0], turns[1], phases, shape, eps=1e-6)
+    intensity = np.abs(field) ** 2
+    return intensity / (np.abs(phases) ** 2).sum()

@@ -1,0 +1,89 @@
+"""Counts of cameras with any gain, offset and read noise; background from contrast; the spectrum of speckle."""
+
+import numpy as np
+import pytest
+import torch
+
+from invert.field.counts import Calibration, background_of, read_counts
+from invert.field.filtering import filter_counts, intensity_spectrum, variance_transfer
+from invert.field.forward_model import ForwardModel
+from invert.field.grid import field_grid
+from invert.field.prior import bounding_box, prior_from_albedo
+from tests.invert.field.speckle import expected_frame, letter
+
+PATCH, SHAPE = 150, (700, 812)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Grid, forward model and prior of the letter, and the intensity of two frames without pixel blur."""
+    albedo = letter()
+    grid = field_grid(SHAPE, (PATCH, PATCH), bounding_box(albedo))
+    model = ForwardModel(grid, torch.ones(grid.shape[0], grid.shape[1] // 2 + 1))
+    rng = np.random.default_rng(8)
+    return grid, model, prior_from_albedo(albedo, grid), [expected_frame(albedo, SHAPE, PATCH, rng) for _ in range(2)]
+
+
+@pytest.mark.parametrize(("gain", "offset", "read"), [(1.0, 0.0, 0.0), (2.5, 40.0, 0.0), (0.4, 0.0, 1.5)])
+def test_counts_have_the_variance_of_their_mean(scene, gain, offset, read):
+    grid, _, _, intensity = scene
+    rng = np.random.default_rng(4)
+    electrons = [rng.poisson(3.0 * one) + read * rng.standard_normal(SHAPE) for one in intensity]
+    frames = [(gain * one + offset).astype(np.float32) for one in electrons]
+    found = Calibration.of(frames, gain**2 * (3.0 + read**2))
+    assert found.gain == pytest.approx(gain, rel=0.05)
+    assert found.shift == pytest.approx(read**2 - offset / gain, abs=0.25)
+    counts = read_counts(frames[0], found, grid, torch.Generator().manual_seed(1), None)
+    expected = 3.0 * grid.bin(intensity[0])
+    noise = counts.values - expected - counts.background
+    assert float(noise[counts.fitted].var()) == pytest.approx(float(counts.values[counts.fitted].mean()), rel=0.1)
+    assert float(counts.held_out.float().mean()) == pytest.approx(0.05, abs=0.005)
+    assert not (counts.held_out & counts.fitted).any()
+
+
+@pytest.mark.parametrize("ambient", [0.0, 0.5, 2.0])
+def test_background_from_the_contrast(scene, ambient):
+    grid, model, prior, intensity = scene
+    rng = np.random.default_rng(5)
+    frames = [rng.poisson(2.0 * one + ambient).astype(np.float32) for one in intensity]
+    counts = [read_counts(one, Calibration(1.0, 0.0), grid, torch.Generator().manual_seed(1), None) for one in frames]
+    kept = variance_transfer(intensity_spectrum(prior, model), model)
+    grains = float(prior.sum() ** 2 / prior.square().sum())
+    found = background_of(counts, kept, grains)
+    pixels = grid.binning[0] * grid.binning[1]
+    assert found == (0.0 if ambient == 0.0 else pytest.approx(ambient * pixels, rel=0.25))
+
+
+def test_hot_pixels_are_unmeasured(scene):
+    grid, _, _, intensity = scene
+    frame = np.random.default_rng(6).poisson(5.0 * intensity[0]).astype(np.float32)
+    row, column = 301, 402
+    frame[row, column] = 1e5
+    counts = read_counts(frame, Calibration(1.0, 0.0), grid, torch.Generator().manual_seed(1), None)
+    cell = row // grid.binning[0], column // grid.binning[1]
+    assert not counts.fitted[cell]
+    assert not counts.held_out[cell]
+    assert float(counts.values[cell]) < 1e3
+
+
+def test_the_spectrum_is_that_of_speckle(scene):
+    grid, model, prior, intensity = scene
+    spectrum = intensity_spectrum(prior, model)
+    kept = variance_transfer(spectrum, model)
+    assert kept == pytest.approx(1.0, abs=0.02)  # the variance of speckle is the squared mean, and H is 1
+    binned = torch.stack([grid.bin(one) for one in intensity]) / (grid.binning[0] * grid.binning[1])
+    power = torch.fft.rfft2(binned - binned.mean((-2, -1), keepdim=True)).abs().square().mean(0) / binned[0].numel()
+    low = float(power[1:20, 1:20].mean()) / float(spectrum[1:20, 1:20].mean())
+    assert low == pytest.approx(1.0, abs=0.25)
+
+
+def test_the_filter_reads_no_held_out_pixel(scene):
+    grid, model, prior, intensity = scene
+    frame = np.random.default_rng(7).poisson(2.0 * intensity[0]).astype(np.float32)
+    counts = read_counts(frame, Calibration(1.0, 0.0), grid, torch.Generator().manual_seed(1), None)
+    spectrum = intensity_spectrum(prior, model)
+    before = filter_counts(counts, spectrum, model)
+    counts.values[counts.held_out] = 1e6
+    assert torch.equal(before, filter_counts(counts, spectrum, model))
+    seen, true = grid.on_frame(before)[counts.held_out], grid.bin(2.0 * intensity[0])[counts.held_out]
+    assert float(torch.corrcoef(torch.stack((seen, true)))[0, 1]) > 0.8

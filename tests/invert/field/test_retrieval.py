@@ -1,0 +1,103 @@
+"""`--method field` on frames of an independent generator: finer than the coarse albedo, certified, reproducible."""
+
+import json
+
+import numpy as np
+import pytest
+import torch
+from scipy import ndimage
+
+import correlograph as cg
+from correlograph.errors import InputError
+from invert.__main__ import main as invert
+from invert.field.retrieval import search_steps
+from tests.invert.field.speckle import expected_frame, letter
+
+PATCH, SHAPE = 128, (400, 452)
+
+
+def capture_of(albedo, photons, frames, seed):
+    """Return frames whose pixels collect `photons` electrons on average."""
+    rng = np.random.default_rng(seed)
+    return [rng.poisson(photons * expected_frame(albedo, SHAPE, PATCH, rng)).astype(np.float32) for _ in range(frames)]
+
+
+@pytest.fixture(scope="module")
+def bright():
+    """Result of two bright frames of the letter with the default quality."""
+    return cg.reconstruct(capture_of(letter(), 2.0, 2, 11), method="field", patch=PATCH, blur_pixels=0.0)
+
+
+def test_fields_are_finer_than_the_autocorrelation(bright):
+    assert bright.fields is not None
+    cells = bright.fields.cells_per_lag
+    assert bright.albedo.shape == (64 * cells, 64 * cells)
+    assert bright.coarse_albedo.shape == (64, 64)
+    truth = np.kron(letter(), np.ones((cells, cells))).astype(np.float32)
+    enlarged = ndimage.zoom(bright.coarse_albedo, cells, order=3, grid_mode=True, mode="grid-constant").clip(0.0)
+    fine, coarse = (cg.aligned_pearson(one, truth)[0] for one in (bright.albedo, enlarged))
+    assert fine > 0.95
+    assert fine > coarse
+    assert bright.fields.certificate.gain_sigma > 8.0
+    assert bright.fields.resolution_lags < 1.0
+    assert bright.compare(letter()).pearson > 0.96
+
+
+def test_threads_do_not_change_the_fields(bright, monkeypatch):
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    again = cg.reconstruct(capture_of(letter(), 2.0, 2, 11), method="field", patch=PATCH, blur_pixels=0.0)
+    assert again.albedo.tobytes() == bright.albedo.tobytes()
+    assert again.fields.field.samples.tobytes() == bright.fields.field.samples.tobytes()
+
+
+def test_faint_frames_keep_the_coarse_albedo_with_a_reason():
+    result = cg.reconstruct(capture_of(letter(), 0.01, 2, 12), method="field", quality="fast", patch=PATCH, blur_pixels=0.0)
+    assert result.object_found
+    assert result.fields is None
+    assert any("coarse albedo stands" in note for note in result.notes)
+    assert result.albedo.shape == (64, 64)
+
+
+def test_saved_results_load_with_their_fields(bright, tmp_path):
+    summary = bright.save(tmp_path, letter(), fields=True)
+    assert {"albedo_coarse.npy", "deviation.npy", "fields.npz"} <= {path.name for path in tmp_path.iterdir()}
+    assert summary["fields"]["certificate"]["accepted"]
+    assert summary["pearson"] == pytest.approx(bright.compare(letter()).pearson)
+    loaded = cg.Result.load(tmp_path)
+    assert np.array_equal(loaded.albedo, bright.albedo)
+    assert np.array_equal(loaded.coarse_albedo, bright.coarse_albedo)
+    assert loaded.fields.certificate == bright.fields.certificate
+    cg.reconstruct(capture_of(letter(), 2.0, 1, 11), quality="fast", patch=PATCH).save(tmp_path)
+    assert not (tmp_path / "fields.npz").exists()
+
+
+def test_an_autocorrelation_is_refused(command, tmp_path):
+    with pytest.raises(InputError, match="frames for method field"):
+        cg.reconstruct(np.random.default_rng(1).random((127, 127)) * 0.0 + 1.0, method="field", autocorrelation=True)
+    np.save(tmp_path / "estimate.npy", np.ones((127, 127), np.float32))
+    code, _, error = command(
+        invert, "--autocorrelation", tmp_path / "estimate.npy", "-o", tmp_path / "out", "--method", "field"
+    )
+    assert code == 2
+    assert "frames for method field" in error
+    code, _, error = command(invert, tmp_path / "estimate.npy", "-o", tmp_path / "out", "--save-fields")
+    assert (code, "--method field" in error) == (2, True)
+
+
+def test_the_command_writes_fields(command, tmp_path):
+    for number, frame in enumerate(capture_of(letter(), 2.0, 1, 13)):
+        np.save(tmp_path / f"frame{number}.npy", frame)
+    out = tmp_path / "out"
+    code, _, _ = command(invert, tmp_path / "frame0.npy", "-o", out, "--method", "field", "--patch", PATCH, "--save-fields")
+    assert code == 0
+    summary = json.loads((out / "result.json").read_text())
+    assert summary["fields"]["looks"] == 1
+    assert summary["fields"]["resolution_lags"] is None
+    assert cg.Field.load(out / "fields.npz").samples.dtype == np.complex64
+
+
+def test_dim_frames_get_more_steps():
+    assert search_steps(100.0) == 300
+    assert search_steps(1.0) == 800
+    assert 300 < search_steps(8.0) < 800
+    assert torch.get_num_threads() >= 1
