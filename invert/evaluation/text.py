@@ -34,26 +34,27 @@ def character_error_rate(reference: str, found: str) -> float:
     return row[-1] / max(len(reference), 1)
 
 
-def read_text(albedo: np.ndarray) -> str:
+def read_text(albedo: np.ndarray, pixels_per_lag: int = 1) -> str:
     """Return the text that tesseract reads in an upright albedo. Raises InputError if it is not installed."""
     program = shutil.which("tesseract")
     if program is None:
         raise InputError("tesseract", "the program for optical character recognition", "none", "install tesseract-ocr")
     with TemporaryDirectory() as folder:
         picture = Path(folder) / "page.png"
-        _dark_on_bright(albedo).save(picture)
+        _dark_on_bright(albedo, pixels_per_lag).save(picture)
         done = subprocess.run([program, picture, "-", "--psm", "6"], capture_output=True, text=True, check=True)
     return done.stdout.strip()
 
 
-def _dark_on_bright(albedo: np.ndarray) -> Image.Image:
+def _dark_on_bright(albedo: np.ndarray, pixels_per_lag: int) -> Image.Image:
     """Return an enlarged picture of the text in an albedo, dark on bright."""
+    margin, enlargement = MARGIN_LAGS * pixels_per_lag, max(1, round(ENLARGEMENT / pixels_per_lag))
     shown = np.clip(albedo / max(float(np.quantile(albedo, BRIGHT_QUANTILE)), 1e-12), 0.0, 1.0)
     rows, columns = np.nonzero(shown > TEXT_LEVEL)
     if rows.size:
         shown = shown[
-            max(rows.min() - MARGIN_LAGS, 0) : rows.max() + MARGIN_LAGS + 1,
-            max(columns.min() - MARGIN_LAGS, 0) : columns.max() + MARGIN_LAGS + 1,
+            max(rows.min() - margin, 0) : rows.max() + margin + 1,
+            max(columns.min() - margin, 0) : columns.max() + margin + 1,
         ]
     grey = Image.fromarray(np.round(255.0 * (1.0 - shown)).astype(np.uint8))
-    return grey.resize((grey.width * ENLARGEMENT, grey.height * ENLARGEMENT), Image.Resampling.BICUBIC)
+    return grey.resize((grey.width * enlargement, grey.height * enlargement), Image.Resampling.BICUBIC)

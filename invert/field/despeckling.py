@@ -8,6 +8,7 @@ looks that the fit has not seen; their likelihood would be decided by the darkes
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import torch
@@ -62,15 +63,21 @@ def despeckle(intensity: torch.Tensor) -> Despeckled:
     looks = len(intensity)
     if looks == 1:
         return Despeckled(smooth_by_total_variation(intensity[0], 1, DEFAULT_WEIGHT), None)
-    even, odd = intensity[::2].mean(0), intensity[1::2].mean(0)
-    counts = ((looks + 1) // 2, looks // 2)
-    tried: list[tuple[float, float, tuple[torch.Tensor, torch.Tensor]]] = []
-    for weight in WEIGHTS:
-        first, second = (smooth_by_total_variation(*half, weight) for half in ((even, counts[0]), (odd, counts[1])))
-        error = (first - odd).square().sum() * counts[1] + (second - even).square().sum() * counts[0]
-        tried.append((float(error), weight, (first, second)))
-    _, weight, halves = min(tried, key=lambda one: one[0])
-    return Despeckled(smooth_by_total_variation(intensity.mean(0), looks, weight), halves)
+    halves = [(intensity[part::2].mean(0), len(intensity[part::2])) for part in (0, 1)]
+
+    @cache
+    def smooth_halves(number: int) -> tuple[float, tuple[torch.Tensor, torch.Tensor]]:
+        """Return the squared error of both halves against each other, and the halves, with one of the weights."""
+        first, second = (smooth_by_total_variation(seen, count, WEIGHTS[number]) for seen, count in halves)
+        errors = (first - halves[1][0]).square().sum() * halves[1][1] + (second - halves[0][0]).square().sum() * halves[0][1]
+        return float(errors), (first, second)
+
+    best, tried = None, WEIGHTS.index(DEFAULT_WEIGHT)
+    while best != tried:
+        best = tried
+        near = range(max(best - 1, 0), min(best + 2, len(WEIGHTS)))
+        tried = min(near, key=lambda number: smooth_halves(number)[0])
+    return Despeckled(smooth_by_total_variation(intensity.mean(0), looks, WEIGHTS[best]), smooth_halves(best)[1])
 
 
 def smooth_by_total_variation(intensity: torch.Tensor, looks: int, weight: float) -> torch.Tensor:

@@ -39,6 +39,9 @@ BRIGHT_STEPS, DIM_STEPS = 300, 800
 BRIGHT_PHOTONS, DIM_PHOTONS = 15.0, 5.0
 """Photons per speckle grain of the bounding box; see `BRIGHT_STEPS`."""
 
+WARM_FRACTION = 1.0 / 3.0
+"""Steps of a search from the field of an earlier pass, as a fraction of those from a random field."""
+
 REFINEMENT_STEPS = 30
 """Steps of conjugate gradients."""
 
@@ -79,12 +82,16 @@ class _Problem:
     steps: int
     seed: int
 
-    def retrieve(self, counts: FrameCounts, number: int) -> Outcome:
-        """Return the field of one frame, and how well it predicts the held-out counts."""
+    def retrieve(self, counts: FrameCounts, number: int, start: torch.Tensor | None) -> Outcome:
+        """Return the field of one frame, and how well it predicts the held-out counts; `start` is its field of an earlier pass."""
         spectrum = intensity_spectrum(self.prior, self.model)
         target = filter_counts(counts, spectrum, self.model)
-        rng = torch.Generator().manual_seed(self.seed * 1_000_003 + number)
-        found = Search(self.model, counts, target, self.prior).run(self.steps, rng)
+        search = Search(self.model, counts, target, self.prior)
+        if start is None:
+            start = search.random_field(torch.Generator().manual_seed(self.seed * 1_000_003 + number))
+            found = search.run(start, self.steps)
+        else:
+            found = search.run(start, round(WARM_FRACTION * self.steps))
         refinement = Refinement(self.model, counts, scale_to_signal(self.prior, counts.signal, self.model.grid))
         state = refinement.run(found, REFINEMENT_STEPS)
         filtered = counts.illumination * self.model.grid.on_frame(self.model.blur(target)) + counts.background
@@ -129,22 +136,22 @@ def retrieve_fields(
     photons = signal * grid.cells_per_grain
     problem = _Problem(model, prior, search_steps(photons), seed)
 
-    def retrieve(job: tuple[torch.Tensor, int]) -> Outcome:
-        tried, number = job
+    def retrieve(job: tuple[torch.Tensor, int, torch.Tensor | None]) -> Outcome:
+        tried, number, start = job
         one = counts_of(number)
         known = replace(one, background=background, signal=max(one.signal + one.background - background, 1e-6))
-        return replace(problem, prior=tried).retrieve(known, number)
+        return replace(problem, prior=tried).retrieve(known, number, start)
 
-    def run_pass(with_prior: torch.Tensor, done: Sequence[Outcome] = ()) -> Pass:
-        jobs = [(with_prior, number) for number in range(len(done), len(capture.frames))]
+    def run_pass(with_prior: torch.Tensor, starts: Sequence[torch.Tensor | None], done: Sequence[Outcome] = ()) -> Pass:
+        jobs = [(with_prior, number, starts[number]) for number in range(len(done), len(capture.frames))]
         return Pass.of([*done, *_in_threads(retrieve, jobs, progress)])
 
-    best = run_pass(prior)
+    best = run_pass(prior, [None] * len(capture.frames))
     for _ in range(MAXIMISATIONS):
         candidates = priors_from_albedo(best.albedo.albedo)
-        trials = list(_in_threads(retrieve, [(one, 0) for one in candidates], progress))
+        trials = list(_in_threads(retrieve, [(one, 0, best.fields[0]) for one in candidates], progress))
         chosen = int(np.argmax([prediction.gain_nats for _, prediction in trials]))
-        again = run_pass(candidates[chosen], trials[chosen : chosen + 1])
+        again = run_pass(candidates[chosen], list(best.fields), trials[chosen : chosen + 1])
         if again.certificate.gain_nats_per_pixel <= best.certificate.gain_nats_per_pixel:
             break
         best = again

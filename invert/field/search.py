@@ -45,31 +45,33 @@ class Search:
     """
 
     def __init__(self, model: ForwardModel, counts: FrameCounts, target: torch.Tensor, prior: torch.Tensor) -> None:
-        self._grid, self._target, self._fitted = model.grid, model.grid.on_frame(target), counts.fitted
+        self._grid, self._target, self._fitted = model.grid, model.grid.on_frame(target), counts.fitted.to(target.dtype)
         sharp = prior.square()
         self.prior = sharp * (PRIOR_STRENGTH / FIRST_RHO * sharp.sum() / sharp.square().sum())
 
-    def init(self, rng: torch.Generator) -> SearchState:
-        """Return the state of a random field with the prior's power."""
+    def random_field(self, rng: torch.Generator) -> torch.Tensor:
+        """Return a random field on the object with the prior's power."""
         parts = torch.randn(2, *self.prior.shape, generator=rng)
-        wall = self._grid.to_wall(torch.complex(*parts) * (0.5 * self.prior).sqrt())
-        state = SearchState(wall, torch.ones(self._grid.shape))
+        return torch.complex(*parts) * (0.5 * self.prior).sqrt()
+
+    def init(self, field: torch.Tensor) -> SearchState:
+        """Return the state of a field on the object."""
+        state = SearchState(self._grid.to_wall(field), torch.ones(self._grid.shape))
         self._apply_data(state, FIRST_RHO)
         return state
 
     def step(self, state: SearchState, progress: float) -> torch.Tensor:
         """Advance the state by one step; return the field on the object. `progress` runs from 0 to 1 over the search."""
         rho = FIRST_RHO * RHO_RATIO**progress
-        field = self._grid.to_object(state.before * (2.0 * state.factor - 1.0))
+        field = self._grid.to_object(state.before * state.factor.mul(2.0).sub_(1.0))
         field *= rho * self.prior / (1.0 + rho * self.prior)
-        state.before.mul_(1.0 - RELAXATION * state.factor).add_(self._grid.to_wall(field), alpha=RELAXATION)
+        state.before.mul_(state.factor.mul_(-RELAXATION).add_(1.0)).add_(self._grid.to_wall(field), alpha=RELAXATION)
         self._apply_data(state, rho)
         return field
 
-    def run(self, steps: int, rng: torch.Generator) -> torch.Tensor:
-        """Return the field on the object after a number of steps."""
-        state = self.init(rng)
-        field = torch.empty(0)
+    def run(self, field: torch.Tensor, steps: int) -> torch.Tensor:
+        """Return the field on the object after a number of steps from a field."""
+        state = self.init(field)
         for number in range(steps):
             field = self.step(state, number / steps)
         return field
@@ -78,5 +80,5 @@ class Search:
         """Update the factor: the proximal map of the Poisson likelihood where counts are fitted, 1 elsewhere."""
         strength = power(self._grid.on_frame(state.before)).clamp_min_(MIN_POWER)
         factor = strength.reciprocal_().mul_(self._target).mul_(4.0 * (1.0 + rho)).add_(rho**2).sqrt_()
-        factor = factor.add_(rho).mul_(0.5 / (1.0 + rho))
-        self._grid.on_frame(state.factor).copy_(torch.where(self._fitted, factor, torch.ones_like(factor)))
+        factor = factor.add_(rho).mul_(0.5 / (1.0 + rho)).sub_(1.0).mul_(self._fitted).add_(1.0)
+        self._grid.on_frame(state.factor).copy_(factor)

@@ -1,0 +1,157 @@
+"""`python -m benchmarks.fields -o FOLDER --sets pages letters light bars`: what fields add to the autocorrelation, on rendered frames.
+
+Correlations compare the albedo with the scene's on pixels of 30 um, unsmoothed and after smoothing of both by Gaussians of 75, 150 and
+300 um full width at half maximum. Pages are also read by `tesseract`. Figures and a table in JSON are written to the folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from PIL import Image
+from scipy import ndimage
+
+import correlograph as cg
+from benchmarks.pages import PAGES, page
+from correlograph.files.figures import save_figure
+from data_gen.bars import SIDE_M, bar_contrast, bar_groups
+from invert.albedo.metrics import register_subpixel
+from invert.evaluation.text import character_error_rate, read_text
+
+WIDTHS_UM = (0, 75, 150, 300)
+"""Full widths at half maximum of the smoothing, in um."""
+
+FWHM_PER_SIGMA = 2.3548
+
+EXPOSURES_S = (1 / 4, 1 / 8, 1 / 16, 1 / 32, 1 / 64, 1 / 128)
+
+MAX_PAGE_FRAMES = 10
+
+
+def correlations(albedo: np.ndarray, truth: np.ndarray, pitches_m: tuple[float, float]) -> list[float]:
+    """Return the correlations of registered images (rows, columns) for each smoothing."""
+    found = []
+    for width in WIDTHS_UM:
+        sigma = [width * 1e-6 / FWHM_PER_SIGMA / pitch for pitch in pitches_m]
+        images = [ndimage.gaussian_filter(one.astype(np.float64), sigma) if width else one for one in (albedo, truth)]
+        found.append(round(register_subpixel(*images)[0], 4))
+    return found
+
+
+def compare(scene: cg.Scene, capture: cg.Capture, seed: int = 0) -> tuple[dict[str, Any], list[np.ndarray]]:
+    """Return the figures of one capture, and coarse albedo, fine albedo and truth on the same pixels, registered."""
+    begin, wall = time.process_time(), time.perf_counter()
+    cg.reconstruct(capture, seed=seed)
+    middle = time.process_time()
+    result = cg.reconstruct(capture, method="field", seed=seed)
+    end = time.process_time()
+    fields, lags = result.fields, result.estimate.pitches_m
+    cells = 1 if fields is None else fields.cells_per_lag
+    pitches = (lags[0] / cells, lags[1] / cells)
+    enlarged = ndimage.zoom(result.coarse_albedo, cells, order=3, mode="grid-constant", grid_mode=True).clip(0.0)
+    truth = scene.geometry.hidden_object.sample(pitches, enlarged.shape).albedo.astype(np.float64)
+    row: dict[str, Any] = {
+        "frames": len(capture.frames),
+        "confidence": round(result.confidence, 3),
+        "coarse": correlations(enlarged, truth, pitches),
+        "cpu_coarse_s": round(middle - begin, 1),
+        "cpu_fields_s": round(end - middle - (middle - begin), 1),
+        "wall_s": round(time.perf_counter() - wall, 1),
+        "accepted": fields is not None,
+        "pitches_m": pitches,
+    }
+    if fields is not None:
+        row |= {"fields": correlations(result.albedo, truth, pitches), **fields.as_dict(lags)}
+        row["resolution_um"] = None if fields.resolution_m(lags) is None else round(1e6 * fields.resolution_m(lags))
+    else:
+        row["reason"] = result.notes[-1] if result.notes else ""
+    shown = [cg.aligned_pearson(one, truth.astype(np.float32))[1] for one in (enlarged, result.albedo)]
+    return row, [*shown, truth]
+
+
+def pages(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]]]:
+    """Yield name, figures and images of each page of text."""
+    for name, text, frames in PAGES:
+        Image.fromarray(page(text)).save(folder / "page.png")
+        scene = cg.load("corner_letter", albedo=str((folder / "page.png").resolve()), exposure=1.0)
+        row, images = compare(scene, cg.render(scene, frames=min(frames, MAX_PAGE_FRAMES), seed=5))
+        if shutil.which("tesseract"):
+            cells = row.get("cells_per_lag", 1)
+            row["errors"] = [round(100.0 * character_error_rate(text, read_text(one, cells)), 1) for one in images]
+        yield name.split(",")[0] + f", {row['frames']} x 1 s", row, images
+
+
+def letters(folder: Path, seeds: Sequence[int] = (1, 2, 3)) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]]]:
+    """Yield the same of six letters, two frames of 1/8 s."""
+    for letter in "F7LR5t":
+        for seed in seeds:
+            scene = cg.load("corner_letter", albedo=f"{letter}.png")
+            yield f"{letter}, 2 x 1/8 s, seed {seed}", *compare(scene, cg.render(scene, frames=2, seed=seed))
+
+
+def light(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]]]:
+    """Yield the same of a letter and a page over exposures."""
+    Image.fromarray(page(PAGES[0][1])).save(folder / "page.png")
+    for name, albedo in (("F", "F.png"), ("three lines", str((folder / "page.png").resolve()))):
+        for exposure in EXPOSURES_S:
+            scene = cg.load("corner_letter", albedo=albedo, exposure=exposure)
+            yield f"{name}, 2 x 1/{round(1 / exposure)} s", *compare(scene, cg.render(scene, frames=2, seed=3))
+
+
+def bars(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]]]:
+    """Yield the same of the bar target, with the contrast of each width of bars for coarse albedo and fields."""
+    for frames, exposure in ((2, 0.125), (2, 1.0), (10, 1.0)):
+        scene = cg.load("bar_target", exposure=exposure)
+        row, images = compare(scene, cg.render(scene, frames=frames, seed=4))
+        targets = [_on_target(one, row["pitches_m"]) for one in images]
+        for group in bar_groups():
+            contrasts = [round(bar_contrast(one, group), 3) for one in targets]
+            direction = "upright" if group.is_upright else "level"
+            row[f"contrast_{1e6 * group.width_m:.0f}_um_{direction}"] = contrasts
+        yield f"{frames} x {exposure:g} s", row, images
+
+
+def _on_target(albedo: np.ndarray, pitches_m: Sequence[float]) -> np.ndarray:
+    """Interpolate an albedo, centred on the bar target, to pixels of 10 um over the target."""
+    places = (np.arange(round(SIDE_M / 10e-6)) + 0.5) * 10e-6 - 0.5 * SIDE_M
+    positions = [places / pitch + 0.5 * (side - 1) for pitch, side in zip(pitches_m, albedo.shape, strict=True)]
+    return ndimage.map_coordinates(albedo, np.meshgrid(*positions, indexing="ij"), order=1).clip(0.0)
+
+
+SETS = {"pages": pages, "letters": letters, "light": light, "bars": bars}
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--sets", nargs="+", choices=tuple(SETS), default=list(SETS))
+    options = parser.parse_args(argv)
+    options.output.mkdir(parents=True, exist_ok=True)
+    for name in options.sets:
+        rows, shown = {}, []
+        for title, row, images in SETS[name](options.output):
+            rows[title] = row
+            shown.append((title, images))
+            print(
+                f"| {title} | " + " | ".join(f"{key} {value}" for key, value in row.items() if key != "certificate"), flush=True
+            )
+        (options.output / f"{name}.json").write_text(json.dumps(rows, indent=2))
+        figure = Figure(figsize=(9.6, 3.3 * len(shown)), layout="constrained")
+        for axes, (title, images) in zip(figure.subplots(len(shown), 3, squeeze=False), shown, strict=True):
+            for panel, image, kind in zip(axes, images, ("autocorrelation", "fields", "truth"), strict=True):
+                panel.imshow(image, cmap="gray", vmax=np.quantile(image, 0.998))
+                panel.set_title(f"{title}: {kind}", fontsize=9)
+                panel.set_axis_off()
+        save_figure(options.output / f"fields_{name}.png", figure)
+
+
+if __name__ == "__main__":
+    main()
