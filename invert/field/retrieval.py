@@ -33,21 +33,21 @@ from invert.measure.estimate import Estimate
 from invert.measure.spectrum import Measurement
 from invert.solvers.base import Progress, no_progress
 
-BRIGHT_STEPS, DIM_STEPS = 300, 800
+BRIGHT_STEPS, DIM_STEPS = 150, 400
 """Steps of a search at `BRIGHT_PHOTONS` or more, and at `DIM_PHOTONS` or fewer photons per grain."""
 
 BRIGHT_PHOTONS, DIM_PHOTONS = 15.0, 5.0
 """Photons per speckle grain of the bounding box; see `BRIGHT_STEPS`."""
 
-WARM_FRACTION = 1.0 / 3.0
+WARM_FRACTION = 0.4
 """Steps of a search from the field of an earlier pass, as a fraction of those from a random field."""
 
 REFINEMENT_STEPS = 30
 """Steps of conjugate gradients."""
 
-MAXIMISATIONS = 2
-"""Maximum number of times that the prior is replaced by the mean intensity of the fields; the first that does not predict held-out
-pixels better ends them."""
+MAXIMISATIONS = 4
+"""Maximum number of times that the prior is replaced by the albedo from the fields; the first that does not improve the prediction of
+held-out pixels by a standard error ends them."""
 
 FRAMES_FOR_CALIBRATION = 8
 """Number of frames from which gain, read noise and background are estimated."""
@@ -152,9 +152,11 @@ def retrieve_fields(
         trials = list(_in_threads(retrieve, [(one, 0, best.fields[0]) for one in candidates], progress))
         chosen = int(np.argmax([prediction.gain_nats for _, prediction in trials]))
         again = run_pass(candidates[chosen], list(best.fields), trials[chosen : chosen + 1])
-        if again.certificate.gain_nats_per_pixel <= best.certificate.gain_nats_per_pixel:
+        improvement = again.certificate.gain_nats_per_pixel - best.certificate.gain_nats_per_pixel
+        if improvement > 0.0:
+            best = again
+        if improvement < best.certificate.gain_error:
             break
-        best = again
     fields, fine, certificate = best.fields, best.albedo, best.certificate
     window = _Window(grid, len(albedo), max(1, round(1.0 / min(grid.cell_lags))))
     top = max(float(fine.albedo.max()), 1e-30)

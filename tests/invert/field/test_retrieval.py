@@ -97,7 +97,7 @@ def test_the_command_writes_fields(command, tmp_path):
 
 
 def test_dim_frames_get_more_steps():
-    assert search_steps(100.0) == 300
-    assert search_steps(1.0) == 800
-    assert 300 < search_steps(8.0) < 800
+    assert search_steps(100.0) == 150
+    assert search_steps(1.0) == 400
+    assert 150 < search_steps(8.0) < 400
     assert torch.get_num_threads() >= 1
