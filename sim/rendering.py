@@ -14,6 +14,7 @@ import torch
 from correlograph.errors import check_device
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.exr_frames import FrameHeader
+from correlograph.files.file_metadata import rendered_metadata
 from correlograph.lags import LAGS, lag_grid
 from correlograph.ranges import FRAMES, SEED
 from correlograph.version import version
@@ -57,14 +58,17 @@ def render(
         scene, plan, content, seed, frames, pitches_m, mean=mean, saturated=saturation(plan, drawn), seconds=seconds
     )
     names = tuple(f"frame_{number:04d}" for number in range(frames))
-    return Capture(drawn, CameraMetadata.of(headers[0]), names, truth, entries, headers)
+    written = rendered_metadata(headers[0].exposure_s)
+    return Capture(drawn, CameraMetadata.of(headers[0]), names, truth, entries, headers, written)
 
 
 def render_geometry(geometry: Geometry, frames: int = 2, seed: int = 0) -> Capture:
     """Render frames of a geometry in memory, with the metadata of its camera but without truth and record."""
     plan = Plan.of(geometry)
     names = tuple(f"frame_{number:04d}" for number in range(frames))
-    return Capture(list(draw_frames(plan, frames, seed)), CameraMetadata.of(header(plan, seed, 0, "")), names)
+    first = header(plan, seed, 0, "")
+    written = rendered_metadata(first.exposure_s)
+    return Capture(list(draw_frames(plan, frames, seed)), CameraMetadata.of(first), names, file_metadata=written)
 
 
 def wall_field(

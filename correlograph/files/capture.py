@@ -15,7 +15,7 @@ from correlograph.files.capture_folder import check_complete, frame_path, replac
 from correlograph.files.exr_frames import FrameHeader, read_frame, write_frame
 from correlograph.files.figures import add_scale_bar, figure_as_html, show_figure
 from correlograph.files.file_frames import FileFrames
-from correlograph.files.file_metadata import FileMetadata
+from correlograph.files.file_metadata import FileMetadata, rendered_metadata
 from correlograph.files.output import output_folder, path_of, save_array, save_json
 from correlograph.ranges import FRAMES
 
@@ -184,7 +184,8 @@ class Capture:
             found = f"{len(headers)} frames of {len(files)} in {path}"
             raise InputError("capture", "every frame that sim.json lists", found, "render the capture again")
         names = tuple(file.stem for file in files)
-        return cls([pixels for pixels, _ in read], CameraMetadata.of(headers[0]), names, truth, record, headers)
+        written = rendered_metadata(headers[0].exposure_s)
+        return cls([pixels for pixels, _ in read], CameraMetadata.of(headers[0]), names, truth, record, headers, written)
 
     @property
     def plan(self) -> dict[str, Any] | None:

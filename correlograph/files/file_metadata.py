@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
+
 from correlograph.files.raw_frames import RAW_KIND, read_description
 from correlograph.files.stacks import FITS_KINDS, HDF5_KINDS, file_of
 
@@ -42,6 +44,11 @@ class FileMetadata:
     def as_dict(self) -> dict[str, Any]:
         """Return the known values, for JSON."""
         return {name: value for name, value in asdict(self).items() if value is not None}
+
+
+def rendered_metadata(exposure_s: float) -> FileMetadata:
+    """Return the metadata of rendered frames, whose unit is the photoelectron."""
+    return FileMetadata(exposure_s=float(np.float32(exposure_s)), gain_e=1.0)
 
 
 def read_metadata(path: Path) -> FileMetadata:

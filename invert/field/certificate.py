@@ -91,7 +91,7 @@ def predict_held_out(counts: FrameCounts, by_field: torch.Tensor, by_filter: tor
     seen = counts.values[counts.held_out].double()
     constant = float(counts.values[counts.fitted].double().mean())
     predictions = [one[counts.held_out].double().clamp_min(MIN_EXPECTED) for one in (by_filter, by_field)]
-    filtered, field = (log_likelihood(seen, one) for one in predictions)
+    filtered, field = (log_likelihood(seen, one, counts.roughness) for one in predictions)
     gain = field - filtered
     expected = (torch.full_like(seen, max(constant, MIN_EXPECTED)), *predictions)
     chi = tuple(float(((seen - one).square() / one).mean()) for one in expected)

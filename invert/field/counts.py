@@ -1,9 +1,9 @@
 """From frames to photon counts: calibration from the frames themselves, unmeasured pixels, held-out pixels, background.
 
 A camera delivers values of unknown gain, offset and read noise. An affine map turns them into counts whose variance equals their
-mean, for which the Poisson likelihood holds: the gain follows from photon transfer, the shift from the noise floor of the estimate. A
-positive shift is the variance of the read noise in electrons squared (shifted Poisson; Snyder, Hammoud and White,
-doi:10.1364/JOSAA.10.001014), a negative one removes an offset.
+mean, for which the Poisson likelihood holds; gain and shift follow from the variance of the noise over the light. A positive shift is the
+variance of the read noise in electrons squared (shifted Poisson; Snyder, Hammoud and White, doi:10.1364/JOSAA.10.001014), a negative one
+removes an offset. Subjective speckle of a rough wall adds a variance that grows with the square of the light.
 
 Speckle of one polarisation has contrast 1, so the variance of a frame determines its mean signal; the rest of the mean is background.
 """
@@ -11,21 +11,22 @@ Speckle of one polarisation has contrast 1, so the variance of a frame determine
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 
 from invert.field.grid import FieldGrid
 from radiometry.estimation.illumination import relative_illumination
-from radiometry.estimation.photon_transfer import MAX_VARIANCE_RATIO, combine, photon_transfer
+from radiometry.estimation.noise_curve import noise_curve
+from radiometry.estimation.photon_transfer import MAX_VARIANCE_RATIO
 from radiometry.estimation.pixel_faults import repair
 
 HELD_OUT_FRACTION = 0.05
 """Fraction of the measured pixels that no fit uses; the certificate compares predictions with them."""
 
 MAX_GAIN_ERROR = 0.1
-"""Maximum relative error of the gain by photon transfer; above it, all noise counts as shot noise."""
+"""Maximum relative error of a measured gain; above it, all noise counts as shot noise."""
 
 SIGNIFICANT_SIGMA = 3.0
 """Standard errors by which a shift or a background must differ from its default to be used."""
@@ -41,27 +42,36 @@ class Calibration:
     Attributes:
         gain: frame units per electron.
         shift: counts added to a camera pixel: the variance of the read noise, or minus an offset.
+        roughness: relative variance of the light of a camera pixel by the subjective speckle of the rough wall.
     """
 
     gain: float
-    shift: float
+    shift: float = 0.0
+    roughness: float = 0.0
 
     @classmethod
-    def of(cls, frames: Sequence[np.ndarray], floor: float) -> Calibration:
-        """Derive the map from some frames and the noise floor of the estimate: the variance of a pixel's noise in frame units
-        squared.
+    def of(cls, frames: Sequence[np.ndarray], floor: float, gain: float | None = None) -> Calibration:
+        """Derive the map from some frames.
+
+        Args:
+            floor: noise floor of the estimate: variance of a pixel's noise in frame units squared.
+            gain: frame units per electron, if it is known.
         """
         images = [repair(torch.as_tensor(np.ascontiguousarray(frame, np.float32)))[0] for frame in frames]
-        noise, level = (
-            combine([photon_transfer(image) for image in images]),
-            float(np.mean([float(one.mean()) for one in images])),
-        )
-        is_measured = noise.gain > 0.0 and noise.error < MAX_GAIN_ERROR * noise.gain
-        if not is_measured or noise.variance > MAX_VARIANCE_RATIO * floor:
-            return cls(floor / level, 0.0)
-        shift = (noise.variance / noise.gain - level) / noise.gain
-        error = abs(level) / noise.gain * 2.0 * noise.error / noise.gain
-        return cls(noise.gain, shift if abs(shift) > SIGNIFICANT_SIGMA * error else 0.0)
+        level = float(np.mean([float(one.mean()) for one in images]))
+        curve = noise_curve(images)
+        if gain is not None:
+            curve = curve.given(1, gain)
+        if curve.coefficients[2] < SIGNIFICANT_SIGMA * curve.errors[2] or curve.coefficients[1] <= 0.0:
+            curve = curve.given(2, 0.0)
+        offset, slope, roughness = curve.coefficients
+        square = float(np.mean([float(one.square().mean()) for one in images]))
+        variance = (offset + slope * level + roughness * square) / (1.0 + roughness)
+        is_measured = gain is not None or curve.errors[1] < MAX_GAIN_ERROR * slope
+        if not is_measured or variance > MAX_VARIANCE_RATIO * floor:
+            return cls(gain or floor / level)
+        is_shifted = abs(offset) > SIGNIFICANT_SIGMA * curve.errors[0]
+        return cls(float(slope), float(offset / slope**2) if is_shifted else 0.0, float(roughness))
 
 
 @dataclass(frozen=True)
@@ -75,6 +85,7 @@ class FrameCounts:
         illumination: relative illumination of the wall, mean 1.
         background: expected counts of a binned pixel without light of the object.
         signal: expected counts of a binned pixel by light of the object.
+        roughness: relative variance of the expected counts of a binned pixel by the rough wall; see `with_background`.
     """
 
     values: torch.Tensor
@@ -83,6 +94,16 @@ class FrameCounts:
     illumination: torch.Tensor
     background: float
     signal: float
+    roughness: float = 0.0
+
+    def with_background(self, background: float) -> FrameCounts:
+        """Return the counts with another background. The roughness multiplies the light of the object only, so its effect on all counts
+        is lowered by the ratio of the mean squares of signal (speckle) and counts.
+        """
+        total = self.signal + self.background
+        signal = max(total - background, 1e-6)
+        fraction = 2.0 * signal**2 / (2.0 * signal**2 + 2.0 * signal * background + background**2)
+        return replace(self, background=background, signal=signal, roughness=self.roughness * fraction)
 
 
 def read_counts(
@@ -104,23 +125,27 @@ def read_counts(
         illumination = grid.bin(relative_illumination(repaired, uneven_patch).numpy()) / pixels
     mean = float(values[measured].mean(dtype=torch.float64))
     background = pixels * max(calibration.shift, 0.0)
-    return FrameCounts(values, measured & ~held_out, held_out, illumination, background, max(mean - background, 1e-6))
+    signal = max(mean - background, 1e-6)
+    return FrameCounts(values, measured & ~held_out, held_out, illumination, background, signal, calibration.roughness / pixels)
 
 
-def background_of(frames: Sequence[FrameCounts], variance_transfer: float, grains: float) -> float:
+def background_of(frames: Sequence[FrameCounts], variance_transfer: float, grains: float, modes: int = 1) -> float:
     """Return the background of a binned pixel, from the contrast of frames.
 
-    The variance of the counts in excess of their mean is the squared signal times `variance_transfer`.
+    The variance of the counts in excess of their noise is the squared signal times `variance_transfer` over the number of modes.
 
     Args:
         variance_transfer: fraction of the variance of the speckle that the camera transmits.
         grains: number of speckle grains per frame.
+        modes: number of polarisations that share the light.
     """
     default = frames[0].background
     excess = []
     for one in frames:
         values = (one.values / one.illumination)[one.fitted].double()
-        square = max(float(values.var()) - float((one.values / one.illumination.square())[one.fitted].mean()), 0.0)
+        noise = float((one.values / one.illumination.square())[one.fitted].mean())
+        noise += one.roughness * float(values.square().mean())
+        square = max(float(values.var()) - noise, 0.0) * modes
         excess.append(float(values.mean()) - (square / variance_transfer) ** 0.5)
     signal = float(np.mean([one.signal for one in frames]))
     error = 0.5 * signal * (KURTOSIS_FACTOR / (grains * len(frames))) ** 0.5

@@ -9,14 +9,15 @@ from invert.field.counts import FrameCounts
 from invert.field.forward_model import ForwardModel
 
 
-def intensity_spectrum(prior: torch.Tensor, model: ForwardModel) -> torch.Tensor:
+def intensity_spectrum(prior: torch.Tensor, model: ForwardModel, modes: int = 1) -> torch.Tensor:
     """Return the power spectrum of the speckle intensity at the frequencies of an rfft2 of the periodic grid, for a mean
-    intensity of 1 and orthonormal transforms: the autocorrelation of the prior (Goodman, Speckle Phenomena in Optics, Eq. 5-60).
+    intensity of 1 and orthonormal transforms: the autocorrelation of the prior (Goodman, Speckle Phenomena in Optics, Eq. 5-60), over the
+    number of polarisation modes.
     """
     rows, columns = model.grid.shape
     spectrum = torch.fft.rfft2(prior / prior.sum(), s=(rows, columns))
     lags = torch.fft.irfft2(spectrum.real.square() + spectrum.imag.square(), s=(rows, columns))
-    return lags[:, : columns // 2 + 1].clamp_min(0.0) * (rows * columns)
+    return lags[:, : columns // 2 + 1].clamp_min(0.0) * (rows * columns / modes)
 
 
 def variance_transfer(spectrum: torch.Tensor, model: ForwardModel) -> float:
@@ -40,7 +41,8 @@ def filter_counts(counts: FrameCounts, spectrum: torch.Tensor, model: ForwardMod
     padded = filled.new_zeros(model.grid.shape)
     model.grid.on_frame(padded).copy_(filled)
     strength = counts.signal**2 * spectrum
-    gain = strength * model.transfer / (strength * model.transfer.square() + counts.signal + counts.background)
+    noise = counts.signal + counts.background + 2.0 * counts.roughness * counts.signal**2
+    gain = strength * model.transfer / (strength * model.transfer.square() + noise)
     return (torch.fft.irfft2(torch.fft.rfft2(padded) * gain, s=model.grid.shape) + counts.signal).clamp_min_(0.0)
 
 

@@ -1,7 +1,8 @@
 """Forward model of a frame: expected counts I = v H |F E|^2 + background, and the likelihood of counts.
 
-F is the Fourier transform to the wall, H the transfer of pupil, pixel and blur, v the relative illumination. Counts are Poisson
-variables; read noise is included by shifting counts and background by its variance (shifted Poisson).
+F is the Fourier transform to the wall, H the transfer of pupil, pixel and blur, v the relative illumination; |F E|^2 is summed over one
+or two polarisation modes. Counts are Poisson variables; read noise is included by shifting counts and background by its variance (shifted
+Poisson). The subjective speckle of a rough wall multiplies the light by Gamma variables, which makes counts negative binomial.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ MIN_EXPECTED = 1e-2
 
 @dataclass(frozen=True)
 class ForwardModel:
-    """Expected counts of fields on the object (..., box rows, box columns).
+    """Expected counts of a field on the object (modes, box rows, box columns).
 
     Attributes:
         transfer: H at the frequencies of an rfft2 of the periodic grid.
@@ -34,15 +35,15 @@ class ForwardModel:
 
     def intensity(self, wall: torch.Tensor) -> torch.Tensor:
         """Return H |U|^2 on the frame."""
-        return self.grid.on_frame(self.blur(power(wall)))
+        return self.grid.on_frame(self.blur(power(wall).sum(0)))
 
     def cross_intensity(self, wall: torch.Tensor, other: torch.Tensor) -> torch.Tensor:
         """Return H 2 Re(U* V) on the frame, the derivative of the intensity of U in the direction V."""
-        return self.grid.on_frame(self.blur(2.0 * (wall.real * other.real + wall.imag * other.imag)))
+        return self.grid.on_frame(self.blur(2.0 * (wall.real * other.real + wall.imag * other.imag).sum(0)))
 
     def gradient(self, residual: torch.Tensor, wall: torch.Tensor) -> torch.Tensor:
         """Return the derivative of sum(residual I) with respect to the conjugate of the field on the object."""
-        padded = residual.new_zeros((*residual.shape[:-2], *self.grid.shape))
+        padded = residual.new_zeros(self.grid.shape)
         self.grid.on_frame(padded).copy_(residual)
         return self.grid.to_object(wall * self.blur(padded))
 
@@ -56,6 +57,11 @@ def power(field: torch.Tensor) -> torch.Tensor:
     return field.real.square().addcmul_(field.imag, field.imag)
 
 
-def log_likelihood(counts: torch.Tensor, expected: torch.Tensor) -> torch.Tensor:
-    """Return the Poisson log-likelihood of each pixel, without the factorial."""
-    return torch.xlogy(counts, expected) - expected
+def log_likelihood(counts: torch.Tensor, expected: torch.Tensor, roughness: float) -> torch.Tensor:
+    """Return the log-likelihood of each pixel without terms that do not depend on the expectation: negative binomial with the
+    variance I + roughness I^2, or Poisson for a roughness of zero.
+    """
+    found = torch.xlogy(counts, expected)
+    if roughness == 0.0:
+        return found - expected
+    return found - (counts + 1.0 / roughness) * torch.log1p(roughness * expected)

@@ -21,7 +21,7 @@ class FieldReconstruction:
         albedo: despeckled mean of |E|^2 on the window of the coarse albedo, float32 (k n, k n), maximum 1.
         cells_per_lag: k, the number of pixels per lag.
         certificate: whether the fields predict held-out pixels.
-        frames: number of fields, which is the number of looks.
+        looks: number of fields: frames times polarisation modes.
         resolution_lags: half of the finest period that two halves of the frames share, in lags; None for one frame.
         photons_per_grain: expected photoelectrons per frame and speckle grain of the object's bounding box.
         background_fraction: fraction of the counts that is no light of the object.
@@ -33,7 +33,7 @@ class FieldReconstruction:
     albedo: np.ndarray
     cells_per_lag: int
     certificate: Certificate
-    frames: int
+    looks: int
     resolution_lags: float | None
     photons_per_grain: float
     background_fraction: float
@@ -51,14 +51,14 @@ class FieldReconstruction:
         """Return resolution, number of looks and certificate in a few words."""
         resolution = self.resolution_m(lag_pitches_m)
         parts = [] if resolution is None else [f"resolution {resolution * 1e6:.0f} um"]
-        looks = "1 look" if self.frames == 1 else f"{self.frames} looks"
+        looks = "1 look" if self.looks == 1 else f"{self.looks} looks"
         return ", ".join([*parts, looks, f"held-out pixels predicted at {self.certificate.gain_sigma:.0f} sigma"])
 
     def as_dict(self, lag_pitches_m: tuple[float, float] | None) -> dict[str, Any]:
         """Return the quantities for JSON."""
         return {
             "cells_per_lag": self.cells_per_lag,
-            "looks": self.frames,
+            "looks": self.looks,
             "photons_per_grain": self.photons_per_grain,
             "background_fraction": self.background_fraction,
             "resolution_lags": self.resolution_lags,

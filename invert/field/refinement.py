@@ -36,7 +36,7 @@ class Refinement:
     """Conjugate gradients for one frame.
 
     Args:
-        prior: expected |E|^2 in counts (box rows, box columns); the field is zero where it is zero.
+        prior: expected |E|^2 of each mode in counts (box rows, box columns); the field is zero where it is zero.
     """
 
     def __init__(self, model: ForwardModel, counts: FrameCounts, prior: torch.Tensor) -> None:
@@ -54,6 +54,7 @@ class Refinement:
         """Advance the state by one step; the objective never rises."""
         expected = self._expected(state.intensity)
         residual = self._weight * self._counts.illumination * (1.0 - self._counts.values / expected)
+        residual /= 1.0 + self._counts.roughness * expected
         gradient = self._root * self._model.gradient(residual, state.wall) + state.field * (self._root > 0.0)
         direction = -gradient
         if state.direction is not None and state.gradient is not None:
@@ -94,7 +95,8 @@ class Refinement:
         return (self._counts.illumination * intensity + self._counts.background).clamp_min(MIN_EXPECTED)
 
     def _data_term(self, intensity: torch.Tensor) -> float:
-        return -float((self._weight * log_likelihood(self._counts.values, self._expected(intensity))).sum(dtype=torch.float64))
+        likelihood = log_likelihood(self._counts.values, self._expected(intensity), self._counts.roughness)
+        return -float((self._weight * likelihood).sum(dtype=torch.float64))
 
     def _search_line(
         self, state: RefinementState, slope: torch.Tensor, curvature: torch.Tensor, prior: tuple[float, float, float]
@@ -104,9 +106,11 @@ class Refinement:
         for _ in range(NEWTON_STEPS):
             expected = self._expected(state.intensity + length * slope + length**2 * curvature)
             change = lit * (slope + 2.0 * length * curvature)
-            ratio = counts / expected
-            first = float((self._weight * change * (1.0 - ratio)).sum()) + prior[1] + 2.0 * length * prior[2]
-            bent = 2.0 * lit * curvature * (1.0 - ratio) + change.square() * ratio / expected
+            ratio, noise = counts / expected, 1.0 + self._counts.roughness * expected
+            slope_of_term = (1.0 - ratio) / noise
+            first = float((self._weight * change * slope_of_term).sum()) + prior[1] + 2.0 * length * prior[2]
+            bent = 2.0 * lit * curvature * slope_of_term
+            bent += change.square() * (ratio / expected - self._counts.roughness * slope_of_term) / noise
             second = float((self._weight * bent).sum()) + 2.0 * prior[2]
             length -= first / second if second > 0.0 else -1e-3
         while True:

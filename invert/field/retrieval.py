@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import torch
 from scipy import ndimage
+from tqdm import tqdm
 
 from correlograph.files.capture import Capture
 from correlograph.workers import one_torch_thread
@@ -25,15 +26,15 @@ from invert.field.field import Field
 from invert.field.filtering import filter_counts, intensity_spectrum, variance_transfer
 from invert.field.forward_model import ForwardModel, power
 from invert.field.grid import FieldGrid, field_grid
-from invert.field.prior import bounding_box, prior_from_albedo, priors_from_albedo, scale_to_signal
+from invert.field.prior import FLOORS, bounding_box, prior_from_albedo, priors_from_albedo, scale_to_signal
 from invert.field.reconstruction import FieldReconstruction
 from invert.field.refinement import Refinement
 from invert.field.search import Search
 from invert.measure.estimate import Estimate
 from invert.measure.spectrum import Measurement
-from invert.solvers.base import Progress, no_progress
+from invert.solvers.base import Progress
 
-BRIGHT_STEPS, DIM_STEPS = 150, 400
+BRIGHT_STEPS, DIM_STEPS = 150, 800
 """Steps of a search at `BRIGHT_PHOTONS` or more, and at `DIM_PHOTONS` or fewer photons per grain."""
 
 BRIGHT_PHOTONS, DIM_PHOTONS = 15.0, 5.0
@@ -49,17 +50,21 @@ MAXIMISATIONS = 4
 """Maximum number of times that the prior is replaced by the albedo from the fields; the first that does not improve the prediction of
 held-out pixels by a standard error ends them."""
 
+MIN_UNPOLARISED_FRACTION = 0.1
+"""Minimum background, as a fraction of the counts by one mode, for which two modes are tried; unpolarised light without background
+shows 0.29."""
+
 FRAMES_FOR_CALIBRATION = 8
 """Number of frames from which gain, read noise and background are estimated."""
 
 
 Outcome = tuple[torch.Tensor, Prediction]
-"""Field of one frame on the box of the grid, and its prediction of the held-out pixels."""
+"""Field of one frame (modes, box rows, box columns), and its prediction of the held-out pixels."""
 
 
 @dataclass(frozen=True)
 class Pass:
-    """Fields of all frames with one prior (frames, box rows, box columns), their despeckled intensity, and their certificate."""
+    """Fields of all frames with one prior (frames, modes, box rows, box columns), their despeckled intensity, and their certificate."""
 
     fields: torch.Tensor
     albedo: Despeckled
@@ -70,31 +75,58 @@ class Pass:
         """Combine the outcomes of all frames."""
         fields = torch.stack([field for field, _ in outcomes])
         with one_torch_thread():
-            return cls(fields, despeckle(power(fields)), Certificate.of([prediction for _, prediction in outcomes]))
+            return cls(
+                fields, despeckle(power(fields).flatten(0, 1)), Certificate.of([prediction for _, prediction in outcomes])
+            )
 
 
 @dataclass(frozen=True)
 class _Problem:
-    """What all frames share."""
+    """What all frames share; `background` belongs to a binned pixel."""
 
+    capture: Capture
     model: ForwardModel
-    prior: torch.Tensor
-    steps: int
+    calibration: Calibration
+    uneven_patch: tuple[int, int] | None
     seed: int
+    modes: int = 1
+    background: float = 0.0
+    steps: int = BRIGHT_STEPS
 
-    def retrieve(self, counts: FrameCounts, number: int, start: torch.Tensor | None) -> Outcome:
-        """Return the field of one frame, and how well it predicts the held-out counts; `start` is its field of an earlier pass."""
-        spectrum = intensity_spectrum(self.prior, self.model)
-        target = filter_counts(counts, spectrum, self.model)
-        search = Search(self.model, counts, target, self.prior)
+    def counts(self, number: int) -> FrameCounts:
+        """Return the counts of a frame, with all of the mean counted as signal."""
+        rng = torch.Generator().manual_seed((self.seed + 1) * 7_368_787 + number)
+        return read_counts(self.capture.frames[number], self.calibration, self.model.grid, rng, self.uneven_patch)
+
+    def calibrate(self, prior: torch.Tensor, modes: int) -> tuple[_Problem, float]:
+        """Return the problem with a number of polarisation modes, its background and its number of steps; and the photons per grain."""
+        with one_torch_thread():
+            first = [self.counts(number) for number in range(min(len(self.capture.frames), FRAMES_FOR_CALIBRATION))]
+            kept = variance_transfer(intensity_spectrum(prior, self.model), self.model)
+            grains = float(prior.sum() ** 2 / prior.square().sum()) * self.model.grid.measured_fraction
+            background = background_of(first, kept, grains, modes)
+        signal = max(float(np.mean([one.signal + one.background for one in first])) - background, 1e-6)
+        photons = signal * self.model.grid.cells_per_grain
+        return replace(self, modes=modes, background=background, steps=search_steps(photons)), photons
+
+    def retrieve(self, job: tuple[torch.Tensor, int, torch.Tensor | None]) -> Outcome:
+        """Return the field of one frame, and how well it predicts the held-out counts.
+
+        Args:
+            job: prior, number of the frame, and its field of an earlier pass.
+        """
+        prior, number, start = job
+        counts, model = self.counts(number).with_background(self.background), self.model
+        target = filter_counts(counts, intensity_spectrum(prior, model, self.modes), model)
+        search = Search(model, counts, target, prior, self.modes)
         if start is None:
             start = search.random_field(torch.Generator().manual_seed(self.seed * 1_000_003 + number))
             found = search.run(start, self.steps)
         else:
             found = search.run(start, round(WARM_FRACTION * self.steps))
-        refinement = Refinement(self.model, counts, scale_to_signal(self.prior, counts.signal, self.model.grid))
+        refinement = Refinement(model, counts, scale_to_signal(prior, counts.signal / self.modes, model.grid))
         state = refinement.run(found, REFINEMENT_STEPS)
-        filtered = counts.illumination * self.model.grid.on_frame(self.model.blur(target)) + counts.background
+        filtered = counts.illumination * model.grid.on_frame(model.blur(target)) + counts.background
         return refinement.field(state), predict_held_out(counts, refinement.expected(state), filtered)
 
 
@@ -104,74 +136,73 @@ def retrieve_fields(
     measurement: Measurement,
     albedo: np.ndarray,
     seed: int,
-    progress: Progress = no_progress,
 ) -> FieldReconstruction:
     """Retrieve the field of every frame with the coarse albedo as prior, and the fine albedo from all of them.
 
     Args:
         albedo: coarse albedo of the estimate, not zero.
-        progress: called after each frame of each of the two passes.
 
     Raises InputError if the frames undersample the speckle.
     """
     assert estimate.record is not None
-    grid = field_grid(
-        (capture.frames[0].shape[0], capture.frames[0].shape[1]), estimate.record.grid.patch_shape, bounding_box(albedo)
-    )
+    frames, patch = capture.frames, estimate.record.grid.patch_shape
+    grid = field_grid((frames[0].shape[0], frames[0].shape[1]), patch, bounding_box(albedo))
+    gain = capture.file_metadata.gain_e
+    calibration = Calibration.of(frames[:FRAMES_FOR_CALIBRATION], measurement.noise.floor, gain and 1.0 / gain)
     model = ForwardModel(grid, grid.transfer(capture.camera, estimate.blur_pixels or (0.0, 0.0)))
-    calibration = Calibration.of(capture.frames[:FRAMES_FOR_CALIBRATION], measurement.noise.floor)
-    uneven = estimate.record.grid.patch_shape if estimate.record.background.uneven_illumination else None
+    is_uneven = estimate.record.background.uneven_illumination
     prior = prior_from_albedo(albedo, grid)
+    total = len(frames) * (1 + MAXIMISATIONS) + len(FLOORS) * MAXIMISATIONS
+    with tqdm(total=total, desc="fields", unit="frame", disable=None, leave=False) as bar:
+        problem, photons, done = _choose_modes(
+            _Problem(capture, model, calibration, patch if is_uneven else None, seed), prior, bar.update
+        )
 
-    def counts_of(number: int) -> FrameCounts:
-        rng = torch.Generator().manual_seed((seed + 1) * 7_368_787 + number)
-        return read_counts(capture.frames[number], calibration, grid, rng, uneven)
+        def run_pass(with_prior: torch.Tensor, starts: Sequence[torch.Tensor | None], done: Sequence[Outcome]) -> Pass:
+            jobs = [(with_prior, number, starts[number]) for number in range(len(done), len(frames))]
+            return Pass.of([*done, *_in_threads(problem.retrieve, jobs, bar.update)])
 
-    with one_torch_thread():
-        first = [counts_of(number) for number in range(min(len(capture.frames), FRAMES_FOR_CALIBRATION))]
-        kept = variance_transfer(intensity_spectrum(prior, model), model)
-        grains = float(prior.sum() ** 2 / prior.square().sum()) * grid.measured_fraction
-        background = background_of(first, kept, grains)
-    signal = float(np.mean([one.signal + one.background for one in first])) - background
-    photons = signal * grid.cells_per_grain
-    problem = _Problem(model, prior, search_steps(photons), seed)
-
-    def retrieve(job: tuple[torch.Tensor, int, torch.Tensor | None]) -> Outcome:
-        tried, number, start = job
-        one = counts_of(number)
-        known = replace(one, background=background, signal=max(one.signal + one.background - background, 1e-6))
-        return replace(problem, prior=tried).retrieve(known, number, start)
-
-    def run_pass(with_prior: torch.Tensor, starts: Sequence[torch.Tensor | None], done: Sequence[Outcome] = ()) -> Pass:
-        jobs = [(with_prior, number, starts[number]) for number in range(len(done), len(capture.frames))]
-        return Pass.of([*done, *_in_threads(retrieve, jobs, progress)])
-
-    best = run_pass(prior, [None] * len(capture.frames))
-    for _ in range(MAXIMISATIONS):
-        candidates = priors_from_albedo(best.albedo.albedo)
-        trials = list(_in_threads(retrieve, [(one, 0, best.fields[0]) for one in candidates], progress))
-        chosen = int(np.argmax([prediction.gain_nats for _, prediction in trials]))
-        again = run_pass(candidates[chosen], list(best.fields), trials[chosen : chosen + 1])
-        improvement = again.certificate.gain_nats_per_pixel - best.certificate.gain_nats_per_pixel
-        if improvement > 0.0:
-            best = again
-        if improvement < best.certificate.gain_error:
-            break
-    fields, fine, certificate = best.fields, best.albedo, best.certificate
+        best = run_pass(prior, [None] * len(frames), done)
+        for _ in range(MAXIMISATIONS):
+            candidates = priors_from_albedo(best.albedo.albedo)
+            trials = list(_in_threads(problem.retrieve, [(one, 0, best.fields[0]) for one in candidates], bar.update))
+            chosen = int(np.argmax([prediction.gain_nats for _, prediction in trials]))
+            again = run_pass(candidates[chosen], list(best.fields), trials[chosen : chosen + 1])
+            improvement = again.certificate.gain_nats_per_pixel - best.certificate.gain_nats_per_pixel
+            if improvement > 0.0:
+                best = again
+            if improvement < best.certificate.gain_error:
+                break
+    fields, fine = best.fields, best.albedo
     window = _Window(grid, len(albedo), max(1, round(1.0 / min(grid.cell_lags))))
     top = max(float(fine.albedo.max()), 1e-30)
     return FieldReconstruction(
         window.image(fine.albedo / top),
         window.cells_per_lag,
-        certificate,
-        len(fields),
+        best.certificate,
+        fields.shape[0] * fields.shape[1],
         fine.resolution(grid.cell_lags),
         photons,
-        background / (signal + background),
+        problem.background / (problem.background + photons / grid.cells_per_grain),
         None if fine.deviation is None else window.image(fine.deviation / top),
-        window.image(power(fields).mean(0) / top),
+        window.image(power(fields).mean((0, 1)) / top),
         _field_of(fields, grid, capture, estimate),
     )
+
+
+def _choose_modes(problem: _Problem, prior: torch.Tensor, progress: Progress) -> tuple[_Problem, float, Sequence[Outcome]]:
+    """Return the problem with one polarisation mode and a background, or with two modes; the photons per grain; and the outcome of the
+    first frame, if it is known.
+
+    Both explain frames with a contrast below 1; the held-out pixels of the first frame decide.
+    """
+    single, photons = problem.calibrate(prior, 1)
+    if single.background < MIN_UNPOLARISED_FRACTION * (single.background + photons / problem.model.grid.cells_per_grain):
+        return single, photons, ()
+    double, all_photons = problem.calibrate(prior, 2)
+    trials = list(_in_threads(lambda one: one.retrieve((prior, 0, None)), [single, double], progress))
+    gains = [prediction.gain_nats for _, prediction in trials]
+    return (single, photons, trials[:1]) if gains[0] >= gains[1] else (double, all_photons, trials[1:])
 
 
 def search_steps(photons_per_grain: float) -> int:
@@ -200,7 +231,7 @@ class _Window:
 def _field_of(fields: torch.Tensor, grid: FieldGrid, capture: Capture, estimate: Estimate) -> Field:
     lags, camera = estimate.pitches_m, capture.camera
     pitches = None if lags is None else (grid.cell_lags[0] * lags[0], grid.cell_lags[1] * lags[1])
-    return Field(fields.numpy(), grid.shape, grid.frame_shape, pitches, camera.wavelength_m, camera.distance_m)
+    return Field(fields.flatten(0, 1).numpy(), grid.shape, grid.frame_shape, pitches, camera.wavelength_m, camera.distance_m)
 
 
 def _in_threads(task: Callable[[Any], Any], jobs: Sequence[Any], progress: Progress) -> Iterator[Any]:

@@ -37,21 +37,25 @@ class SearchState:
 
 
 class Search:
-    """ADMM for one frame; arrays may have leading dimensions for several starts.
+    """ADMM for one frame; fields have the shape (modes, box rows, box columns).
 
     Args:
         target: intensity on the frame, filtered and deconvolved (`invert.field.filtering`).
         prior: expected |E|^2 (box rows, box columns), any scale.
+        modes: number of polarisation modes.
     """
 
-    def __init__(self, model: ForwardModel, counts: FrameCounts, target: torch.Tensor, prior: torch.Tensor) -> None:
+    def __init__(
+        self, model: ForwardModel, counts: FrameCounts, target: torch.Tensor, prior: torch.Tensor, modes: int = 1
+    ) -> None:
+        self._modes = modes
         self._grid, self._target, self._fitted = model.grid, model.grid.on_frame(target), counts.fitted.to(target.dtype)
         sharp = prior.square()
         self.prior = sharp * (PRIOR_STRENGTH / FIRST_RHO * sharp.sum() / sharp.square().sum())
 
     def random_field(self, rng: torch.Generator) -> torch.Tensor:
         """Return a random field on the object with the prior's power."""
-        parts = torch.randn(2, *self.prior.shape, generator=rng)
+        parts = torch.randn(2, self._modes, *self.prior.shape, generator=rng)
         return torch.complex(*parts) * (0.5 * self.prior).sqrt()
 
     def init(self, field: torch.Tensor) -> SearchState:
@@ -78,7 +82,7 @@ class Search:
 
     def _apply_data(self, state: SearchState, rho: float) -> None:
         """Update the factor: the proximal map of the Poisson likelihood where counts are fitted, 1 elsewhere."""
-        strength = power(self._grid.on_frame(state.before)).clamp_min_(MIN_POWER)
+        strength = power(self._grid.on_frame(state.before)).sum(0).clamp_min_(MIN_POWER)
         factor = strength.reciprocal_().mul_(self._target).mul_(4.0 * (1.0 + rho)).add_(rho**2).sqrt_()
         factor = factor.add_(rho).mul_(0.5 / (1.0 + rho)).sub_(1.0).mul_(self._fitted).add_(1.0)
         self._grid.on_frame(state.factor).copy_(factor)

@@ -18,7 +18,7 @@ from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.capture_folder import check_complete
 from correlograph.files.exr_frames import FrameHeader
 from correlograph.files.file_frames import FileFrames
-from correlograph.files.file_metadata import read_metadata
+from correlograph.files.file_metadata import read_metadata, rendered_metadata
 from correlograph.files.images import FRAME_KINDS, MAX_PIXEL, read_image
 from correlograph.files.manifest import is_own
 from correlograph.files.stacks import file_of, is_stack, open_stack
@@ -115,7 +115,7 @@ def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture
     given = {name: value for name, value in vars(known).items() if value is not None}
     if "pixel_pitch_m" in given:  # the angles of the header belong to its own pitch
         given = {"row_pitch_m": None, "column_pitch_m": None, **given}
-    written = read_metadata(files[0])
+    written = read_metadata(files[0]) if first is None else rendered_metadata(first.exposure_s)
     if {"wavelength_m", "distance_m"} <= given.keys() and written.pixel_pitch_m is not None:
         given = {"pixel_pitch_m": written.pixel_pitch_m, **given}
     metadata = replace(CameraMetadata.of(first), **given)

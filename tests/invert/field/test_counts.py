@@ -9,6 +9,7 @@ from invert.field.filtering import filter_counts, intensity_spectrum, variance_t
 from invert.field.forward_model import ForwardModel
 from invert.field.grid import field_grid
 from invert.field.prior import bounding_box, prior_from_albedo
+from radiometry.estimation.noise_curve import noise_curve
 from tests.invert.field.speckle import expected_frame, letter
 
 PATCH, SHAPE = 150, (700, 812)
@@ -39,6 +40,30 @@ def test_counts_have_the_variance_of_their_mean(scene, gain, offset, read):
     assert float(noise[counts.fitted].var()) == pytest.approx(float(counts.values[counts.fitted].mean()), rel=0.1)
     assert float(counts.held_out.float().mean()) == pytest.approx(0.05, abs=0.005)
     assert not (counts.held_out & counts.fitted).any()
+
+
+@pytest.mark.parametrize(("gain", "roughness"), [(1.0, 0.4), (2.0, 0.2)])
+def test_roughness_of_the_wall_is_measured(scene, gain, roughness):
+    _, _, _, intensity = scene
+    rng = np.random.default_rng(9)
+    lights = [2.0 * one * rng.gamma(1.0 / roughness, roughness, SHAPE) for one in intensity]
+    frames = [(gain * rng.poisson(light)).astype(np.float32) for light in lights]
+    found = Calibration.of(frames, gain**2 * (2.0 + 8.0 * roughness), gain)
+    assert found.roughness == pytest.approx(roughness, rel=0.3)
+    assert found.gain == pytest.approx(gain)
+    smooth = [(gain * rng.poisson(2.0 * one)).astype(np.float32) for one in intensity]
+    assert Calibration.of(smooth, gain**2 * 2.0).roughness == 0.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_noise_curve_is_unbiased_within_its_errors(seed):
+    rng = np.random.default_rng(seed)
+    gain, offset, read = rng.uniform(0.3, 3.0), rng.uniform(-20.0, 20.0), rng.uniform(0.0, 2.0)
+    light = rng.uniform(1.0, 6.0) * expected_frame(letter(), SHAPE, PATCH, rng)
+    frame = gain * (rng.poisson(light) + read * rng.standard_normal(SHAPE)) + offset
+    curve = noise_curve([torch.from_numpy(frame.astype(np.float32))]).given(2, 0.0)
+    expected = np.array((gain**2 * read**2 - gain * offset, gain))
+    assert (np.abs(curve.coefficients[:2] - expected) < 4.0 * curve.errors[:2] + 0.01 * np.abs(expected)).all()
 
 
 @pytest.mark.parametrize("ambient", [0.0, 0.5, 2.0])

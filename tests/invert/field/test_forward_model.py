@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from scipy.stats import nbinom
 
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata
@@ -82,44 +83,62 @@ def test_grains_below_two_pixels_are_refused():
         field_grid((256, 256), (128, 128), ((0.0, 0.0), (70.0, 30.0)))
 
 
-def make_counts(grid, rng, background=0.3):
+def test_counts_of_a_rough_wall_are_negative_binomial(rng):
+    """Poisson counts of Gamma-distributed light (mean 3, relative variance 0.4): the likelihood has its maximum at the mean, and its
+    differences are those of the distribution."""
+    roughness, mean = 0.4, 3.0
+    counts = torch.arange(40.0, dtype=torch.float64)
+    one, other = (
+        log_likelihood(counts, torch.full_like(counts, level), roughness)
+        - torch.from_numpy(nbinom.logpmf(counts.numpy(), 1.0 / roughness, 1.0 / (1.0 + roughness * level)))
+        for level in (mean, 1.7)
+    )
+    assert one.numpy() == pytest.approx(other.numpy(), abs=1e-9)
+    limit = log_likelihood(counts, torch.full_like(counts, mean), 1e-7)
+    assert limit.numpy() == pytest.approx(log_likelihood(counts, torch.full_like(counts, mean), 0.0).numpy(), abs=1e-3)
+
+
+def make_counts(grid, rng, background=0.3, roughness=0.0):
     values = torch.from_numpy(rng.poisson(2.0, grid.frame_shape).astype(np.float32))
     fitted = torch.from_numpy(rng.random(grid.frame_shape) > 0.1)
     lit = torch.from_numpy(np.linspace(0.5, 1.5, grid.frame_shape[1], dtype=np.float32)).expand(grid.frame_shape)
-    return FrameCounts(values, fitted, ~fitted, lit, background, 2.0 - background)
+    return FrameCounts(values, fitted, ~fitted, lit, background, 2.0 - background, roughness)
 
 
-def test_gradient_is_the_derivative_of_the_likelihood(grid, rng):
-    model, counts = ForwardModel(grid, grid.transfer(CAMERA, (0.0, 0.0))), make_counts(grid, rng)
-    field, direction = complex_normal(grid.box_shape, rng) * 3.0, complex_normal(grid.box_shape, rng)
+@pytest.mark.parametrize(("modes", "roughness"), [(1, 0.0), (2, 0.0), (1, 0.4)])
+def test_gradient_is_the_derivative_of_the_likelihood(grid, rng, modes, roughness):
+    model, counts = ForwardModel(grid, grid.transfer(CAMERA, (0.0, 0.0))), make_counts(grid, rng, roughness=roughness)
+    field, direction = (complex_normal((modes, *grid.box_shape), rng) * scale for scale in (3.0, 1.0))
 
     def deficit(one):
         expected = model.expected(grid.to_wall(one), counts)
-        return -float((counts.fitted * log_likelihood(counts.values, expected)).sum(dtype=torch.float64))
+        return -float((counts.fitted * log_likelihood(counts.values, expected, roughness)).sum(dtype=torch.float64))
 
     wall = grid.to_wall(field)
-    residual = counts.fitted * counts.illumination * (1.0 - counts.values / model.expected(wall, counts))
+    expected = model.expected(wall, counts)
+    residual = counts.fitted * counts.illumination * (1.0 - counts.values / expected) / (1.0 + roughness * expected)
     gradient = model.gradient(residual, wall)
     step = 2e-2
     numerical = (deficit(field + step * direction) - deficit(field - step * direction)) / (2.0 * step)
     assert 2.0 * float((gradient.conj() * direction).real.sum()) == pytest.approx(numerical, rel=2e-2)
 
 
-def test_refinement_descends_to_a_stationary_point(grid, rng):
-    model, counts = ForwardModel(grid, grid.transfer(CAMERA, (0.0, 0.0))), make_counts(grid, rng)
+@pytest.mark.parametrize(("modes", "roughness"), [(1, 0.0), (2, 0.3)])
+def test_refinement_descends_to_a_stationary_point(grid, rng, modes, roughness):
+    model, counts = ForwardModel(grid, grid.transfer(CAMERA, (0.0, 0.0))), make_counts(grid, rng, roughness=roughness)
     prior = torch.from_numpy(rng.random(grid.box_shape).astype(np.float32)) * 20.0
     prior[:3] = 0.0
     refinement = Refinement(model, counts, prior)
-    state = refinement.init(complex_normal(grid.box_shape, rng))
+    state = refinement.init(complex_normal((modes, *grid.box_shape), rng))
     objectives = [state.objective]
     for _ in range(80):
         refinement.step(state)
         objectives.append(state.objective)
     assert (np.diff(objectives) <= 0.0).all()
     field = refinement.field(state)
-    assert not field[:3].any()
+    assert not field[:, :3].any()
     expected = model.expected(grid.to_wall(field), counts)
-    explicit = -(counts.fitted * log_likelihood(counts.values, expected)).sum(dtype=torch.float64)
-    explicit += (power(field)[3:] / prior[3:].clamp_min(1e-30)).sum(dtype=torch.float64)
+    explicit = -(counts.fitted * log_likelihood(counts.values, expected, counts.roughness)).sum(dtype=torch.float64)
+    explicit += (power(field)[:, 3:] / prior[3:].clamp_min(1e-30)).sum(dtype=torch.float64)
     assert state.objective == pytest.approx(float(explicit), rel=1e-4)
     assert objectives[-11] - objectives[-1] < 1e-3 * (objectives[0] - objectives[-1])

@@ -58,6 +58,26 @@ def test_faint_frames_keep_the_coarse_albedo_with_a_reason():
     assert result.albedo.shape == (64, 64)
 
 
+def test_unpolarised_light_has_two_modes():
+    rng = np.random.default_rng(14)
+    frame = rng.poisson(expected_frame(letter(), SHAPE, PATCH, rng) + expected_frame(letter(), SHAPE, PATCH, rng))
+    result = cg.reconstruct(frame.astype(np.float32), method="field", patch=PATCH, blur_pixels=0.0)
+    assert result.fields is not None
+    assert result.fields.looks == 2
+    assert result.fields.background_fraction < 0.1
+    assert result.compare(letter()).pearson > 0.93
+
+
+def test_ambient_light_has_one_mode_and_a_background():
+    rng = np.random.default_rng(15)
+    frame = rng.poisson(2.0 * expected_frame(letter(), SHAPE, PATCH, rng) + 1.0)
+    result = cg.reconstruct(frame.astype(np.float32), method="field", patch=PATCH, blur_pixels=0.0)
+    assert result.fields is not None
+    assert result.fields.looks == 1
+    assert result.fields.background_fraction == pytest.approx(1.0 / 3.0, abs=0.06)
+    assert result.compare(letter()).pearson > 0.9
+
+
 def test_saved_results_load_with_their_fields(bright, tmp_path):
     summary = bright.save(tmp_path, letter(), fields=True)
     assert {"albedo_coarse.npy", "deviation.npy", "fields.npz"} <= {path.name for path in tmp_path.iterdir()}
@@ -98,6 +118,6 @@ def test_the_command_writes_fields(command, tmp_path):
 
 def test_dim_frames_get_more_steps():
     assert search_steps(100.0) == 150
-    assert search_steps(1.0) == 400
-    assert 150 < search_steps(8.0) < 400
+    assert search_steps(1.0) == 800
+    assert 150 < search_steps(8.0) < 800
     assert torch.get_num_threads() >= 1
