@@ -44,6 +44,7 @@ from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction, reconstruct_measurement
 from invert.output.result import Result, Settings
 from invert.solvers.base import Progress, no_progress
+from radiometry.field_forecast import forecast_fields
 
 Source = Capture | Estimate | str | Path | Sequence[str | Path] | np.ndarray | Sequence[np.ndarray]
 
@@ -139,6 +140,8 @@ def reconstruct(
         fields, field_notes = _retrieve_fields(capture, estimate, measurement, reconstruction, seed)
     seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
     settings = Settings(method.name, quality.name, seed)
+    if isinstance(capture, Capture) and not retrieves_fields(method, quality):
+        field_notes = _suggest_fields(estimate, measurement, reconstruction)
     notes = describe_limits(reconstruction, measurement) + field_notes
     if isinstance(capture, Capture):
         notes += describe_pitch(capture)
@@ -157,6 +160,24 @@ def _retrieve_fields(
         return found, []
     gain = f"{found.certificate.gain_nats_per_pixel:.2g} +- {found.certificate.gain_error:.1g} nats per pixel"
     return None, [f"the fields predict held-out pixels no better than a filter does (gain {gain}); the coarse albedo stands"]
+
+
+def _suggest_fields(estimate: Estimate, measurement: Measurement, found: Reconstruction) -> list[str]:
+    """Return a note if the light suffices for the fields."""
+    record = estimate.record
+    if record is None or not found.object_found:
+        return []
+    forecast = forecast_fields(
+        found.albedo,
+        measurement.floor_over_peak,
+        record.frames,
+        record.grid.frame_shape,
+        record.grid.patch_shape,
+        estimate.pitches_m,
+    )
+    if forecast is None or not forecast.suffices:
+        return []
+    return [f"--method field would show finer detail: {forecast.describe()}"]
 
 
 def read_source(source: Source, camera: CameraMetadata, autocorrelation: bool | None = None) -> Capture | Estimate:

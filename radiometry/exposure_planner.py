@@ -13,6 +13,7 @@ import numpy as np
 
 from correlograph.errors import InputError, check_positive
 from correlograph.lags import LAG_SIDE, OBJECT_SIDE
+from radiometry.field_forecast import FieldForecast
 from radiometry.noise.measured_noise import fit_known_signal
 from radiometry.prediction import Prediction, predict
 
@@ -35,6 +36,7 @@ class Division:
     floor_over_peak: float
     dof: float
     error: float
+    fields: FieldForecast | None = None
 
 
 def divide(
@@ -62,8 +64,9 @@ def divide(
         if floor is None or error is None:
             raise InputError("scene", "light from the hidden object", "none", "raise power or albedo")
         grid = prediction.grid
+        dof, fields = prediction.dof(frames), divided.forecast_fields(frames)
         divisions.append(
-            Division(frames, budget_s / frames, grid.size, grid.count, prediction.pitch_m, floor, prediction.dof(frames), error)
+            Division(frames, budget_s / frames, grid.size, grid.count, prediction.pitch_m, floor, dof, error, fields)
         )
     return divisions
 

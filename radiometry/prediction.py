@@ -24,6 +24,7 @@ from radiometry.autocorrelation import (
 )
 from radiometry.estimation.autocorrelation_estimator import degrees_of_freedom
 from radiometry.estimation.third_moment import MIN_SIGNAL_FRACTION, drawn_third_moment
+from radiometry.field_forecast import FieldForecast, forecast_fields
 from radiometry.light_budget_rows import light_budget
 from radiometry.noise.detection import DETECTION_LIMIT, detection
 from radiometry.noise.measured_noise import WHOLE_FRAME_INFLATION, NoiseLevel
@@ -114,6 +115,11 @@ class Prediction:
         if log_excess(highest) < 0.0:
             return None
         return 2.0 ** float(brentq(log_excess, lowest, highest, xtol=1e-3)) if log_excess(lowest) < 0.0 else 2.0**lowest
+
+    def forecast_fields(self, frames: int) -> FieldForecast | None:
+        """Return the forecast of `--method field`; None without light, and for an object wider than the lags."""
+        floor, grid = self.terms.floor_over_peak(), self.grid
+        return forecast_fields(self.cells, floor, frames, grid.frame_shape, grid.patch_shape, self.pitches_m)
 
     def third_moment_signal_to_noise(self, frames: int) -> float | None:
         """Return the third moment of filtered frames over its standard error, which limits how well `invert`

@@ -70,6 +70,7 @@ def as_json(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> d
         "monte_carlo": monte_carlo and monte_carlo.as_dict(),
         "ideal_floor_over_peak": plan.prediction.shot_floor_over_peak,
         "signal_to_noise": plan.prediction.signal_to_noise(frames),
+        "fields": (forecast := plan.prediction.forecast_fields(frames)) and forecast.as_dict(),
         "detection_exposure_s": detection_exposure_s(plan.prediction, geometry.electronics.exposure_s, frames),
         "other_light_share": geometry.other_light_share,
         "other_light_by_shape": dict(geometry.other_light.fractions) if geometry.other_light else {},
@@ -174,6 +175,7 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
     ]
     dof, ratio, third = prediction.dof(frames), content["signal_to_noise"], prediction.third_moment_signal_to_noise(frames)
     floor, budget = prediction.terms.floor_over_peak(), light_budget(geometry.light_path)
+    forecast = prediction.forecast_fields(frames)
     lines = [
         "{} x {} pixels, ".format(*geometry.frame_shape) + f"{frames} frames of {geometry.electronics.exposure_s:g} s",
         f"light           {plan.mean_photoelectrons:.3g} photoelectrons per pixel; {budget.per_pixel_db:.2f} dB per pixel, "
@@ -185,6 +187,7 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
         f"noise           floor over peak {'none' if floor is None else f'{floor:.3g}'}, signal to noise "
         f"{'none' if ratio is None else f'{ratio:.2g}'}, of the third moment {'none' if third is None else f'{third:.2g}'}",
         f"needed          {required_exposure(plan, frames)}",
+        f"fields          {forecast.describe() if forecast else 'no light'}",
         f"propagation     {kernel.propagator} in {kernel.precision}, {plan.settings.accuracy} error "
         f"{kernel.predicted_error:.2g} of {plan.settings.tolerance:g} allowed, {content['scatterers']} scatterers, about "
         f"{content['seconds']:.1f} s",

@@ -85,6 +85,8 @@ def divide_exposure(options: Any, geometry: Any, folder: Path | None) -> None:
         f"({chosen.pitch_m * 1e6:.0f} um per lag): floor over peak {chosen.floor_over_peak:.3g}, K {chosen.dof:.3g}, "
         f"error of the estimate {100 * chosen.error:.3g} %"
     )
+    if chosen.fields is not None:
+        print(f"--method field: {chosen.fields.describe()}")
     if folder is None:
         return
     content = {

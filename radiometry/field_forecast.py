@@ -1,0 +1,85 @@
+"""Forecast of the retrieval of fields: whether the light suffices, which cells it shows, and what it costs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+MIN_PHOTONS_PER_GRAIN = 4.0
+"""Photons per speckle grain of the object's bounding box above which fields are accepted. Evidence: docs/fields.md."""
+
+BRIGHT_FRACTION = 0.03
+"""Fraction of the maximum of an albedo above which a pixel belongs to the object."""
+
+CPU_S_PER_SAMPLE = 2.5e-5
+"""CPU time per frame and sample of the periodic grid on one core of 2024; it predicts times only."""
+
+PIXELS_PER_GRAIN = 2.75
+"""Mean number of binned pixels across a grain of the bounding box."""
+
+
+@dataclass(frozen=True)
+class FieldForecast:
+    """Expected retrieval of the fields of a capture.
+
+    Attributes:
+        photons_per_grain: photoelectrons of a frame per speckle grain of the object's bounding box; other noise counts as if it lowered
+            the light.
+        needed_photons_per_grain: least number at which fields are accepted.
+        cells_m: width of a cell of the field on the object along rows and columns; None if the camera is unknown.
+        looks: number of independent speckle patterns of the fine albedo.
+        cpu_s: CPU time on one core.
+    """
+
+    photons_per_grain: float
+    needed_photons_per_grain: float
+    cells_m: tuple[float, float] | None
+    looks: int
+    cpu_s: float
+
+    @property
+    def suffices(self) -> bool:
+        """Whether the light suffices."""
+        return self.photons_per_grain >= self.needed_photons_per_grain
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the forecast for JSON."""
+        return vars(self) | {"suffices": self.suffices}
+
+    def describe(self) -> str:
+        """Return the forecast in one line."""
+        cells = "" if self.cells_m is None else ", cells of {:.0f} x {:.0f} um".format(*(1e6 * cell for cell in self.cells_m))
+        verdict = "suffice" if self.suffices else f"are too few, {self.needed_photons_per_grain:g} are needed"
+        looks = "1 look" if self.looks == 1 else f"{self.looks} looks"
+        return f"{self.photons_per_grain:.2g} photons per grain of the object's box {verdict}{cells}, {looks}, {self.cpu_s:.2g} CPU s"
+
+
+def forecast_fields(
+    albedo: np.ndarray,
+    floor_over_peak: float | None,
+    frames: int,
+    frame_shape: tuple[int, int],
+    patch_shape: tuple[int, int],
+    pitches_m: tuple[float, float] | None = None,
+) -> FieldForecast | None:
+    """Return the forecast for an albedo with one pixel per lag of a patch; None without an object or without light.
+
+    The floor over the peak is one over the photons per coherence area, (lambda z)^2 sum r^2 / (sum r)^2; a grain of the bounding box
+    has the area (lambda z)^2 over that of the box.
+    """
+    if not albedo.any() or floor_over_peak is None or floor_over_peak <= 0.0:
+        return None
+    bright = np.argwhere(albedo > BRIGHT_FRACTION * albedo.max())
+    box = np.ptp(bright, axis=0) + 1.0
+    filled = float(albedo.sum(dtype=np.float64) ** 2 / (albedo.astype(np.float64) ** 2).sum()) / float(box.prod())
+    samples = math.prod(
+        side * PIXELS_PER_GRAIN * lags / patch for side, lags, patch in zip(frame_shape, box, patch_shape, strict=True)
+    )
+    cells = None
+    if pitches_m is not None:
+        rows, columns = (pitch * patch / side for pitch, patch, side in zip(pitches_m, patch_shape, frame_shape, strict=True))
+        cells = (rows, columns)
+    return FieldForecast(filled / floor_over_peak, MIN_PHOTONS_PER_GRAIN, cells, frames, frames * samples * CPU_S_PER_SAMPLE)
