@@ -12,6 +12,7 @@ memory_effect.py          correlography compared with the memory effect
 nuisances.py              what cameras and walls do to frames
 pages.py                  pages of text, read by tesseract
 posterior_calibration.py  how often the truth lies in the credible intervals of the posterior
+random_captures.py       captures of random scenes, objects and cameras, for fields.py
 scenes.py                 every scene rendered and inverted
 speed_accuracy.py         every propagation kernel against the direct sum
 stem_place.py             a stem located in noise, compared with an ideal observer

@@ -1,7 +1,7 @@
-"""`python -m benchmarks.fields -o FOLDER --sets pages letters light bars`: what fields add to the autocorrelation, on rendered frames.
+"""`python -m benchmarks.fields -o FOLDER --sets pages letters light bars random`: what fields add to the autocorrelation, on rendered frames.
 
-Correlations compare the albedo with the scene's on pixels of 30 um, unsmoothed and after smoothing of both by Gaussians of 75, 150 and
-300 um full width at half maximum. Pages are also read by `tesseract`. Figures and a table in JSON are written to the folder.
+Correlations compare the albedo with the scene's on pixels of 30 um, unsmoothed and smoothed by Gaussians of 75, 150
+and 300 um full width at half maximum. Pages are also read by `tesseract`. Figures and a table in JSON are written to the folder.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from scipy import ndimage
 
 import correlograph as cg
 from benchmarks.pages import PAGES, page
+from benchmarks.random_captures import draw_scene
 from correlograph.files.figures import save_figure
 from data_gen.bars import SIDE_M, bar_contrast, bar_groups
 from invert.albedo.metrics import register_subpixel
@@ -34,6 +35,8 @@ FWHM_PER_SIGMA = 2.3548
 EXPOSURES_S = (1 / 4, 1 / 8, 1 / 16, 1 / 32, 1 / 64, 1 / 128)
 
 MAX_PAGE_FRAMES = 10
+
+RANDOM_CAPTURES = 30
 
 
 def correlations(albedo: np.ndarray, truth: np.ndarray, pitches_m: tuple[float, float]) -> list[float]:
@@ -126,7 +129,16 @@ def _on_target(albedo: np.ndarray, pitches_m: Sequence[float]) -> np.ndarray:
     return ndimage.map_coordinates(albedo, np.meshgrid(*positions, indexing="ij"), order=1).clip(0.0)
 
 
-SETS = {"pages": pages, "letters": letters, "light": light, "bars": bars}
+def random(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]]]:
+    """Yield the same of random scenes, objects and cameras (`benchmarks.random_captures`); photographs are optional."""
+    photographs = folder / "photographs"
+    for number in range(RANDOM_CAPTURES):
+        drawn, scene, capture = draw_scene(number, folder, photographs if photographs.is_dir() else None)
+        row, images = compare(scene, capture)
+        yield f"random {number}: {drawn['object']}", drawn | row, images
+
+
+SETS = {"pages": pages, "letters": letters, "light": light, "bars": bars, "random": random}
 
 
 def main(argv: Sequence[str] | None = None) -> None:

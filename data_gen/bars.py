@@ -91,7 +91,7 @@ def bar_contrast(albedo: np.ndarray, group: BarGroup) -> float:
     across, along = (column, row) if group.is_upright else (row, column)
     place = across - group.corner_m[1 if group.is_upright else 0]
     end = along - group.corner_m[0 if group.is_upright else 1]
-    shown = (place > 0.0) & (place < group.across_m)
+    shown = (place > group.width_m) & (place < (2 * BARS - 3) * group.width_m)  # whole periods away from the ends
     kept = (end > 0.1 * group.length_m) & (end < 0.9 * group.length_m)
     profile = (albedo[kept] if group.is_upright else albedo[:, kept].T).mean(0)[shown]
     if profile.sum() <= 0.0:

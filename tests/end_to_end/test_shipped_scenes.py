@@ -13,7 +13,16 @@ pytest.importorskip("mitsuba")
 
 from scenes import scene_path
 
-SCENES = ("corner_letter", "glyph_mesh", "long_standoff", "occluded_letter", "strong_ambient", "tilted_letter", "two_depths")
+SCENES = (
+    "bar_target",
+    "corner_letter",
+    "glyph_mesh",
+    "long_standoff",
+    "occluded_letter",
+    "strong_ambient",
+    "tilted_letter",
+    "two_depths",
+)
 OLD_LLVM = next(
     (
         path
