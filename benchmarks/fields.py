@@ -1,6 +1,6 @@
-"""`python -m benchmarks.fields -o FOLDER --sets pages letters light bars random`: what fields add to the autocorrelation, on rendered frames.
+"""`python -m benchmarks.fields -o FOLDER --sets pages letters light bars random`: what fields add to the autocorrelation.
 
-Correlations compare the albedo with the scene's on pixels of 30 um, unsmoothed and smoothed by Gaussians of 75, 150
+Frames are rendered. Correlations compare the albedo with the scene's on pixels of 30 um, unsmoothed and smoothed by Gaussians of 75, 150
 and 300 um full width at half maximum. Pages are also read by `tesseract`. Figures and a table in JSON are written to the folder.
 """
 

@@ -137,7 +137,7 @@ def reconstruct(
     )
     fields, field_notes = None, []
     if isinstance(capture, Capture) and reconstruction.object_found and retrieves_fields(method, quality):
-        fields, field_notes = _retrieve_fields(capture, estimate, measurement, reconstruction, seed)
+        fields, field_notes = _retrieve_fields(capture, estimate, measurement, reconstruction, seed, device)
     seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
     settings = Settings(method.name, quality.name, seed)
     if isinstance(capture, Capture) and not retrieves_fields(method, quality):
@@ -149,11 +149,11 @@ def reconstruct(
 
 
 def _retrieve_fields(
-    capture: Capture, estimate: Estimate, measurement: Measurement, coarse: Reconstruction, seed: int
+    capture: Capture, estimate: Estimate, measurement: Measurement, coarse: Reconstruction, seed: int, device: str
 ) -> tuple[FieldReconstruction | None, list[str]]:
     """Return the fields, or None with the reason why the coarse albedo stands."""
     try:
-        found = retrieve_fields(capture, estimate, measurement, coarse.albedo, seed)
+        found = retrieve_fields(capture, estimate, measurement, coarse.albedo, seed, device)
     except InputError as error:
         return None, [f"no fields were retrieved ({error}); the coarse albedo stands"]
     if found.certificate.is_accepted:

@@ -99,6 +99,7 @@ class Capture:
         record: content of `sim.json` for rendered frames, including the plan.
         headers: headers of rendered frames.
         file_metadata: exposure, gain and other values that the first file states.
+        measured: pixels (H, W) that hold their own value, bool; the others were masked, and hold a mean. None for all.
     """
 
     frames: Sequence[np.ndarray]
@@ -108,6 +109,7 @@ class Capture:
     record: dict[str, Any] = field(default_factory=dict)
     headers: tuple[FrameHeader, ...] = ()
     file_metadata: FileMetadata = field(default_factory=FileMetadata)
+    measured: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         """Raise InputError for no frames, for frames of several sizes or with channels, and for incomplete metadata."""

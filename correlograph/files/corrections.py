@@ -46,13 +46,13 @@ class Corrections:
         """Return the capture with corrected frames. Raises InputError for unsuitable files."""
         if self == Corrections():
             return capture
-        change = self._correction(capture.frames[0].shape)
+        change, measured = self._correction(capture.frames[0].shape)
         if isinstance(capture.frames, FileFrames):
-            return replace(capture, frames=capture.frames.map(change))
-        return replace(capture, frames=[change(frame) for frame in capture.frames])
+            return replace(capture, frames=capture.frames.map(change), measured=measured)
+        return replace(capture, frames=[change(frame) for frame in capture.frames], measured=measured)
 
-    def _correction(self, shape: tuple[int, ...]) -> Callable[[np.ndarray], np.ndarray]:
-        """Return the correction of one frame."""
+    def _correction(self, shape: tuple[int, ...]) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray | None]:
+        """Return the correction of one frame, and the pixels that keep their own value, or None for all."""
         dark = _read("--dark", self.dark, shape) if self.dark else np.float32(0.0)
         lit = used = None
         gain = np.float32(1.0)
@@ -77,7 +77,9 @@ class Corrections:
                     "zero pixels are left out; turn it round",
                 )
 
-        return partial(_correct, dark, lit, gain, used)
+        masks = [mask for mask in (lit, used) if mask is not None]
+        measured = np.logical_and.reduce(masks) if masks else None
+        return partial(_correct, dark, lit, gain, used), measured
 
 
 def _correct(

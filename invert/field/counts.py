@@ -96,6 +96,11 @@ class FrameCounts:
     signal: float
     roughness: float = 0.0
 
+    def to(self, device: torch.device | str) -> FrameCounts:
+        """Return the counts on a device."""
+        moved = {name: value.to(device) for name, value in vars(self).items() if isinstance(value, torch.Tensor)}
+        return replace(self, **moved)
+
     def with_background(self, background: float) -> FrameCounts:
         """Return the counts with another background. The roughness multiplies the light of the object only, so its effect on all counts
         is lowered by the ratio of the mean squares of signal (speckle) and counts.
@@ -107,18 +112,25 @@ class FrameCounts:
 
 
 def read_counts(
-    frame: np.ndarray, calibration: Calibration, grid: FieldGrid, rng: torch.Generator, uneven_patch: tuple[int, int] | None
+    frame: np.ndarray,
+    calibration: Calibration,
+    grid: FieldGrid,
+    rng: torch.Generator,
+    uneven_patch: tuple[int, int] | None = None,
+    used: np.ndarray | None = None,
 ) -> FrameCounts:
     """Return the counts of a frame, with all of the mean counted as signal.
 
     Args:
+        used: pixels (H, W) that hold a measurement; None for all.
         uneven_patch: patch of the estimate if its illumination is uneven (`radiometry.estimation.illumination`).
     """
     image = torch.as_tensor(np.ascontiguousarray(frame, np.float32))
     repaired, _ = repair(image)
     pixels = grid.binning[0] * grid.binning[1]
     values = (grid.bin(repaired.numpy()) / calibration.gain + pixels * calibration.shift).clamp_min_(0.0)
-    measured = grid.bin((repaired != image).float().numpy()) == 0.0
+    is_faulty = repaired != image if used is None else (repaired != image) | torch.from_numpy(~used)
+    measured = grid.bin(is_faulty.float().numpy()) == 0.0
     held_out = measured & (torch.rand(values.shape, generator=rng) < HELD_OUT_FRACTION)
     illumination = torch.ones(())
     if uneven_patch is not None:

@@ -50,6 +50,13 @@ class Despeckled:
         square = (0.25 * (self.halves[0] - self.halves[1]).square()).numpy()
         return torch.from_numpy(ndimage.gaussian_filter(square, DEVIATION_CELLS)).sqrt()
 
+    @property
+    def agreement(self) -> float | None:
+        """Pearson correlation of the halves; None for one look."""
+        if self.halves is None:
+            return None
+        return float(torch.corrcoef(torch.stack([half.flatten() for half in self.halves]))[0, 1])
+
     def resolution(self, pitches: tuple[float, float]) -> float | None:
         """Return the resolution in the unit of the pitches of the cells; None for one look."""
         if self.halves is None:

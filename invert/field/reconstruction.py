@@ -23,6 +23,7 @@ class FieldReconstruction:
         certificate: whether the fields predict held-out pixels.
         looks: number of fields: frames times polarisation modes.
         resolution_lags: half of the finest period that two halves of the frames share, in lags; None for one frame.
+        agreement: correlation of the albedos from two halves of the frames; None for one look.
         photons_per_grain: expected photoelectrons per frame and speckle grain of the object's bounding box.
         background_fraction: fraction of the counts that is no light of the object.
         deviation: standard deviation of the albedo, from halves of the frames, like `albedo`; None for one frame.
@@ -35,6 +36,7 @@ class FieldReconstruction:
     certificate: Certificate
     looks: int
     resolution_lags: float | None
+    agreement: float | None
     photons_per_grain: float
     background_fraction: float
     deviation: np.ndarray | None = None
@@ -59,6 +61,7 @@ class FieldReconstruction:
         return {
             "cells_per_lag": self.cells_per_lag,
             "looks": self.looks,
+            "agreement": self.agreement,
             "photons_per_grain": self.photons_per_grain,
             "background_fraction": self.background_fraction,
             "resolution_lags": self.resolution_lags,
@@ -76,7 +79,7 @@ class FieldReconstruction:
             cells,
             Certificate.from_dict(summary["certificate"]),
             int(summary["looks"]),
-            None if summary["resolution_lags"] is None else float(summary["resolution_lags"]),
+            *(None if summary[name] is None else float(summary[name]) for name in ("resolution_lags", "agreement")),
             float(summary["photons_per_grain"]),
             float(summary["background_fraction"]),
             np.load(deviation, allow_pickle=False) if deviation.is_file() else None,

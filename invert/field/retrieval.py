@@ -89,6 +89,7 @@ class _Problem:
     calibration: Calibration
     uneven_patch: tuple[int, int] | None
     seed: int
+    device: str = "cpu"
     modes: int = 1
     background: float = 0.0
     steps: int = BRIGHT_STEPS
@@ -96,7 +97,8 @@ class _Problem:
     def counts(self, number: int) -> FrameCounts:
         """Return the counts of a frame, with all of the mean counted as signal."""
         rng = torch.Generator().manual_seed((self.seed + 1) * 7_368_787 + number)
-        return read_counts(self.capture.frames[number], self.calibration, self.model.grid, rng, self.uneven_patch)
+        frame, used = self.capture.frames[number], self.capture.measured
+        return read_counts(frame, self.calibration, self.model.grid, rng, self.uneven_patch, used)
 
     def calibrate(self, prior: torch.Tensor, modes: int) -> tuple[_Problem, float]:
         """Return the problem with a number of polarisation modes, its background and its number of steps; and the photons per grain."""
@@ -116,7 +118,9 @@ class _Problem:
             job: prior, number of the frame, and its field of an earlier pass.
         """
         prior, number, start = job
-        counts, model = self.counts(number).with_background(self.background), self.model
+        counts = self.counts(number).with_background(self.background).to(self.device)
+        model = replace(self.model, transfer=self.model.transfer.to(self.device))
+        prior, start = prior.to(self.device), None if start is None else start.to(self.device)
         target = filter_counts(counts, intensity_spectrum(prior, model, self.modes), model)
         search = Search(model, counts, target, prior, self.modes)
         if start is None:
@@ -127,7 +131,7 @@ class _Problem:
         refinement = Refinement(model, counts, scale_to_signal(prior, counts.signal / self.modes, model.grid))
         state = refinement.run(found, REFINEMENT_STEPS)
         filtered = counts.illumination * model.grid.on_frame(model.blur(target)) + counts.background
-        return refinement.field(state), predict_held_out(counts, refinement.expected(state), filtered)
+        return refinement.field(state).cpu(), predict_held_out(counts, refinement.expected(state), filtered)
 
 
 def retrieve_fields(
@@ -136,6 +140,7 @@ def retrieve_fields(
     measurement: Measurement,
     albedo: np.ndarray,
     seed: int,
+    device: str = "cpu",
 ) -> FieldReconstruction:
     """Retrieve the field of every frame with the coarse albedo as prior, and the fine albedo from all of them.
 
@@ -155,7 +160,7 @@ def retrieve_fields(
     total = len(frames) * (1 + MAXIMISATIONS) + len(FLOORS) * MAXIMISATIONS
     with tqdm(total=total, desc="fields", unit="frame", disable=None, leave=False) as bar:
         problem, photons, done = _choose_modes(
-            _Problem(capture, model, calibration, patch if is_uneven else None, seed), prior, bar.update
+            _Problem(capture, model, calibration, patch if is_uneven else None, seed, device), prior, bar.update
         )
 
         def run_pass(with_prior: torch.Tensor, starts: Sequence[torch.Tensor | None], done: Sequence[Outcome]) -> Pass:
@@ -182,6 +187,7 @@ def retrieve_fields(
         best.certificate,
         fields.shape[0] * fields.shape[1],
         fine.resolution(grid.cell_lags),
+        fine.agreement,
         photons,
         problem.background / (problem.background + photons / grid.cells_per_grain),
         None if fine.deviation is None else window.image(fine.deviation / top),

@@ -56,11 +56,11 @@ class Search:
     def random_field(self, rng: torch.Generator) -> torch.Tensor:
         """Return a random field on the object with the prior's power."""
         parts = torch.randn(2, self._modes, *self.prior.shape, generator=rng)
-        return torch.complex(*parts) * (0.5 * self.prior).sqrt()
+        return torch.complex(*parts).to(self.prior.device) * (0.5 * self.prior).sqrt()
 
     def init(self, field: torch.Tensor) -> SearchState:
         """Return the state of a field on the object."""
-        state = SearchState(self._grid.to_wall(field), torch.ones(self._grid.shape))
+        state = SearchState(self._grid.to_wall(field), self.prior.new_ones(self._grid.shape))
         self._apply_data(state, FIRST_RHO)
         return state
 

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 
+import correlograph as cg
 from invert.field.counts import Calibration, background_of, read_counts
 from invert.field.filtering import filter_counts, intensity_spectrum, variance_transfer
 from invert.field.forward_model import ForwardModel
@@ -34,7 +36,7 @@ def test_counts_have_the_variance_of_their_mean(scene, gain, offset, read):
     found = Calibration.of(frames, gain**2 * (3.0 + read**2))
     assert found.gain == pytest.approx(gain, rel=0.05)
     assert found.shift == pytest.approx(read**2 - offset / gain, abs=0.25)
-    counts = read_counts(frames[0], found, grid, torch.Generator().manual_seed(1), None)
+    counts = read_counts(frames[0], found, grid, torch.Generator().manual_seed(1))
     expected = 3.0 * grid.bin(intensity[0])
     noise = counts.values - expected - counts.background
     assert float(noise[counts.fitted].var()) == pytest.approx(float(counts.values[counts.fitted].mean()), rel=0.1)
@@ -71,7 +73,7 @@ def test_background_from_the_contrast(scene, ambient):
     grid, model, prior, intensity = scene
     rng = np.random.default_rng(5)
     frames = [rng.poisson(2.0 * one + ambient).astype(np.float32) for one in intensity]
-    counts = [read_counts(one, Calibration(1.0, 0.0), grid, torch.Generator().manual_seed(1), None) for one in frames]
+    counts = [read_counts(one, Calibration(1.0, 0.0), grid, torch.Generator().manual_seed(1)) for one in frames]
     kept = variance_transfer(intensity_spectrum(prior, model), model)
     grains = float(prior.sum() ** 2 / prior.square().sum())
     found = background_of(counts, kept, grains)
@@ -84,11 +86,29 @@ def test_hot_pixels_are_unmeasured(scene):
     frame = np.random.default_rng(6).poisson(5.0 * intensity[0]).astype(np.float32)
     row, column = 301, 402
     frame[row, column] = 1e5
-    counts = read_counts(frame, Calibration(1.0, 0.0), grid, torch.Generator().manual_seed(1), None)
+    counts = read_counts(frame, Calibration(1.0, 0.0), grid, torch.Generator().manual_seed(1))
     cell = row // grid.binning[0], column // grid.binning[1]
     assert not counts.fitted[cell]
     assert not counts.held_out[cell]
     assert float(counts.values[cell]) < 1e3
+
+
+def test_masked_pixels_are_unmeasured(scene, tmp_path):
+    grid, _, _, intensity = scene
+    mask = np.ones(SHAPE, np.uint8)
+    mask[100:200, 300:500] = 0
+    Image.fromarray(mask * 255).save(tmp_path / "mask.png")
+    frame = np.random.default_rng(6).poisson(5.0 * intensity[0]).astype(np.float32)
+    capture = cg.Corrections(mask=tmp_path / "mask.png").apply(cg.Capture([frame]))
+    assert np.array_equal(capture.measured, mask.astype(bool))
+    counts = read_counts(capture.frames[0], Calibration(1.0), grid, torch.Generator().manual_seed(1), None, capture.measured)
+    inside = tuple(
+        slice(first // bins + 1, last // bins - 1)
+        for first, last, bins in zip((100, 300), (200, 500), grid.binning, strict=False)
+    )
+    assert not counts.fitted[inside].any()
+    assert not counts.held_out[inside].any()
+    assert float((counts.fitted | counts.held_out).float().mean()) == pytest.approx(mask.mean(), abs=0.01)
 
 
 def test_the_spectrum_is_that_of_speckle(scene):
@@ -105,7 +125,7 @@ def test_the_spectrum_is_that_of_speckle(scene):
 def test_the_filter_reads_no_held_out_pixel(scene):
     grid, model, prior, intensity = scene
     frame = np.random.default_rng(7).poisson(2.0 * intensity[0]).astype(np.float32)
-    counts = read_counts(frame, Calibration(1.0, 0.0), grid, torch.Generator().manual_seed(1), None)
+    counts = read_counts(frame, Calibration(1.0, 0.0), grid, torch.Generator().manual_seed(1))
     spectrum = intensity_spectrum(prior, model)
     before = filter_counts(counts, spectrum, model)
     counts.values[counts.held_out] = 1e6
