@@ -1,17 +1,19 @@
 """Fields: the complex field on the object, retrieved from each frame, and the fine albedo that their mean intensity shows.
 
-    grid.py           grids of a frame and of the field on the object; the Fourier transform between them
-    counts.py         frame -> photon counts, unmeasured and held-out pixels, background
-    forward_model.py  expected counts of a field, and the derivative of their likelihood
-    prior.py          expected intensity of the field: from the coarse albedo, then from the fields (expectation maximisation)
-    search.py         ADMM from a random field
-    refinement.py     conjugate gradients on the exact posterior
-    certificate.py    held-out pixels: whether a field predicts counts that it has not seen
-    despeckling.py    albedo from the intensities of several fields
-    resolution.py     Fourier ring correlation between halves of the frames
-    retrieval.py      the flow over the frames of a capture
-    reconstruction.py fine albedo with resolution, standard deviation and certificate
-    field.py          `Field`: intensity, refocusing, propagation to the wall
+    grid.py             grids of a frame and of the field on the object; the Fourier transform between them
+    counts.py           frame -> photon counts, unmeasured and held-out pixels, background
+    filtering.py        Wiener filter of the counts
+    forward_model.py    expected counts of a field, and the derivative of their likelihood
+    prior.py            expected intensity of the field: from the coarse albedo, then from the fields
+    search.py           ADMM from a random field
+    refinement.py       conjugate gradients on the exact posterior
+    certificate.py      held-out pixels: whether a field predicts counts that it has not seen
+    frame_retrieval.py  one frame: counts, search, refinement, certificate
+    retrieval.py        all frames of a capture: passes, expectation maximisation, albedo
+    despeckling.py      albedo from the intensities of several fields
+    resolution.py       Fourier ring correlation between halves of the frames
+    reconstruction.py   fine albedo with resolution, standard deviation and certificate
+    field.py            `Field`: intensity, refocusing, propagation to the wall
 
 The coarse albedo of the pipeline is the prior; docs/fields.md derives the method and lists its limits.
 """

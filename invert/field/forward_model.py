@@ -61,7 +61,7 @@ def log_likelihood(counts: torch.Tensor, expected: torch.Tensor, roughness: floa
     """Return the log-likelihood of each pixel without terms that do not depend on the expectation: negative binomial with the
     variance I + roughness I^2, or Poisson for a roughness of zero.
     """
-    found = torch.xlogy(counts, expected)
+    found = counts * expected.log()
     if roughness == 0.0:
         return found - expected
     return found - (counts + 1.0 / roughness) * torch.log1p(roughness * expected)

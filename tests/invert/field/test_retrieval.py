@@ -10,7 +10,7 @@ from scipy import ndimage
 import correlograph as cg
 from correlograph.errors import InputError
 from invert.__main__ import main as invert
-from invert.field.retrieval import search_steps
+from invert.field.frame_retrieval import search_steps
 from tests.invert.field.speckle import expected_frame, letter
 
 PATCH, SHAPE = 128, (400, 452)
