@@ -124,10 +124,10 @@ def reconstruct(
     draft = None
     if method.is_network or blur_pixels == "auto":
         estimate, draft = estimate_blur(
-            estimate, lambda seen, number: reconstruct_measurement(seen, UNET, FAST, seed + number, device)
+            estimate, lambda seen, number: reconstruct_measurement(seen, UNET, FAST, seed + number, device, weights=file)
         )
     measurement = read_measurement(estimate.lags, estimate.quantisation, estimate.transfer)
-    if draft is not None and (method, quality, file) == (UNET, FAST, None):
+    if draft is not None and (method, quality) == (UNET, FAST):
         reconstruction = draft
     else:
         reconstruction = reconstruct_measurement(measurement, method, quality, seed, device, progress, file)

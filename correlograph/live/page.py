@@ -158,7 +158,8 @@ def _duration(frames: int, rate: float) -> str:
 def _result_rows(result: Result) -> list[tuple[str, str]]:
     quality = result.settings.quality
     rows = [("object", f"{'found' if result.object_found else 'none'}, confidence {result.confidence:.2f} ({quality})")]
-    if result.speckle_test is not None:
-        rows.append(("third moment over that of speckle", f"{result.speckle_test.third_moment_ratio:.2f}"))
+    ratio = None if result.speckle_test is None else result.speckle_test.third_moment_ratio
+    if ratio is not None:  # it is unknown in faint light
+        rows.append(("third moment over that of speckle", f"{ratio:.2f}"))
     remarks = [*(("warning", warning) for warning in result.warnings), *(("note", note) for note in result.notes)]
     return rows + [(name, text.replace("|", "/")) for name, text in remarks]

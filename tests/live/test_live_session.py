@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,11 @@ import tifffile
 
 import correlograph as cg
 from correlograph.errors import InputError
+from correlograph.live.page import _result_rows
 from correlograph.live.session import LiveSession, covariance_line, grain_width
 from correlograph.live.sources import GrowingFiles
 from correlograph.live.threads import WAITING, Acquisition
+from invert.assess.speckle_test import SpeckleTest
 from invert.measure.estimate import estimate_from_frames
 from tests.light import speckle
 
@@ -207,3 +210,12 @@ def test_the_documented_camera_runs(tmp_path, monkeypatch):
     assert acquisition.problem == ""
     assert acquisition.result.estimate.record.frames <= 2
     assert values["page"].address.startswith("http://127.0.0.1:")
+
+
+def test_the_page_reports_a_result_whose_third_moment_is_unknown():
+    """In faint light no lag holds enough signal for the third moment."""
+    lags = np.random.default_rng(1).gamma(300.0, 1.0 / 300.0, (127, 127))
+    result = cg.reconstruct((lags + lags[::-1, ::-1]).astype(np.float32), quality="fast", autocorrelation=True)
+    rows = dict(_result_rows(replace(result, speckle_test=SpeckleTest(None, None, 0.1))))
+    assert "object" in rows
+    assert not any("third moment" in name for name in rows)

@@ -7,11 +7,13 @@ import pytest
 from scipy.ndimage import gaussian_filter, uniform_filter1d
 
 import invert
+import invert.methods
 from correlograph.errors import InputError
 from invert.__main__ import main
 from invert.albedo.metrics import aligned_pearson
 from invert.choices import FAST, UNET
 from invert.methods import reconstruct_measurement
+from invert.network.checkpoints import DEFAULT_WEIGHTS
 from tests.light import letter_cells, thrown
 
 PATCH, SHAPE = 257, (1028, 1232)
@@ -47,6 +49,15 @@ def test_estimated_blur_is_correct_and_improves_the_reconstruction(kind, down, r
             gains.append(pearson[0] - pearson[1])
     assert gains
     assert np.mean(gains) > 0.03
+
+
+def test_the_search_uses_the_weights_of_the_user(monkeypatch, tmp_path):
+    used, weights = set(), tmp_path / "own.safetensors"
+    weights.write_bytes(DEFAULT_WEIGHTS.read_bytes())
+    load = invert.methods.load_network
+    monkeypatch.setattr("invert.methods.load_network", lambda file, device: used.add(file) or load(file, device))
+    invert.reconstruct(frames("R", "defocus", 2.0, 0), quality="fast", patch=PATCH, weights=weights)
+    assert used == {weights}
 
 
 @pytest.mark.parametrize("photons", [0.2, 20.0])
