@@ -36,6 +36,9 @@ EXPOSURES_S = (1 / 4, 1 / 8, 1 / 16, 1 / 32, 1 / 64, 1 / 128)
 
 MAX_PAGE_FRAMES = 10
 
+CORNER = 257
+"""Side of the part of a frame that figures show, in pixels."""
+
 RANDOM_CAPTURES = 30
 
 
@@ -50,7 +53,7 @@ def correlations(albedo: np.ndarray, truth: np.ndarray, pitches_m: tuple[float, 
 
 
 def compare(scene: cg.Scene, capture: cg.Capture, seed: int = 0) -> tuple[dict[str, Any], list[np.ndarray]]:
-    """Return the figures of one capture, and coarse albedo, fine albedo and truth on the same pixels, registered."""
+    """Return the figures of one capture; its first frame's corner, and coarse albedo, fine albedo and truth on the same pixels, registered."""
     begin, wall = time.process_time(), time.perf_counter()
     cg.reconstruct(capture, seed=seed)
     middle = time.process_time()
@@ -77,7 +80,7 @@ def compare(scene: cg.Scene, capture: cg.Capture, seed: int = 0) -> tuple[dict[s
     else:
         row["reason"] = result.notes[-1] if result.notes else ""
     shown = [cg.aligned_pearson(one, truth.astype(np.float32))[1] for one in (enlarged, result.albedo)]
-    return row, [*shown, truth]
+    return row, [capture.frames[0][:CORNER, :CORNER], *shown, truth]
 
 
 def pages(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]]]:
@@ -88,7 +91,7 @@ def pages(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]]
         row, images = compare(scene, cg.render(scene, frames=min(frames, MAX_PAGE_FRAMES), seed=5))
         if shutil.which("tesseract"):
             cells = row.get("cells_per_lag", 1)
-            row["errors"] = [round(100.0 * character_error_rate(text, read_text(one, cells)), 1) for one in images]
+            row["errors"] = [round(100.0 * character_error_rate(text, read_text(one, cells)), 1) for one in images[1:]]
         yield name.split(",")[0] + f", {row['frames']} x 1 s", row, images
 
 
@@ -114,7 +117,7 @@ def bars(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]]]
     for frames, exposure in ((2, 0.125), (2, 1.0), (10, 1.0)):
         scene = cg.load("bar_target", exposure=exposure)
         row, images = compare(scene, cg.render(scene, frames=frames, seed=4))
-        targets = [_on_target(one, row["pitches_m"]) for one in images]
+        targets = [_on_target(one, row["pitches_m"]) for one in images[1:]]
         for group in bar_groups():
             contrasts = [round(bar_contrast(one, group), 3) for one in targets]
             direction = "upright" if group.is_upright else "level"
@@ -156,13 +159,20 @@ def main(argv: Sequence[str] | None = None) -> None:
                 f"| {title} | " + " | ".join(f"{key} {value}" for key, value in row.items() if key != "certificate"), flush=True
             )
         (options.output / f"{name}.json").write_text(json.dumps(rows, indent=2))
-        figure = Figure(figsize=(9.6, 3.3 * len(shown)), layout="constrained")
-        for axes, (title, images) in zip(figure.subplots(len(shown), 3, squeeze=False), shown, strict=True):
-            for panel, image, kind in zip(axes, images, ("autocorrelation", "fields", "truth"), strict=True):
-                panel.imshow(image, cmap="gray", vmax=np.quantile(image, 0.998))
-                panel.set_title(f"{title}: {kind}", fontsize=9)
-                panel.set_axis_off()
-        save_figure(options.output / f"fields_{name}.png", figure)
+        save_figure(options.output / f"fields_{name}.png", draw(shown))
+        save_figure(options.output / f"fields_{name}_last.png", draw(shown[-1:]))
+
+
+def draw(shown: Sequence[tuple[str, list[np.ndarray]]]) -> Figure:
+    """Plot frame, reconstructions and truth of captures, one per row."""
+    figure = Figure(figsize=(12.8, 3.35 * len(shown)), layout="constrained")
+    kinds = ("corner of a frame", "from the autocorrelation", "from fields", "truth")
+    for axes, (title, images) in zip(figure.subplots(len(shown), 4, squeeze=False), shown, strict=True):
+        for panel, image, kind in zip(axes, images, kinds, strict=True):
+            panel.imshow(image, cmap="gray", vmax=np.quantile(image, 0.998))
+            panel.set_title(f"{title}: {kind}" if len(shown) > 1 else kind, fontsize=9)
+            panel.set_axis_off()
+    return figure
 
 
 if __name__ == "__main__":
