@@ -135,10 +135,12 @@ def reconstruct(
     reconstruction, warnings = assess_reliability(
         reconstruction, test, measurement, partial(likelihood_before_division, estimate), estimate.record
     )
+    seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
     fields, field_notes = None, []
     if isinstance(capture, Capture) and reconstruction.object_found and retrieves_fields(method, quality):
+        begin = time.perf_counter()
         fields, field_notes = _retrieve_fields(capture, estimate, measurement, reconstruction, seed, device)
-    seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
+        seconds["fields"] = time.perf_counter() - begin
     settings = Settings(method.name, quality.name, seed)
     if isinstance(capture, Capture) and not retrieves_fields(method, quality):
         field_notes = _suggest_fields(estimate, measurement, reconstruction)
