@@ -26,6 +26,8 @@ from correlograph.files.figures import save_figure
 from data_gen.bars import SIDE_M, bar_contrast, bar_groups
 from invert.albedo.metrics import register_subpixel
 from invert.evaluation.text import character_error_rate, read_text
+from invert.field.retrieval import retrieve_fields
+from radiometry.prediction import predict
 
 WIDTHS_UM = (0, 75, 150, 300)
 """Full widths at half maximum of the smoothing, in um."""
@@ -52,9 +54,14 @@ def correlations(albedo: np.ndarray, truth: np.ndarray, pitches_m: tuple[float, 
     return found
 
 
-def compare(scene: cg.Scene, capture: cg.Capture, seed: int = 0) -> tuple[dict[str, Any], list[np.ndarray]]:
+def compare(
+    scene: cg.Scene, capture: cg.Capture, seed: int = 0, *, oracle: bool = False
+) -> tuple[dict[str, Any], list[np.ndarray]]:
     """Return the figures of one capture; and a corner of its first frame, coarse albedo, fine albedo and truth on the same pixels,
     registered.
+
+    Args:
+        oracle: whether to retrieve the fields also with the true albedo as prior.
     """
     begin = time.process_time()
     result = cg.reconstruct(capture, method="field", seed=seed)
@@ -78,6 +85,10 @@ def compare(scene: cg.Scene, capture: cg.Capture, seed: int = 0) -> tuple[dict[s
         row["resolution_um"] = None if fields.resolution_m(lags) is None else round(1e6 * fields.resolution_m(lags))
     else:
         row["reason"] = result.notes[-1] if result.notes else ""
+    if oracle and result.object_found:
+        known = result.truth_on_lags(cg.Truth.of(capture))
+        found = retrieve_fields(capture, result.estimate, result.measurement, known, seed)
+        row |= {"oracle_accepted": found.certificate.is_accepted, "oracle_sigma": round(found.certificate.gain_sigma, 1)}
     shown = [cg.aligned_pearson(one, truth.astype(np.float32))[1] for one in (enlarged, result.albedo)]
     return row, [capture.frames[0][:CORNER, :CORNER], *shown, truth]
 
@@ -108,7 +119,10 @@ def light(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]]
     for name, albedo in (("F", "F.png"), ("three lines", str((folder / "page.png").resolve()))):
         for exposure in EXPOSURES_S:
             scene = cg.load("corner_letter", albedo=albedo, exposure=exposure)
-            yield f"{name}, 2 x 1/{round(1 / exposure)} s", *compare(scene, cg.render(scene, frames=2, seed=3))
+            row, images = compare(scene, cg.render(scene, frames=2, seed=3), oracle=True)
+            forecast = predict(scene.geometry).forecast_fields(2)
+            row |= {"predicted_photons_per_grain": round(forecast.photons_per_grain, 2), "predicted": forecast.suffices}
+            yield f"{name}, 2 x 1/{round(1 / exposure)} s", row, images
 
 
 def bars(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]]]:
