@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import torch
 
 from correlograph.files.figures import add_scale_bar, save_figure
 from correlograph.files.output import atomic
 from invert.albedo.posterior import Samples
+from invert.albedo.registration import register_groups
 from radiometry.noise.measured_noise import dim_zero_lag
 
 if TYPE_CHECKING:
@@ -73,7 +75,7 @@ def draw_report(result: Result, comparison: Comparison | None = None) -> Figure:
     rows = [_result_panels(result, albedo, truth, pitch_m)]
     lag_pitch_m = None if result.estimate.pitches_m is None else result.estimate.pitches_m[1]
     if result.fields is not None:
-        rows.append(_field_panels(result.fields, result.coarse_albedo, pitch_m, lag_pitch_m))
+        rows.append(_field_panels(result.fields, result.coarse_albedo, albedo, pitch_m))
     if samples is not None:
         rows.append(_posterior_panels(samples, lag_pitch_m))
     lines = [line for text in report_lines(result, pearson) for line in textwrap.wrap(text, LINE_WIDTH)]
@@ -129,16 +131,26 @@ def _result_panels(result: Result, albedo: np.ndarray, truth: np.ndarray | None,
 
 
 def _field_panels(
-    fields: FieldReconstruction, coarse: np.ndarray, pitch_m: float | None, lag_pitch_m: float | None
+    fields: FieldReconstruction, coarse: np.ndarray, registered: np.ndarray, pitch_m: float | None
 ) -> list[_Panel]:
-    """Plot the coarse albedo, the mean intensity of the fields before despeckling, and the standard deviation of the albedo."""
-    panels = [_albedo_panel("coarse albedo", coarse, lag_pitch_m)]
-    if fields.intensity is not None:
-        top = float(np.quantile(fields.intensity, BRIGHT_QUANTILE)) or 1.0
-        panels.append(_Panel("mean intensity of the fields", fields.intensity, 0.0, top, pitch_m, unit="pixels"))
-    if fields.deviation is not None:
-        panels.append(_Panel("standard deviation of the albedo", fields.deviation, 0.0, 0.3, pitch_m, unit="pixels"))
-    return panels
+    """Plot the coarse albedo, the mean intensity of the fields before despeckling, and the standard deviation of the albedo.
+
+    Args:
+        registered: the fine albedo as the report shows it; these images are registered in the same way.
+    """
+    enlarged = np.kron(coarse, np.ones((fields.cells_per_lag, fields.cells_per_lag), coarse.dtype))
+    images = {
+        "coarse albedo": enlarged,
+        "mean intensity of the fields": fields.intensity,
+        "standard deviation of the albedo": fields.deviation,
+    }
+    known = {title: image for title, image in images.items() if image is not None}
+    group = torch.from_numpy(np.stack([fields.albedo, *known.values()]).astype(np.float32))
+    moved = register_groups(group[None], torch.from_numpy(np.ascontiguousarray(registered, np.float32))[None])[0, 1:]
+    return [
+        _Panel(title, image, 0.0, float(np.quantile(image, BRIGHT_QUANTILE)) or 1.0, pitch_m, unit="pixels")
+        for title, image in zip(known, moved.numpy(), strict=True)
+    ]
 
 
 def _posterior_panels(samples: Samples, pitch_m: float | None) -> list[_Panel]:

@@ -91,6 +91,17 @@ def test_saved_results_load_with_their_fields(bright, tmp_path):
     assert not (tmp_path / "fields.npz").exists()
 
 
+def test_the_report_shows_coarse_and_fine_albedo_registered(bright):
+    figure = bright.plot(letter()[::-1, ::-1].copy())  # the report registers everything to the truth
+    titles = {axes.get_title(): axes for part in figure.subfigs for axes in part.axes}
+    assert {"albedo from fields", "coarse albedo", "standard deviation of the albedo", "true albedo"} <= set(titles)
+    truth, fine, coarse = (
+        np.asarray(titles[name].images[0].get_array()) for name in ("true albedo", "albedo from fields", "coarse albedo")
+    )
+    assert np.corrcoef(truth.ravel(), fine.ravel())[0, 1] > 0.9
+    assert np.corrcoef(truth.ravel(), coarse.ravel())[0, 1] > 0.8
+
+
 def test_an_autocorrelation_is_refused(command, tmp_path):
     with pytest.raises(InputError, match="frames for method field"):
         cg.reconstruct(np.random.default_rng(1).random((127, 127)) * 0.0 + 1.0, method="field", autocorrelation=True)
