@@ -84,7 +84,7 @@ def compare(
         row |= {"fields": correlations(result.albedo, truth, pitches), **fields.as_dict(lags)}
         row["resolution_um"] = None if fields.resolution_m(lags) is None else round(1e6 * fields.resolution_m(lags))
     else:
-        row["reason"] = result.notes[-1] if result.notes else ""
+        row["reason"] = next((note for note in result.notes if "coarse albedo stands" in note), "")
     if oracle and result.object_found:
         known = result.truth_on_lags(cg.Truth.of(capture))
         found = retrieve_fields(capture, result.estimate, result.measurement, known, seed)

@@ -161,9 +161,11 @@ def _check(options: Any) -> int:
         check_scheduler(options.scheduler)
     method = METHODS[options.method]
     if options.weights is not None and not method.is_network:
-        raise InputError("--weights", f"--method {UNET}", f"--method {method}", f"select --method {UNET} or remove --weights")
+        expected = f"--method {UNET} or {FIELD}"
+        raise InputError("--weights", expected, f"--method {method}", f"select --method {UNET} or remove --weights")
     if options.save_fields and not retrieves_fields(method, QUALITIES[options.quality]):
-        raise InputError("--save-fields", f"--method {FIELD}", f"--method {method}", f"select --method {FIELD}")
+        expected, found = f"--method {FIELD}, or --quality best", f"--method {method}, --quality {options.quality}"
+        raise InputError("--save-fields", expected, found, f"select --method {FIELD}")
     given = [name for name in ("dark", "flat", "mask", "blur_pixels") if getattr(options, name) is not None]
     given += [name for name in ("patch", "lags", "pitch_m", "mean_model") if getattr(options, name) != "auto"]
     if options.autocorrelation and given:

@@ -159,7 +159,8 @@ def _retrieve_fields(
     except InputError as error:
         return None, [f"no fields were retrieved ({error}); the coarse albedo stands"]
     if found.certificate.is_accepted:
-        return found, []
+        used, given = found.frames, len(capture.frames)
+        return found, [] if used == given else [f"fields were retrieved from {used} of {given} frames"]
     gain = f"{found.certificate.gain_nats_per_pixel:.2g} +- {found.certificate.gain_error:.1g} nats per pixel"
     return None, [f"the fields predict held-out pixels no better than a filter does (gain {gain}); the coarse albedo stands"]
 
@@ -265,7 +266,7 @@ def _check_numbers(patch: object, blur_pixels: object) -> None:
 
 def _check_weights(weights: str | Path | None, method: Method) -> Path | None:
     if weights is not None and not method.is_network:
-        raise InputError("weights", f"method {UNET}", f"method {method}", f"select method {UNET} or remove weights")
+        raise InputError("weights", f"method {UNET} or {FIELD}", f"method {method}", f"select method {UNET} or remove weights")
     return None if weights is None else path_of("weights", weights)
 
 

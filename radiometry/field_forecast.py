@@ -11,8 +11,17 @@ import numpy as np
 MIN_PHOTONS_PER_GRAIN = 4.0
 """Photons per speckle grain of the object's bounding box above which fields are accepted. Evidence: docs/fields.md."""
 
-BRIGHT_FRACTION = 0.03
+MIN_ALBEDO = 0.03
 """Fraction of the maximum of an albedo above which a pixel belongs to the object."""
+
+BOX_MARGIN_LAGS = 1.5
+"""Margin of the object's bounding box, in lags of the albedo."""
+
+MIN_CAMERA_GRAIN_PIXELS = 2.0
+"""Minimum speckle grain of the bounding box in camera pixels; with smaller grains the intensity is undersampled (Nyquist)."""
+
+Box = tuple[tuple[float, float], tuple[float, float]]
+"""First and last position (rows, columns) of an object in pixels of its albedo."""
 
 CPU_S_PER_SAMPLE = 2.5e-5
 """CPU time per frame and sample of the periodic grid on one core of 2024; it predicts times only."""
@@ -57,6 +66,13 @@ class FieldForecast:
         return f"{self.photons_per_grain:.2g} photons per grain of the object's box {verdict}{cells}, {looks}, {self.cpu_s:.2g} CPU s"
 
 
+def bounding_box(albedo: np.ndarray) -> Box:
+    """Return the bounding box of the object of an albedo that is not zero, with a margin."""
+    bright = np.argwhere(albedo > MIN_ALBEDO * albedo.max())
+    first, last = bright.min(0) - BOX_MARGIN_LAGS, bright.max(0) + BOX_MARGIN_LAGS
+    return (float(first[0]), float(first[1])), (float(last[0]), float(last[1]))
+
+
 def forecast_fields(
     albedo: np.ndarray,
     floor_over_peak: float | None,
@@ -65,15 +81,17 @@ def forecast_fields(
     patch_shape: tuple[int, int],
     pitches_m: tuple[float, float] | None = None,
 ) -> FieldForecast | None:
-    """Return the forecast for an albedo with one pixel per lag of a patch; None without an object or without light.
+    """Return the forecast for an albedo with one pixel per lag of a patch; None without an object, without light, and for grains that
+    the camera undersamples.
 
     The floor over the peak is one over the photons per coherence area, (lambda z)^2 sum r^2 / (sum r)^2; a grain of the bounding box
     has the area (lambda z)^2 over that of the box.
     """
     if not albedo.any() or floor_over_peak is None or floor_over_peak <= 0.0:
         return None
-    bright = np.argwhere(albedo > BRIGHT_FRACTION * albedo.max())
-    box = np.ptp(bright, axis=0) + 1.0
+    box = np.ptp(np.array(bounding_box(albedo)), axis=0)
+    if min(patch / lags for patch, lags in zip(patch_shape, box, strict=True)) < MIN_CAMERA_GRAIN_PIXELS:
+        return None
     filled = float(albedo.sum(dtype=np.float64) ** 2 / (albedo.astype(np.float64) ** 2).sum()) / float(box.prod())
     samples = math.prod(
         side * PIXELS_PER_GRAIN * lags / patch for side, lags, patch in zip(frame_shape, box, patch_shape, strict=True)

@@ -47,6 +47,8 @@ class Corrections:
         if self == Corrections():
             return capture
         change, measured = self._correction(capture.frames[0].shape)
+        if capture.measured is not None:
+            measured = capture.measured if measured is None else measured & capture.measured
         if isinstance(capture.frames, FileFrames):
             return replace(capture, frames=capture.frames.map(change), measured=measured)
         return replace(capture, frames=[change(frame) for frame in capture.frames], measured=measured)
@@ -78,8 +80,7 @@ class Corrections:
                 )
 
         masks = [mask for mask in (lit, used) if mask is not None]
-        measured = np.logical_and.reduce(masks) if masks else None
-        return partial(_correct, dark, lit, gain, used), measured
+        return partial(_correct, dark, lit, gain, used), np.logical_and.reduce(masks) if masks else None
 
 
 def _correct(

@@ -12,6 +12,7 @@ from typing import Any
 
 import torch
 from scipy.stats import norm
+from torch.nn.functional import avg_pool2d
 
 from invert.field.counts import FrameCounts
 from invert.field.forward_model import MIN_EXPECTED, log_likelihood
@@ -19,7 +20,14 @@ from invert.field.forward_model import MIN_EXPECTED, log_likelihood
 MAX_FALSE_ACCEPTANCE = 1e-3
 """Probability that a field that predicts held-out counts only as well as the filtered counts is accepted."""
 
-MIN_GAIN_SIGMA = float(norm.isf(MAX_FALSE_ACCEPTANCE))
+MAX_CANDIDATES = 10
+"""Maximum number of fields of a capture among which the held-out pixels choose: modes, priors and their floors."""
+
+MIN_GAIN_SIGMA = float(norm.isf(MAX_FALSE_ACCEPTANCE / MAX_CANDIDATES))
+"""Minimum gain in standard errors (Bonferroni)."""
+
+BLOCK_PIXELS = 16
+"""Side of the blocks from whose sums the error of the gain is estimated, because pixels of one grain are not independent."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +101,9 @@ def predict_held_out(counts: FrameCounts, by_field: torch.Tensor, by_filter: tor
     predictions = [one[counts.held_out].double().clamp_min(MIN_EXPECTED) for one in (by_filter, by_field)]
     filtered, field = (log_likelihood(seen, one, counts.roughness) for one in predictions)
     gain = field - filtered
+    deviations = torch.zeros(counts.values.shape, dtype=torch.float64, device=seen.device)
+    deviations[counts.held_out] = gain - gain.mean()
+    blocks = avg_pool2d(deviations[None], BLOCK_PIXELS, ceil_mode=True, divisor_override=1)
     expected = (torch.full_like(seen, max(constant, MIN_EXPECTED)), *predictions)
     chi = tuple(float(((seen - one).square() / one).mean()) for one in expected)
-    return Prediction(len(seen), float(gain.sum()), float(gain.var()) * len(seen), (chi[0], chi[1], chi[2]))
+    return Prediction(len(seen), float(gain.sum()), float(blocks.square().sum()), (chi[0], chi[1], chi[2]))

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from correlograph.errors import InputError
 from invert.field.grid import FieldGrid
 from radiometry.estimation.illumination import relative_illumination
 from radiometry.estimation.noise_curve import noise_curve
@@ -27,6 +28,12 @@ HELD_OUT_FRACTION = 0.05
 
 MAX_GAIN_ERROR = 0.1
 """Maximum relative error of a measured gain; above it, all noise counts as shot noise."""
+
+MIN_HELD_OUT = 60
+"""Minimum number of held-out pixels of a frame."""
+
+MIN_ILLUMINATION = 0.1
+"""Relative illumination below which a pixel counts as unmeasured."""
 
 SIGNIFICANT_SIGMA = 3.0
 """Standard errors by which a shift or a background must differ from its default to be used."""
@@ -50,28 +57,49 @@ class Calibration:
     roughness: float = 0.0
 
     @classmethod
-    def of(cls, frames: Sequence[np.ndarray], floor: float, gain: float | None = None) -> Calibration:
+    def of(
+        cls, frames: Sequence[np.ndarray], floor: float, gain: float | None = None, used: np.ndarray | None = None
+    ) -> Calibration:
         """Derive the map from some frames.
 
         Args:
             floor: noise floor of the estimate: variance of a pixel's noise in frame units squared.
             gain: frame units per electron, if it is known.
+            used: pixels (H, W) that hold a measurement; None for all.
+
+        Raises InputError for frames whose mean is not positive.
         """
-        images = [repair(torch.as_tensor(np.ascontiguousarray(frame, np.float32)))[0] for frame in frames]
-        level = float(np.mean([float(one.mean()) for one in images]))
-        curve = noise_curve(images)
+        images, masks = zip(*(repair_frame(frame, used) for frame in frames), strict=True)
+        level = float(np.mean([float(image[mask].mean()) for image, mask in zip(images, masks, strict=True)]))
+        if not level > 0.0:
+            found = f"a mean of {level:.3g}"
+            raise InputError("frames", "light in the first frames for --method field", found, "check dark frame and exposure")
+        floor = floor / (1.0 if used is None else float(used.mean()))  # pixels that hold a mean have no noise
+        curve = noise_curve(images, masks)
         if gain is not None:
             curve = curve.given(1, gain)
         if curve.coefficients[2] < SIGNIFICANT_SIGMA * curve.errors[2] or curve.coefficients[1] <= 0.0:
             curve = curve.given(2, 0.0)
         offset, slope, roughness = curve.coefficients
-        square = float(np.mean([float(one.square().mean()) for one in images]))
+        square = float(np.mean([float(image[mask].square().mean()) for image, mask in zip(images, masks, strict=True)]))
         variance = (offset + slope * level + roughness * square) / (1.0 + roughness)
         is_measured = gain is not None or curve.errors[1] < MAX_GAIN_ERROR * slope
         if not is_measured or variance > MAX_VARIANCE_RATIO * floor:
             return cls(gain or floor / level)
         is_shifted = abs(offset) > SIGNIFICANT_SIGMA * curve.errors[0]
         return cls(float(slope), float(offset / slope**2) if is_shifted else 0.0, float(roughness))
+
+
+def repair_frame(frame: np.ndarray, used: np.ndarray | None) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return a frame (H, W) without faulty pixels, and its measured pixels: neither masked, nor faulty, nor saturated."""
+    image = torch.as_tensor(np.ascontiguousarray(frame, np.float32))
+    repaired, faults = repair(image)
+    measured = repaired == image
+    if used is not None:
+        measured &= torch.from_numpy(used)
+    if faults.saturated > 0.0:
+        measured &= image < image.max()
+    return repaired, measured
 
 
 @dataclass(frozen=True)
@@ -107,8 +135,13 @@ class FrameCounts:
         """
         total = self.signal + self.background
         signal = max(total - background, 1e-6)
-        fraction = 2.0 * signal**2 / (2.0 * signal**2 + 2.0 * signal * background + background**2)
-        return replace(self, background=background, signal=signal, roughness=self.roughness * fraction)
+        known = replace(self, background=background, signal=signal)
+        return replace(known, roughness=self.roughness * 2.0 * signal**2 / known.mean_square)
+
+    @property
+    def mean_square(self) -> float:
+        """Mean square of the expected counts, if the signal is speckle of contrast 1."""
+        return 2.0 * self.signal**2 + 2.0 * self.signal * self.background + self.background**2
 
 
 def read_counts(
@@ -125,16 +158,20 @@ def read_counts(
         used: pixels (H, W) that hold a measurement; None for all.
         uneven_patch: patch of the estimate if its illumination is uneven (`radiometry.estimation.illumination`).
     """
-    image = torch.as_tensor(np.ascontiguousarray(frame, np.float32))
-    repaired, _ = repair(image)
+    repaired, known = repair_frame(frame, used)
     pixels = grid.binning[0] * grid.binning[1]
-    values = (grid.bin(repaired.numpy()) / calibration.gain + pixels * calibration.shift).clamp_min_(0.0)
-    is_faulty = repaired != image if used is None else (repaired != image) | torch.from_numpy(~used)
-    measured = grid.bin(is_faulty.float().numpy()) == 0.0
-    held_out = measured & (torch.rand(values.shape, generator=rng) < HELD_OUT_FRACTION)
+    electrons = repaired / calibration.gain + calibration.shift
+    values = grid.bin(electrons.numpy()).clamp_min_(0.0)
+    measured = grid.bin((~known).float().numpy()) == 0.0
     illumination = torch.ones(())
     if uneven_patch is not None:
-        illumination = grid.bin(relative_illumination(repaired, uneven_patch).numpy()) / pixels
+        illumination = grid.bin(relative_illumination(electrons, uneven_patch).numpy()) / pixels
+        measured &= illumination > MIN_ILLUMINATION
+    held_out = measured & (torch.rand(values.shape, generator=rng) < HELD_OUT_FRACTION)
+    if int(held_out.sum()) < MIN_HELD_OUT:
+        found = f"{int(measured.sum())} in a frame, each of {grid.binning[0]} x {grid.binning[1]} camera pixels"
+        expected = f"{round(MIN_HELD_OUT / HELD_OUT_FRACTION)} measured pixels or more for --method field"
+        raise InputError("frames", expected, found, "provide larger frames or a smaller mask")
     mean = float(values[measured].mean(dtype=torch.float64))
     background = pixels * max(calibration.shift, 0.0)
     signal = max(mean - background, 1e-6)

@@ -20,7 +20,7 @@ WEIGHTS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
 """Weights of the total variation, in nats per unit of the albedo's scale and pixel edge, that are tried."""
 
 DEFAULT_WEIGHT = 2.0
-"""Weight for a single look, where no look can be held out."""
+"""Weight for a single frame, where no look can be held out."""
 
 STEPS = 150
 """Steps of the primal-dual iteration."""
@@ -37,7 +37,7 @@ NEWTON_STEPS = 4
 
 @dataclass(frozen=True)
 class Despeckled:
-    """Albedo (rows, columns) in the unit of |E|^2; the two halves of the looks despeckled alike, None for one look."""
+    """Albedo (rows, columns) in the unit of |E|^2; the two halves of the looks despeckled alike, None for one frame."""
 
     albedo: torch.Tensor
     halves: tuple[torch.Tensor, torch.Tensor] | None
@@ -52,13 +52,13 @@ class Despeckled:
 
     @property
     def agreement(self) -> float | None:
-        """Pearson correlation of the halves; None for one look."""
+        """Pearson correlation of the halves; None for one frame."""
         if self.halves is None:
             return None
         return float(torch.corrcoef(torch.stack([half.flatten() for half in self.halves]))[0, 1])
 
     def resolution(self, pitches: tuple[float, float]) -> float | None:
-        """Return the resolution in the unit of the pitches of the cells; None for one look."""
+        """Return the resolution in the unit of the pitches of the cells; None for one frame."""
         if self.halves is None:
             return None
         first, second = (half.numpy().astype(np.float64) for half in self.halves)
@@ -66,11 +66,12 @@ class Despeckled:
 
 
 def despeckle(intensity: torch.Tensor) -> Despeckled:
-    """Despeckle |E|^2 (looks, rows, columns), with the weight that predicts held-out looks best."""
-    looks = len(intensity)
-    if looks == 1:
-        return Despeckled(smooth_by_total_variation(intensity[0], 1, DEFAULT_WEIGHT), None)
-    halves = [(intensity[part::2].mean(0), len(intensity[part::2])) for part in (0, 1)]
+    """Despeckle |E|^2 (frames, modes, rows, columns), with the weight that predicts held-out frames best."""
+    looks = intensity.shape[0] * intensity.shape[1]
+    if len(intensity) == 1:
+        return Despeckled(smooth_by_total_variation(intensity.mean((0, 1)), looks, DEFAULT_WEIGHT), None)
+    parts = [intensity[part::2].flatten(0, 1) for part in (0, 1)]
+    halves = [(part.mean(0), len(part)) for part in parts]
 
     @cache
     def smooth_halves(number: int) -> tuple[float, tuple[torch.Tensor, torch.Tensor]]:
@@ -84,7 +85,7 @@ def despeckle(intensity: torch.Tensor) -> Despeckled:
         best = tried
         near = range(max(best - 1, 0), min(best + 2, len(WEIGHTS)))
         tried = min(near, key=lambda number: smooth_halves(number)[0])
-    return Despeckled(smooth_by_total_variation(intensity.mean(0), looks, WEIGHTS[best]), smooth_halves(best)[1])
+    return Despeckled(smooth_by_total_variation(intensity.mean((0, 1)), looks, WEIGHTS[best]), smooth_halves(best)[1])
 
 
 def smooth_by_total_variation(intensity: torch.Tensor, looks: int, weight: float) -> torch.Tensor:

@@ -1,9 +1,10 @@
-"""`Field`: the complex field on the object in each frame, for further use."""
+"""`Field`: the complex field on the object in each look, for further use. Unpolarised light has two looks per frame."""
 
 from __future__ import annotations
 
 import zipfile
 from dataclasses import dataclass, replace
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +15,13 @@ from correlograph.files.output import atomic, path_of
 
 @dataclass(frozen=True)
 class Field:
-    """Field on the object of each frame, in square roots of photoelectrons per cell.
+    """Field on the object in each look, in square roots of photoelectrons per cell.
 
     The global phase of each frame, a shift, and the twin image (complex conjugate, rotated by 180 degrees) are undetermined. The
     field includes the Fresnel phase of the distance between object and wall.
 
     Attributes:
-        samples: complex64 (frames, rows, columns).
+        samples: complex64 (looks, rows, columns).
         wall_shape: samples of the field on the wall (rows, columns) that is its Fourier transform.
         frame_shape: samples of the wall that the frame covers.
         pitches_m: width of a cell on the object along rows and columns; None if the camera is unknown.
@@ -38,7 +39,7 @@ class Field:
         """Raise InputError for anything else than finite complex samples of frames that fit on the wall."""
         found = f"{getattr(self.samples, 'dtype', type(self.samples).__name__)} {np.shape(self.samples)}"
         if not isinstance(self.samples, np.ndarray) or self.samples.dtype.kind != "c" or self.samples.ndim != 3:
-            raise InputError("field", "complex samples (frames, rows, columns)", found, "provide such an array")
+            raise InputError("field", "complex samples (looks, rows, columns)", found, "provide such an array")
         if not np.isfinite(self.samples).all() or any(
             side > whole for side, whole in zip(self.samples.shape[1:], self.wall_shape, strict=True)
         ):
@@ -48,37 +49,38 @@ class Field:
         return len(self.samples)
 
     def __repr__(self) -> str:
-        frames, rows, columns = self.samples.shape
+        looks, rows, columns = self.samples.shape
         pitch = "unknown pitch" if self.pitches_m is None else f"cells of {self.pitches_m[0] * 1e6:.3g} um"
-        return f"Field({frames} frames of {rows} x {columns} cells, {pitch})"
+        return f"Field({looks} looks of {rows} x {columns} cells, {pitch})"
 
     @property
     def intensity(self) -> np.ndarray:
-        """Mean of |E|^2 over the frames, float32 (rows, columns): the albedo times the illumination, with one look per frame."""
+        """Mean of |E|^2 over the looks, float32 (rows, columns): the albedo times the illumination."""
         return (np.abs(self.samples) ** 2).mean(0)
 
     def on_wall(self) -> np.ndarray:
-        """Return the field on the wall within the frame, complex64 (frames, rows, columns), up to the Fresnel phase on the wall."""
+        """Return the field on the wall within the frame, complex64 (looks, rows, columns), up to the Fresnel phase on the wall."""
         wall = np.fft.fft2(self.samples, self.wall_shape, norm="ortho")
         return wall[:, : self.frame_shape[0], : self.frame_shape[1]].astype(np.complex64)
 
     def refocus(self, depth_m: float) -> Field:
         """Return the field in a plane that is farther from the wall by `depth_m`; the twin image has the opposite sign of the depth.
 
-        A displacement multiplies the field on the wall by the phase pi x^2 depth / (wavelength distance^2).
+        A displacement multiplies the field on the wall by the phase pi x^2 (1 / distance - 1 / (distance + depth)) / wavelength.
 
         Raises InputError if the camera is unknown, or for a depth that is no number or not small against the distance.
         """
         if self.pitches_m is None or self.wavelength_m is None or self.distance_m is None:
             raise InputError("field", "a known camera", "none", "provide the camera metadata with the frames")
-        if not isinstance(depth_m, (int, float)) or not abs(depth_m) < 0.1 * self.distance_m:
+        if not isinstance(depth_m, Real) or not abs(depth_m) < 0.1 * self.distance_m:
             expected = f"a number below a tenth of the distance ({self.distance_m:g} m)"
             raise InputError("depth_m", expected, f"{depth_m!r:.40}", "use a smaller depth")
         rows, columns = (
             (np.arange(count) - 0.5 * (covered - 1)) * (self.wavelength_m * self.distance_m / (count * pitch))
             for count, covered, pitch in zip(self.wall_shape, self.frame_shape, self.pitches_m, strict=True)
         )
-        phase = (np.pi * depth_m / (self.wavelength_m * self.distance_m**2)) * (rows[:, None] ** 2 + columns[None] ** 2)
+        farther_m = self.distance_m * (self.distance_m + float(depth_m))
+        phase = (np.pi * float(depth_m) / (self.wavelength_m * farther_m)) * (rows[:, None] ** 2 + columns[None] ** 2)
         height, width = self.samples.shape[1:]
         centre = [(count - covered) // 2 for count, covered in zip(self.wall_shape, (height, width), strict=True)]
         room = np.zeros((len(self), *self.wall_shape), np.complex64)
@@ -88,7 +90,7 @@ class Field:
         return replace(self, samples=kept.astype(np.complex64))
 
     def combine(self, other: Field) -> Field:
-        """Return the frames of two fields on the same cells. Raises InputError for other cells."""
+        """Return the looks of two fields on the same cells. Raises InputError for other cells."""
         if not isinstance(other, Field) or (self.samples.shape[1:], self.wall_shape, self.pitches_m) != (
             other.samples.shape[1:],
             other.wall_shape,

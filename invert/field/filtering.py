@@ -41,7 +41,7 @@ def filter_counts(counts: FrameCounts, spectrum: torch.Tensor, model: ForwardMod
     padded = filled.new_zeros(model.grid.shape)
     model.grid.on_frame(padded).copy_(filled)
     strength = counts.signal**2 * spectrum
-    noise = counts.signal + counts.background + 2.0 * counts.roughness * counts.signal**2
+    noise = counts.signal + counts.background + counts.roughness * counts.mean_square
     gain = strength * model.transfer / (strength * model.transfer.square() + noise)
     return (torch.fft.irfft2(torch.fft.rfft2(padded) * gain, s=model.grid.shape) + counts.signal).clamp_min_(0.0)
 

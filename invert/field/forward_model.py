@@ -47,9 +47,10 @@ class ForwardModel:
         self.grid.on_frame(padded).copy_(residual)
         return self.grid.to_object(wall * self.blur(padded))
 
-    def expected(self, wall: torch.Tensor, counts: FrameCounts) -> torch.Tensor:
-        """Return the expected counts on the frame."""
-        return (counts.illumination * self.intensity(wall) + counts.background).clamp_min(MIN_EXPECTED)
+
+def expected_counts(intensity: torch.Tensor, counts: FrameCounts) -> torch.Tensor:
+    """Return the expected counts of an intensity on the frame."""
+    return (counts.illumination * intensity + counts.background).clamp_min(MIN_EXPECTED)
 
 
 def power(field: torch.Tensor) -> torch.Tensor:

@@ -12,7 +12,7 @@ from correlograph.workers import one_torch_thread
 from invert.field.certificate import Prediction, predict_held_out
 from invert.field.counts import Calibration, FrameCounts, background_of, read_counts
 from invert.field.filtering import filter_counts, intensity_spectrum, variance_transfer
-from invert.field.forward_model import ForwardModel
+from invert.field.forward_model import ForwardModel, expected_counts
 from invert.field.prior import scale_to_signal
 from invert.field.refinement import Refinement
 from invert.field.search import Search
@@ -35,8 +35,14 @@ FRAMES_FOR_CALIBRATION = 8
 SEARCH_STREAM, HELD_OUT_STREAM = 1_000_003, 7_368_787
 """Factors of the seeds of random fields and of held-out pixels, so that both differ between frames and seeds."""
 
-Outcome = tuple[torch.Tensor, Prediction]
-"""Field of one frame (modes, box rows, box columns), and its prediction of the held-out pixels."""
+
+@dataclass(frozen=True)
+class Outcome:
+    """Field of one frame (modes, box rows, box columns), prediction of its held-out pixels, and expected signal per binned pixel."""
+
+    field: torch.Tensor
+    prediction: Prediction
+    signal: float
 
 
 @dataclass(frozen=True)
@@ -44,48 +50,62 @@ class FrameRetrieval:
     """What the frames of a capture share.
 
     Attributes:
+        numbers: frames of the capture that are used.
+        coarse_prior: prior from the coarse albedo (box rows, box columns).
         uneven_patch: patch of the estimate if the illumination is uneven.
         modes: number of polarisation modes.
-        background: expected counts of a binned pixel without light of the object.
+        background: expected counts of a binned pixel without light of the object, shift of the calibration included.
+        filter_background: background of the Wiener filter with which all predictions are compared.
         steps: steps of a search from a random field.
     """
 
     capture: Capture
+    numbers: tuple[int, ...]
     model: ForwardModel
     calibration: Calibration
+    coarse_prior: torch.Tensor
     uneven_patch: tuple[int, int] | None
     seed: int
     device: str = "cpu"
     modes: int = 1
     background: float = 0.0
+    filter_background: float = 0.0
+    signal: float = 0.0
     steps: int = BRIGHT_STEPS
 
-    def counts(self, number: int) -> FrameCounts:
-        """Return the counts of a frame, with all of the mean counted as signal."""
-        rng = torch.Generator().manual_seed((self.seed + 1) * HELD_OUT_STREAM + number)
-        frame, used = self.capture.frames[number], self.capture.measured
-        return read_counts(frame, self.calibration, self.model.grid, rng, self.uneven_patch, used)
+    @property
+    def photons_per_grain(self) -> float:
+        """Expected photoelectrons of the object per frame and grain of its bounding box."""
+        return self.signal * self.model.grid.pixels_per_grain
 
-    def calibrate(self, prior: torch.Tensor, modes: int) -> tuple[FrameRetrieval, float]:
-        """Return the retrieval with a number of polarisation modes, and the photons per grain."""
+    @property
+    def background_fraction(self) -> float:
+        """Fraction of the light that is not the object's; the shift of the calibration is not light."""
+        rows, columns = self.model.grid.binning
+        light = max(self.background - rows * columns * max(self.calibration.shift, 0.0), 0.0)
+        return light / (light + self.signal)
+
+    def calibrate(self, modes: int) -> FrameRetrieval:
+        """Return the retrieval with a number of polarisation modes."""
         with one_torch_thread():
-            first = [self.counts(number) for number in range(min(len(self.capture.frames), FRAMES_FOR_CALIBRATION))]
-            kept = variance_transfer(intensity_spectrum(prior, self.model), self.model)
-            grains = float(prior.sum() ** 2 / prior.square().sum()) * self.model.grid.measured_fraction
+            first = [self._counts(number) for number in self.numbers[:FRAMES_FOR_CALIBRATION]]
+            kept = variance_transfer(intensity_spectrum(self.coarse_prior, self.model), self.model)
+            grains = float(self.coarse_prior.sum() ** 2 / self.coarse_prior.square().sum()) * self.model.grid.measured_fraction
             background = background_of(first, kept, grains, modes)
         signal = max(float(np.mean([one.signal + one.background for one in first])) - background, 1e-6)
-        photons = signal * self.model.grid.cells_per_grain
-        return replace(self, modes=modes, background=background, steps=search_steps(photons)), photons
+        steps = search_steps(signal * self.model.grid.pixels_per_grain)
+        return replace(self, modes=modes, background=background, filter_background=background, signal=signal, steps=steps)
 
     def retrieve(self, job: tuple[torch.Tensor, int, torch.Tensor | None]) -> Outcome:
-        """Return the field of one frame, and how well it predicts the held-out counts.
+        """Return the outcome of one frame.
 
         Args:
             job: prior, number of the frame, and its field of an earlier pass.
         """
         prior, number, start = job
-        counts = self.counts(number).with_background(self.background).to(self.device)
-        model = replace(self.model, transfer=self.model.transfer.to(self.device))
+        plain = self._counts(number).to(self.device)
+        counts, model = plain.with_background(self.background), self.model
+        model = replace(model, transfer=model.transfer.to(self.device))
         prior, start = prior.to(self.device), None if start is None else start.to(self.device)
         target = filter_counts(counts, intensity_spectrum(prior, model, self.modes), model)
         search = Search(model, counts, target, prior, self.modes)
@@ -96,8 +116,17 @@ class FrameRetrieval:
             found = search.run(start, round(WARM_FRACTION * self.steps))
         refinement = Refinement(model, counts, scale_to_signal(prior, counts.signal / self.modes, model.grid))
         state = refinement.run(found, REFINEMENT_STEPS)
-        filtered = counts.illumination * model.grid.on_frame(model.blur(target)) + counts.background
-        return refinement.field(state).cpu(), predict_held_out(counts, refinement.expected(state), filtered)
+        plain = plain.with_background(self.filter_background)
+        coarse_spectrum = intensity_spectrum(self.coarse_prior.to(self.device), model)
+        filtered = model.grid.on_frame(model.blur(filter_counts(plain, coarse_spectrum, model)))
+        prediction = predict_held_out(plain, refinement.expected(state), expected_counts(filtered, plain))
+        return Outcome(refinement.field(state).cpu(), prediction, counts.signal)
+
+    def _counts(self, number: int) -> FrameCounts:
+        """Return the counts of a frame, with all of the mean counted as signal."""
+        rng = torch.Generator().manual_seed((self.seed + 1) * HELD_OUT_STREAM + number)
+        frame, used = self.capture.frames[number], self.capture.measured
+        return read_counts(frame, self.calibration, self.model.grid, rng, self.uneven_patch, used)
 
 
 def search_steps(photons_per_grain: float) -> int:

@@ -17,6 +17,7 @@ from scipy.fft import next_fast_len
 
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata
+from radiometry.field_forecast import MIN_CAMERA_GRAIN_PIXELS, Box
 from radiometry.transfer import amplitude_transfer
 
 MIN_GRAIN_PIXELS = 2.5
@@ -53,7 +54,7 @@ class FieldGrid:
         return math.prod(self.frame_shape) / math.prod(self.shape)
 
     @property
-    def cells_per_grain(self) -> float:
+    def pixels_per_grain(self) -> float:
         """Binned pixels per speckle grain of the bounding box."""
         return math.prod(self.shape) / math.prod(self.box_shape)
 
@@ -106,9 +107,7 @@ class FieldGrid:
         ]
 
 
-def field_grid(
-    frame_shape: tuple[int, int], patch_shape: tuple[int, int], box_lags: tuple[tuple[float, float], tuple[float, float]]
-) -> FieldGrid:
+def field_grid(frame_shape: tuple[int, int], patch_shape: tuple[int, int], box_lags: Box) -> FieldGrid:
     """Choose the grids for frames of `frame_shape` pixels and an object within `box_lags`.
 
     Args:
@@ -120,7 +119,7 @@ def field_grid(
     binning, framed, shape, box, cells = [], [], [], [], []
     for frame, patch, first, last in zip(frame_shape, patch_shape, *box_lags, strict=True):
         grain = patch / (last - first)
-        if grain < 2.0:
+        if grain < MIN_CAMERA_GRAIN_PIXELS:
             found = f"grains of {grain:.2g} pixels"
             raise InputError(
                 "frames",

@@ -11,26 +11,14 @@ import torch
 from scipy import ndimage
 
 from invert.field.grid import FieldGrid
-
-MIN_ALBEDO = 0.03
-"""Fraction of its maximum below which the coarse albedo counts as zero."""
+from radiometry.field_forecast import MIN_ALBEDO
 
 FLOORS = (0.03, 0.001)
 """Minimum of a later prior as a fraction of its maximum. The higher floor lets parts appear that the coarse albedo lacks, the lower one
 suppresses noise; the held-out pixels decide."""
 
-BOX_MARGIN_LAGS = 1.5
-"""Margin of the object's bounding box, in lags of the coarse albedo."""
-
 SMOOTHING_CELLS = 0.5
 """Standard deviation, in cells, of the Gaussian that smooths the albedo for the next prior."""
-
-
-def bounding_box(albedo: np.ndarray) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return first and last position (rows, columns) of the object in pixels of an albedo, with a margin."""
-    bright = np.argwhere(albedo > MIN_ALBEDO * albedo.max())
-    first, last = bright.min(0) - BOX_MARGIN_LAGS, bright.max(0) + BOX_MARGIN_LAGS
-    return (float(first[0]), float(first[1])), (float(last[0]), float(last[1]))
 
 
 def prior_from_albedo(albedo: np.ndarray, grid: FieldGrid) -> torch.Tensor:

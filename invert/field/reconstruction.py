@@ -22,6 +22,7 @@ class FieldReconstruction:
         cells_per_lag: k, the number of pixels per lag.
         certificate: whether the fields predict held-out pixels.
         looks: number of fields: frames times polarisation modes.
+        frames: number of frames whose fields were retrieved.
         resolution_lags: half of the finest period that two halves of the frames share, in lags; None for one frame.
         agreement: correlation of the albedos from two halves of the frames; None for one look.
         photons_per_grain: expected photoelectrons per frame and speckle grain of the object's bounding box.
@@ -35,6 +36,7 @@ class FieldReconstruction:
     cells_per_lag: int
     certificate: Certificate
     looks: int
+    frames: int
     resolution_lags: float | None
     agreement: float | None
     photons_per_grain: float
@@ -61,6 +63,7 @@ class FieldReconstruction:
         return {
             "cells_per_lag": self.cells_per_lag,
             "looks": self.looks,
+            "frames": self.frames,
             "agreement": self.agreement,
             "photons_per_grain": self.photons_per_grain,
             "background_fraction": self.background_fraction,
@@ -73,14 +76,20 @@ class FieldReconstruction:
     def load(cls, folder: Path, albedo: np.ndarray, summary: dict[str, Any]) -> FieldReconstruction:
         """Return the reconstruction that `as_dict` described. Raises ValueError, KeyError or TypeError for damaged content."""
         cells = CELLS_PER_LAG.check("cells_per_lag", summary["cells_per_lag"])
-        deviation = folder / "deviation.npy"
+        file = folder / "deviation.npy"
+        deviation = np.load(file, allow_pickle=False) if file.is_file() else None
+        for name, image in (("albedo.npy", albedo), ("deviation.npy", deviation)):
+            is_whole = image is None or (image.shape == albedo.shape and image.dtype.kind == "f" and np.isfinite(image).all())
+            if not is_whole or albedo.ndim != 2 or len(albedo) % cells:
+                raise ValueError(name)
         return cls(
             albedo,
             cells,
             Certificate.from_dict(summary["certificate"]),
             int(summary["looks"]),
+            int(summary["frames"]),
             *(None if summary[name] is None else float(summary[name]) for name in ("resolution_lags", "agreement")),
             float(summary["photons_per_grain"]),
             float(summary["background_fraction"]),
-            np.load(deviation, allow_pickle=False) if deviation.is_file() else None,
+            deviation,
         )

@@ -12,10 +12,13 @@ from dataclasses import dataclass
 import torch
 
 from invert.field.counts import FrameCounts
-from invert.field.forward_model import MIN_EXPECTED, ForwardModel, log_likelihood, power
+from invert.field.forward_model import ForwardModel, expected_counts, log_likelihood, power
 
 NEWTON_STEPS = 3
 """Newton steps of a line search."""
+
+MIN_STEP = 1e-6
+"""Length of a step, in units of the search direction, below which a line search ends without one."""
 
 
 @dataclass
@@ -52,7 +55,7 @@ class Refinement:
 
     def step(self, state: RefinementState) -> None:
         """Advance the state by one step; the objective never rises."""
-        expected = self._expected(state.intensity)
+        expected = expected_counts(state.intensity, self._counts)
         residual = self._weight * self._counts.illumination * (1.0 - self._counts.values / expected)
         residual /= 1.0 + self._counts.roughness * expected
         gradient = self._root * self._model.gradient(residual, state.wall) + state.field * (self._root > 0.0)
@@ -89,13 +92,10 @@ class Refinement:
 
     def expected(self, state: RefinementState) -> torch.Tensor:
         """Return the expected counts on the frame."""
-        return self._expected(state.intensity)
-
-    def _expected(self, intensity: torch.Tensor) -> torch.Tensor:
-        return (self._counts.illumination * intensity + self._counts.background).clamp_min(MIN_EXPECTED)
+        return expected_counts(state.intensity, self._counts)
 
     def _data_term(self, intensity: torch.Tensor) -> float:
-        likelihood = log_likelihood(self._counts.values, self._expected(intensity), self._counts.roughness)
+        likelihood = log_likelihood(self._counts.values, expected_counts(intensity, self._counts), self._counts.roughness)
         return -float((self._weight * likelihood).sum(dtype=torch.float64))
 
     def _search_line(
@@ -104,7 +104,7 @@ class Refinement:
         """Return length of the step and objective, from the intensity a + b t + c t^2 and the prior, a polynomial in t as well."""
         counts, lit, length = self._counts.values, self._counts.illumination, 0.0
         for _ in range(NEWTON_STEPS):
-            expected = self._expected(state.intensity + length * slope + length**2 * curvature)
+            expected = expected_counts(state.intensity + length * slope + length**2 * curvature, self._counts)
             change = lit * (slope + 2.0 * length * curvature)
             ratio, noise = counts / expected, 1.0 + self._counts.roughness * expected
             slope_of_term = (1.0 - ratio) / noise
@@ -113,12 +113,14 @@ class Refinement:
             bent += change.square() * (ratio / expected - self._counts.roughness * slope_of_term) / noise
             second = float((self._weight * bent).sum()) + 2.0 * prior[2]
             length -= first / second if second > 0.0 else -1e-3
-        while True:
+        objective = float("inf")
+        while abs(length) >= MIN_STEP:
             objective = self._data_term(state.intensity + length * slope + length**2 * curvature)
             objective += prior[0] + length * prior[1] + length**2 * prior[2]
-            if objective < state.objective or abs(length) < 1e-6:
-                return length, objective
+            if objective < state.objective:
+                break
             length *= 0.3
+        return length, objective
 
 
 def _square(field: torch.Tensor) -> float:

@@ -11,25 +11,27 @@ import numpy as np
 MIN_CORRELATION = 1.0 / 7.0
 """Correlation between the halves at the limit of resolution."""
 
-RINGS = 64
-"""Number of rings up to the highest frequency that both axes hold."""
+MAX_RINGS = 64
+"""Maximum number of rings up to the highest frequency that both axes hold; small images have as many as half of their shorter side."""
 
 
 def fourier_ring_correlation(
     first: np.ndarray, second: np.ndarray, pitches: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the frequencies (RINGS,) in cycles per unit of `pitches`, and the correlation of two images on these rings."""
+    """Return the frequencies of rings in cycles per unit of `pitches`, without zero, and the correlation of two images on these rings."""
+    rings = min(MAX_RINGS, min(first.shape) // 2)
     window = np.outer(*(np.hanning(side + 2)[1:-1] for side in first.shape))
     spectra = [np.fft.fft2((image - image.mean()) * window) for image in (first, second)]
     rows, columns = (np.fft.fftfreq(side, pitch) for side, pitch in zip(first.shape, pitches, strict=True))
     highest = 0.5 / max(pitches)
-    ring = np.floor(np.hypot(rows[:, None], columns[None]) * (RINGS / highest)).astype(int)
-    used = ring < RINGS
+    ring = np.floor(np.hypot(rows[:, None], columns[None]) * (rings / highest)).astype(int)
+    used = ring < rings
     sums = [
-        np.bincount(ring[used], weights=values[used], minlength=RINGS)
+        np.bincount(ring[used], weights=values[used], minlength=rings)
         for values in ((spectra[0] * spectra[1].conj()).real, np.abs(spectra[0]) ** 2, np.abs(spectra[1]) ** 2)
     ]
-    return (np.arange(RINGS) + 0.5) * (highest / RINGS), sums[0] / np.sqrt(sums[1] * sums[2]).clip(1e-300)
+    correlation = sums[0] / np.sqrt(sums[1] * sums[2]).clip(1e-300)
+    return ((np.arange(rings) + 0.5) * (highest / rings))[1:], correlation[1:]
 
 
 def resolution_of_halves(first: np.ndarray, second: np.ndarray, pitches: tuple[float, float]) -> float:

@@ -9,7 +9,8 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from multiprocessing import parent_process
 from typing import Any
 
 import numpy as np
@@ -18,23 +19,31 @@ from scipy import ndimage
 from tqdm import tqdm
 
 from correlograph.files.capture import Capture
+from correlograph.ranges import CELLS_PER_LAG
 from correlograph.workers import one_torch_thread
-from invert.field.certificate import Certificate, Prediction
+from invert.field.certificate import Certificate
 from invert.field.counts import Calibration
 from invert.field.despeckling import Despeckled, despeckle
 from invert.field.field import Field
 from invert.field.forward_model import ForwardModel, power
 from invert.field.frame_retrieval import FRAMES_FOR_CALIBRATION, FrameRetrieval, Outcome
 from invert.field.grid import FieldGrid, field_grid
-from invert.field.prior import FLOORS, bounding_box, prior_from_albedo, priors_from_albedo
+from invert.field.prior import FLOORS, prior_from_albedo, priors_from_albedo
 from invert.field.reconstruction import FieldReconstruction
 from invert.measure.estimate import Estimate
 from invert.measure.spectrum import Measurement
 from invert.solvers.base import Progress
+from radiometry.field_forecast import bounding_box
 
 MAXIMISATIONS = 4
 """Maximum number of times that the prior is replaced by the albedo from the fields. They end if the first frame predicts its held-out
 pixels no better, or all frames together by less than a standard error."""
+
+MAX_FRAMES = 64
+"""Maximum number of frames whose fields are retrieved; 64 looks have a contrast of 0.125."""
+
+MIN_LIGHT = 0.1
+"""Minimum mean of a frame in units of the median over the frames; darker frames are left out."""
 
 MIN_UNPOLARISED_FRACTION = 0.1
 """Minimum background, as a fraction of the counts by one mode, for which two modes are tried; unpolarised light without background
@@ -43,23 +52,27 @@ shows 0.29."""
 
 @dataclass(frozen=True)
 class Pass:
-    """Fields of all frames with one prior (frames, modes, box rows, box columns), their despeckled intensity, and their predictions."""
+    """Outcomes of all frames with one prior, and their despeckled intensity."""
 
-    fields: torch.Tensor
+    outcomes: Sequence[Outcome]
     albedo: Despeckled
-    predictions: Sequence[Prediction]
 
     @classmethod
     def of(cls, outcomes: Sequence[Outcome]) -> Pass:
         """Combine the outcomes of all frames."""
-        fields = torch.stack([field for field, _ in outcomes])
         with one_torch_thread():
-            return cls(fields, despeckle(power(fields).flatten(0, 1)), [prediction for _, prediction in outcomes])
+            return cls(outcomes, despeckle(intensities(outcomes)))
 
     @property
     def certificate(self) -> Certificate:
         """Certificate of all frames together."""
-        return Certificate.of(self.predictions)
+        return Certificate.of([one.prediction for one in self.outcomes])
+
+
+def intensities(outcomes: Sequence[Outcome]) -> torch.Tensor:
+    """Return |E|^2 (frames, modes, box rows, box columns), scaled to the mean signal of the frames."""
+    mean = float(np.mean([one.signal for one in outcomes]))
+    return torch.stack([power(one.field) * (mean / one.signal) for one in outcomes])
 
 
 def retrieve_fields(
@@ -75,73 +88,81 @@ def retrieve_fields(
     Args:
         albedo: coarse albedo of the estimate, not zero.
 
-    Raises InputError if the frames undersample the speckle.
+    Raises InputError if the frames undersample the speckle, or hold too little light or too few pixels.
     """
     assert estimate.record is not None
-    frames, patch = capture.frames, estimate.record.grid.patch_shape
-    grid = field_grid((frames[0].shape[0], frames[0].shape[1]), patch, bounding_box(albedo))
-    gain = capture.file_metadata.gain_e
-    calibration = Calibration.of(frames[:FRAMES_FOR_CALIBRATION], measurement.noise.floor, gain and 1.0 / gain)
+    shape, patch = (capture.frames[0].shape[0], capture.frames[0].shape[1]), estimate.record.grid.patch_shape
+    grid = field_grid(shape, patch, bounding_box(albedo))
     model = ForwardModel(grid, grid.transfer(capture.camera, estimate.blur_pixels or (0.0, 0.0)))
-    is_uneven = estimate.record.background.uneven_illumination
+    numbers = bright_frames(capture)
+    first = [capture.frames[number] for number in numbers[:FRAMES_FOR_CALIBRATION]]
+    gain = capture.file_metadata.gain_e
+    calibration = Calibration.of(first, measurement.noise.floor, gain and 1.0 / gain, capture.measured)
+    uneven = patch if estimate.record.background.uneven_illumination else None
     prior = prior_from_albedo(albedo, grid)
-    total = len(frames) * (1 + MAXIMISATIONS) + len(FLOORS) * MAXIMISATIONS
+    total = len(numbers) * (1 + MAXIMISATIONS) + len(FLOORS) * MAXIMISATIONS
     with tqdm(total=total, desc="fields", unit="frame", disable=None, leave=False) as bar:
-        retrieval, photons, done = _choose_modes(
-            FrameRetrieval(capture, model, calibration, patch if is_uneven else None, seed, device), prior, bar.update
+        retrieval, done = _choose_modes(
+            FrameRetrieval(capture, numbers, model, calibration, prior, uneven, seed, device), bar.update
         )
 
         def run_pass(with_prior: torch.Tensor, starts: Sequence[torch.Tensor | None], done: Sequence[Outcome]) -> Pass:
-            jobs = [(with_prior, number, starts[number]) for number in range(len(done), len(frames))]
+            jobs = list(zip([with_prior] * len(numbers), numbers, starts, strict=True))[len(done) :]
             return Pass.of([*done, *_in_threads(retrieval.retrieve, jobs, bar.update)])
 
-        best = run_pass(prior, [None] * len(frames), done)
+        best = run_pass(prior, [None] * len(numbers), done)
         for _ in range(MAXIMISATIONS):
-            candidates = priors_from_albedo(best.albedo.albedo)
-            trials = list(_in_threads(retrieval.retrieve, [(one, 0, best.fields[0]) for one in candidates], bar.update))
-            gains = [prediction.gain_nats for _, prediction in trials]
-            chosen = int(np.argmax(gains))
-            if gains[chosen] <= best.predictions[0].gain_nats:
+            candidates, starts = priors_from_albedo(best.albedo.albedo), [one.field for one in best.outcomes]
+            trials = list(_in_threads(retrieval.retrieve, [(one, numbers[0], starts[0]) for one in candidates], bar.update))
+            chosen = int(np.argmax([one.prediction.gain_nats for one in trials]))
+            if trials[chosen].prediction.gain_nats <= best.outcomes[0].prediction.gain_nats:
                 break
-            again = run_pass(candidates[chosen], list(best.fields), trials[chosen : chosen + 1])
+            again = run_pass(candidates[chosen], starts, trials[chosen : chosen + 1])
             improvement = again.certificate.gain_nats_per_pixel - best.certificate.gain_nats_per_pixel
             if improvement > 0.0:
                 best = again
             if improvement < best.certificate.gain_error:
                 break
-    fields, fine = best.fields, best.albedo
-    window = _Window(grid, len(albedo), max(1, round(1.0 / min(grid.cell_lags))))
-    top = max(float(fine.albedo.max()), 1e-30)
+    fine = best.albedo
+    window = _Window(grid, len(albedo), int(min(max(1, round(1.0 / min(grid.cell_lags))), CELLS_PER_LAG.most)))
+    shown = window.image(fine.albedo)
+    top = max(float(shown.max()), 1e-30)
     return FieldReconstruction(
-        window.image(fine.albedo / top),
+        shown / top,
         window.cells_per_lag,
         best.certificate,
-        fields.shape[0] * fields.shape[1],
+        retrieval.modes * len(numbers),
+        len(numbers),
         fine.resolution(grid.cell_lags),
         fine.agreement,
-        photons,
-        retrieval.background / (retrieval.background + photons / grid.cells_per_grain),
-        None if fine.deviation is None else window.image(fine.deviation / top),
-        window.image(power(fields).mean((0, 1)) / top),
-        _field_of(fields, grid, capture, estimate),
+        retrieval.photons_per_grain,
+        retrieval.background_fraction,
+        None if fine.deviation is None else window.image(fine.deviation) / top,
+        window.image(intensities(best.outcomes).mean((0, 1))) / top,
+        _field_of(torch.cat([one.field for one in best.outcomes]), grid, capture, estimate),
     )
 
 
-def _choose_modes(
-    retrieval: FrameRetrieval, prior: torch.Tensor, progress: Progress
-) -> tuple[FrameRetrieval, float, Sequence[Outcome]]:
-    """Return the retrieval with one polarisation mode and a background, or with two modes; the photons per grain; and the outcome of the
-    first frame, if it is known.
+def bright_frames(capture: Capture) -> tuple[int, ...]:
+    """Return the numbers of the frames that are used: the first `MAX_FRAMES` whose mean exceeds `MIN_LIGHT` times the median mean."""
+    means = np.array([float(np.mean(capture.frames[number])) for number in range(len(capture.frames))])
+    return tuple(int(number) for number in np.flatnonzero(means >= MIN_LIGHT * max(float(np.median(means)), 0.0))[:MAX_FRAMES])
+
+
+def _choose_modes(retrieval: FrameRetrieval, progress: Progress) -> tuple[FrameRetrieval, Sequence[Outcome]]:
+    """Return the retrieval with one polarisation mode and a background, or with two modes; and the outcome of the first frame, if it is
+    known.
 
     Both explain frames with a contrast below 1; the held-out pixels of the first frame decide.
     """
-    single, photons = retrieval.calibrate(prior, 1)
-    if single.background < MIN_UNPOLARISED_FRACTION * (single.background + photons / retrieval.model.grid.cells_per_grain):
-        return single, photons, ()
-    double, all_photons = retrieval.calibrate(prior, 2)
-    trials = list(_in_threads(lambda one: one.retrieve((prior, 0, None)), [single, double], progress))
-    gains = [prediction.gain_nats for _, prediction in trials]
-    return (single, photons, trials[:1]) if gains[0] >= gains[1] else (double, all_photons, trials[1:])
+    single = retrieval.calibrate(1)
+    if single.background_fraction < MIN_UNPOLARISED_FRACTION:
+        return single, ()
+    both = (single, replace(retrieval.calibrate(2), filter_background=single.background))
+    job = (retrieval.coarse_prior, retrieval.numbers[0], None)
+    trials = list(_in_threads(lambda one: one.retrieve(job), both, progress))
+    chosen = int(np.argmax([one.prediction.gain_nats for one in trials]))
+    return both[chosen], trials[chosen : chosen + 1]
 
 
 @dataclass(frozen=True)
@@ -164,12 +185,15 @@ class _Window:
 def _field_of(fields: torch.Tensor, grid: FieldGrid, capture: Capture, estimate: Estimate) -> Field:
     lags, camera = estimate.pitches_m, capture.camera
     pitches = None if lags is None else (grid.cell_lags[0] * lags[0], grid.cell_lags[1] * lags[1])
-    return Field(fields.flatten(0, 1).numpy(), grid.shape, grid.frame_shape, pitches, camera.wavelength_m, camera.distance_m)
+    return Field(fields.numpy(), grid.shape, grid.frame_shape, pitches, camera.wavelength_m, camera.distance_m)
 
 
 def _in_threads(task: Callable[[Any], Any], jobs: Sequence[Any], progress: Progress) -> Iterator[Any]:
-    """Yield the outcomes of a task for all jobs in order, computed in threads with one torch thread each."""
-    with ThreadPoolExecutor(os.cpu_count() or 1, initializer=torch.set_num_threads, initargs=(1,)) as pool:
+    """Yield the outcomes of a task for all jobs in order, computed in threads with one torch thread each; in one thread if other processes
+    share the cores.
+    """
+    threads = (os.cpu_count() or 1) if parent_process() is None else 1
+    with ThreadPoolExecutor(threads, initializer=torch.set_num_threads, initargs=(1,)) as pool:
         futures = [pool.submit(task, job) for job in jobs]
         try:
             for future in futures:

@@ -63,7 +63,7 @@ def draw_report(result: Result, comparison: Comparison | None = None) -> Figure:
     """Plot the panels of a result, the posterior in a second row, and its numbers and warnings below.
 
     Args:
-        comparison: known albedo and the registered reconstruction; the samples are registered to it as well.
+        comparison: known albedo and the registered reconstruction; samples are registered to the albedo from the autocorrelation.
     """
     from matplotlib.figure import Figure
 

@@ -190,6 +190,8 @@ class Result:
             samples = posterior and Samples(np.load(path / "samples.npy", allow_pickle=False), posterior.get("size_errors"))
             fields = summary.get("fields") and FieldReconstruction.load(path, albedo, summary["fields"])
             coarse = np.load(path / "albedo_coarse.npy", allow_pickle=False) if fields else albedo
+            if fields and len(albedo) != len(coarse) * fields.cells_per_lag:
+                raise ValueError("albedo_coarse.npy")
             if lags.shape != (2 * len(coarse) - 1,) * 2 or not np.isfinite(lags).all():
                 raise ValueError("autocorrelation.npy")
             pitches = summary["lag_pitches_m"] if fields else summary["pitches_m"]
@@ -198,7 +200,7 @@ class Result:
                 raise ValueError("pitches_m")
             estimate = Estimate(summary["input"], lags, pitches_m=pitches)
             reconstruction = Reconstruction(
-                Truth(coarse, name="albedo.npy").albedo,
+                Truth(coarse, name="albedo_coarse.npy" if fields else "albedo.npy").albedo,
                 summary["object_found"] is True,
                 CONFIDENCE.check("confidence", summary["confidence"]),
                 summary["residual"] and float(summary["residual"]),

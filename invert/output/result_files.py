@@ -12,7 +12,7 @@ from correlograph.files.output import save_array, save_json
 from invert.albedo.posterior import SIZES, Samples
 from invert.measure.estimate import Estimate
 from invert.output.report import draw_report, save_image
-from invert.output.truth import Truth
+from invert.output.truth import Comparison, Truth
 from radiometry.autocorrelation import autocorrelate, peak_of_cell_means, smooth_by_window
 from radiometry.noise.measured_noise import fit_known_signal
 
@@ -37,7 +37,7 @@ def write_result(
     """
     comparison = None if truth is None else result.compare(truth)
     (folder / "result.json").unlink(missing_ok=True)  # no earlier result.json may describe a partially written result
-    summary = summarise(result, truth, request_sha256)
+    summary = summarise(result, truth, request_sha256, comparison)
     save_array(folder / "albedo.npy", np.ascontiguousarray(result.albedo, np.float32))
     save_array(folder / "autocorrelation.npy", result.estimate.lags)
     for name in ("samples.npy", *FIELD_FILES):
@@ -56,13 +56,22 @@ def write_result(
     return summary
 
 
-def summarise(result: Result, truth: Truth | np.ndarray | None = None, request_sha256: str | None = None) -> dict[str, Any]:
-    """Return the content of result.json; the README describes its keys."""
+def summarise(
+    result: Result,
+    truth: Truth | np.ndarray | None = None,
+    request_sha256: str | None = None,
+    comparison: Comparison | None = None,
+) -> dict[str, Any]:
+    """Return the content of result.json; the README describes its keys.
+
+    Args:
+        comparison: comparison of the result with the truth, if it is known.
+    """
     estimate, measurement, reconstruction = result.estimate, result.measurement, result.reconstruction
-    noise, comparison = measurement.noise, {}
+    noise, compared = measurement.noise, {}
     floor_over_peak, floor_error = measurement.floor_over_peak, measurement.floor_over_peak_error
     if truth is not None:
-        comparison = {"pearson": result.compare(truth).pearson}
+        compared = {"pearson": (comparison or result.compare(truth)).pearson}
         floor_over_peak = floor_over_known_peak(estimate, result.truth_on_lags(truth), bool(measurement.interpolated))
         floor_error = None
     return {
@@ -87,7 +96,7 @@ def summarise(result: Result, truth: Truth | np.ndarray | None = None, request_s
         "phase_retrieval_transfer": [round(value, 4) for value in reconstruction.transfer],
         "posterior": None if result.samples is None else summarise_samples(result.samples, estimate.pitches_m),
         **({} if estimate.record is None else estimate.record.as_dict()),
-        **comparison,
+        **compared,
         "seconds": result.seconds,
     }
 

@@ -8,7 +8,7 @@ are unbiased (instrumental variables; Wooldridge, Econometric Analysis of Cross 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,23 +37,31 @@ class NoiseCurve:
         return NoiseCurve(coefficients, self.covariance - np.outer(pull, self.covariance[number]))
 
 
-def noise_curve(frames: Sequence[torch.Tensor]) -> NoiseCurve:
-    """Fit the curve to frames (H, W) of one camera setting, whose grains are wider than two pixels."""
-    level = float(np.mean([float(frame.mean()) for frame in frames]))
-    unit = max(float(np.mean([float(frame.std()) for frame in frames])), 1e-30)
-    moments, targets, squares = np.zeros((3, 3)), np.zeros(3), []
-    for frame in frames:
-        height, width = (2 * (side // 2) for side in frame.shape)
-        for top in range(0, height - 4, STRIP_ROWS):
-            strip = (frame[top : min(top + STRIP_ROWS + 4, height), :width] - level) / unit
-            instruments, regressors, target = _terms(strip)
-            moments += (instruments @ regressors.T).double().numpy()
-            targets += (instruments @ target).double().numpy()
-            squares.append((instruments, regressors, target))
+def noise_curve(frames: Sequence[torch.Tensor], used: Sequence[torch.Tensor]) -> NoiseCurve:
+    """Fit the curve to frames (H, W) of one camera setting, whose grains are wider than two pixels.
+
+    Args:
+        used: measured pixels (H, W) of each frame, bool; blocks that touch others are left out.
+    """
+    level = float(np.mean([float(frame[mask].mean()) for frame, mask in zip(frames, used, strict=True)]))
+    unit = max(float(np.mean([float(frame[mask].std()) for frame, mask in zip(frames, used, strict=True)])), 1e-30)
+
+    def strips() -> Iterator[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:
+        for frame, mask in zip(frames, used, strict=True):
+            height, width = (2 * (side // 2) for side in frame.shape)
+            for top in range(0, height - 4, STRIP_ROWS):
+                rows = slice(top, min(top + STRIP_ROWS + 4, height))
+                instruments, regressors, target = _terms((frame[rows, :width] - level) / unit)
+                missing = torch.nn.functional.max_pool2d((~mask[rows, 1:width]).float()[None, 1:], 4, 2)[0]
+                yield instruments * (missing == 0.0).flatten(), regressors, target
+
+    moments, targets, scatter = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3))
+    for instruments, regressors, target in strips():
+        moments += (instruments @ regressors.T).double().numpy()
+        targets += (instruments @ target).double().numpy()
     inverse = np.linalg.pinv(moments)
     solved = inverse @ targets
-    scatter = np.zeros((3, 3))
-    for instruments, regressors, target in squares:
+    for instruments, regressors, target in strips():
         left = instruments * (target - torch.from_numpy(solved).to(target) @ regressors)
         scatter += (left @ left.T).double().numpy()
     covariance = inverse @ scatter @ inverse.T

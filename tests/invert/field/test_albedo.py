@@ -4,26 +4,28 @@ import numpy as np
 import pytest
 import torch
 from scipy import ndimage
+from scipy.stats import norm
 
-from invert.field.certificate import MAX_FALSE_ACCEPTANCE, MIN_GAIN_SIGMA, Certificate, predict_held_out
+from invert.field.certificate import MAX_CANDIDATES, MAX_FALSE_ACCEPTANCE, MIN_GAIN_SIGMA, Certificate, predict_held_out
 from invert.field.counts import FrameCounts
 from invert.field.despeckling import despeckle, smooth_by_total_variation
 from invert.field.resolution import fourier_ring_correlation, resolution_of_halves
 
 
 def looks_of(albedo, looks, rng):
-    return torch.from_numpy(albedo * rng.exponential(1.0, (looks, *albedo.shape))).float()
+    """Return |E|^2 (frames, 1 mode, rows, columns)."""
+    return torch.from_numpy(albedo * rng.exponential(1.0, (looks, 1, *albedo.shape))).float()
 
 
 def test_without_total_variation_the_albedo_is_the_mean_of_the_looks(rng):
-    intensity = looks_of(0.5 + rng.random((31, 44)), 5, rng).mean(0)
+    intensity = looks_of(0.5 + rng.random((31, 44)), 5, rng).mean((0, 1))
     found = smooth_by_total_variation(intensity, 5, 1e-9)
     assert found.numpy() == pytest.approx(intensity.numpy(), rel=0.02)
 
 
 def test_with_strong_total_variation_it_is_the_likeliest_constant(rng):
     """The likelihood of looks with one mean is highest at the mean of all of them."""
-    intensity = looks_of(np.full((24, 37), 3.0), 4, rng).mean(0)
+    intensity = looks_of(np.full((24, 37), 3.0), 4, rng).mean((0, 1))
     assert smooth_by_total_variation(intensity, 4, 50.0).numpy() == pytest.approx(float(intensity.mean()), rel=0.05)
 
 
@@ -32,7 +34,7 @@ def test_despeckling_restores_edges_and_states_its_deviation(rng, looks):
     albedo = np.full((90, 120), 0.02)
     albedo[20:70, 30:50] = albedo[20:34, 30:100] = 1.0
     found = despeckle(looks_of(albedo, looks, rng))
-    mean = looks_of(albedo, looks, rng).mean(0).numpy()
+    mean = looks_of(albedo, looks, rng).mean((0, 1)).numpy()
     correlation = np.corrcoef(found.albedo.numpy().ravel(), albedo.ravel())[0, 1]
     assert correlation > 0.97
     assert correlation > np.corrcoef(mean.ravel(), albedo.ravel())[0, 1] + 0.02
@@ -41,10 +43,21 @@ def test_despeckling_restores_edges_and_states_its_deviation(rng, looks):
     assert found.deviation.numpy()[inside].mean() == pytest.approx((error**2).mean() ** 0.5, rel=0.7)
 
 
-def test_one_look_has_neither_deviation_nor_resolution(rng):
+def test_one_frame_has_neither_deviation_nor_resolution(rng):
     found = despeckle(looks_of(np.ones((20, 30)), 1, rng))
     assert found.deviation is None
     assert found.resolution((1.0, 1.0)) is None
+
+
+def test_two_modes_of_one_frame_are_no_halves(rng):
+    looks = torch.from_numpy(rng.exponential(1.0, (1, 2, 20, 30))).float()
+    assert despeckle(looks).halves is None
+
+
+@pytest.mark.parametrize("side", [20, 28, 40, 90])
+def test_identical_halves_are_resolved_on_grids_of_any_size(rng, side):
+    image = rng.random((side, side + 3))
+    assert resolution_of_halves(image, image, (1.0, 1.0)) == pytest.approx(1.0, rel=0.06)
 
 
 @pytest.mark.parametrize("cutoff", [0.1, 0.2, 0.3])
@@ -59,18 +72,20 @@ def test_resolution_is_the_band_limit_of_the_shared_signal(rng, cutoff):
 
 
 def test_the_certificate_accepts_chance_at_its_stated_rate(rng):
-    """Two predictions that are equally far from the truth: the gain is symmetric around zero with the stated error."""
-    sigmas = []
-    for _ in range(400):
-        true = torch.from_numpy(rng.exponential(3.0, (40, 50)))
+    """Two predictions with equal errors, which are correlated over three pixels: the gain has a mean of zero and the stated error."""
+    shape, sigmas = (192, 240), []
+    for _ in range(200):
+        true = torch.from_numpy(rng.exponential(3.0, shape))
         values = torch.poisson(true, generator=torch.Generator().manual_seed(int(rng.integers(2**31))))
-        everywhere = torch.ones_like(true, dtype=torch.bool)
-        counts = FrameCounts(values, everywhere, everywhere, torch.ones(()), 0.0, 3.0)
-        first, second = (true * torch.from_numpy(np.exp(0.3 * rng.standard_normal(true.shape))) for _ in range(2))
+        held_out = torch.from_numpy(rng.random(shape) < 0.3)
+        counts = FrameCounts(values, ~held_out, held_out, torch.ones(()), 0.0, 3.0)
+        errors = (ndimage.uniform_filter(rng.standard_normal(shape), 3) for _ in range(2))
+        first, second = (true * torch.from_numpy(np.exp(error)) for error in errors)
         sigmas.append(Certificate.of([predict_held_out(counts, first, second)]).gain_sigma)
     assert np.mean(sigmas) == pytest.approx(0.0, abs=0.2)
     assert np.std(sigmas) == pytest.approx(1.0, abs=0.15)
-    assert np.mean(np.array(sigmas) > MIN_GAIN_SIGMA) <= 4.0 * MAX_FALSE_ACCEPTANCE + 0.005
+    assert norm.sf(MIN_GAIN_SIGMA) * MAX_CANDIDATES == pytest.approx(MAX_FALSE_ACCEPTANCE)
+    assert max(sigmas) < MIN_GAIN_SIGMA
 
 
 def test_the_certificate_prefers_the_truth(rng):

@@ -6,12 +6,14 @@ import torch
 from PIL import Image
 
 import correlograph as cg
+from correlograph.errors import InputError
 from invert.field.counts import Calibration, background_of, read_counts
 from invert.field.filtering import filter_counts, intensity_spectrum, variance_transfer
 from invert.field.forward_model import ForwardModel
 from invert.field.grid import field_grid
-from invert.field.prior import bounding_box, prior_from_albedo
+from invert.field.prior import prior_from_albedo
 from radiometry.estimation.noise_curve import noise_curve
+from radiometry.field_forecast import bounding_box
 from tests.invert.field.speckle import expected_frame, letter
 
 PATCH, SHAPE = 150, (700, 812)
@@ -63,7 +65,8 @@ def test_the_noise_curve_is_unbiased_within_its_errors(seed):
     gain, offset, read = rng.uniform(0.3, 3.0), rng.uniform(-20.0, 20.0), rng.uniform(0.0, 2.0)
     light = rng.uniform(1.0, 6.0) * expected_frame(letter(), SHAPE, PATCH, rng)
     frame = gain * (rng.poisson(light) + read * rng.standard_normal(SHAPE)) + offset
-    curve = noise_curve([torch.from_numpy(frame.astype(np.float32))]).given(2, 0.0)
+    image = torch.from_numpy(frame.astype(np.float32))
+    curve = noise_curve([image], [torch.ones(SHAPE, dtype=torch.bool)]).given(2, 0.0)
     expected = np.array((gain**2 * read**2 - gain * offset, gain))
     assert (np.abs(curve.coefficients[:2] - expected) < 4.0 * curve.errors[:2] + 0.01 * np.abs(expected)).all()
 
@@ -109,6 +112,34 @@ def test_masked_pixels_are_unmeasured(scene, tmp_path):
     assert not counts.fitted[inside].any()
     assert not counts.held_out[inside].any()
     assert float((counts.fitted | counts.held_out).float().mean()) == pytest.approx(mask.mean(), abs=0.01)
+
+
+@pytest.mark.parametrize("kept", [0.9, 0.5, 0.3])
+def test_masks_do_not_change_the_calibration(scene, kept):
+    """Masked pixels hold the mean of the frame, without noise."""
+    _, _, _, intensity = scene
+    rng = np.random.default_rng(3)
+    used = np.zeros(SHAPE, bool)
+    used[: round(kept * SHAPE[0])] = True
+    frames = [rng.poisson(5.0 * one).astype(np.float32) for one in intensity]
+    masked = [np.where(used, one, one[used].mean()).astype(np.float32) for one in frames]
+    found = Calibration.of(masked, 5.0 * kept, None, used)
+    assert found.gain == pytest.approx(1.0, abs=0.06)
+    assert found.shift == pytest.approx(0.0, abs=0.3)
+
+
+def test_a_mask_without_whole_binned_pixels_is_refused(scene):
+    grid, _, _, intensity = scene
+    used = np.zeros(SHAPE, bool)
+    used[::2, ::2] = True
+    frame = np.random.default_rng(6).poisson(5.0 * intensity[0]).astype(np.float32)
+    with pytest.raises(InputError, match="measured pixels or more"):
+        read_counts(frame, Calibration(1.0), grid, torch.Generator().manual_seed(1), None, used)
+
+
+def test_dark_frames_are_refused():
+    with pytest.raises(InputError, match="light in the first frames"):
+        Calibration.of([np.zeros(SHAPE, np.float32)], 1.0)
 
 
 def test_the_spectrum_is_that_of_speckle(scene):

@@ -8,7 +8,7 @@ from scipy.stats import nbinom
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata
 from invert.field.counts import FrameCounts
-from invert.field.forward_model import ForwardModel, log_likelihood, power
+from invert.field.forward_model import ForwardModel, expected_counts, log_likelihood, power
 from invert.field.grid import field_grid
 from invert.field.refinement import Refinement
 from radiometry.transfer import amplitude_transfer
@@ -111,11 +111,11 @@ def test_gradient_is_the_derivative_of_the_likelihood(grid, rng, modes, roughnes
     field, direction = (complex_normal((modes, *grid.box_shape), rng) * scale for scale in (3.0, 1.0))
 
     def deficit(one):
-        expected = model.expected(grid.to_wall(one), counts)
+        expected = expected_counts(model.intensity(grid.to_wall(one)), counts)
         return -float((counts.fitted * log_likelihood(counts.values, expected, roughness)).sum(dtype=torch.float64))
 
     wall = grid.to_wall(field)
-    expected = model.expected(wall, counts)
+    expected = expected_counts(model.intensity(wall), counts)
     residual = counts.fitted * counts.illumination * (1.0 - counts.values / expected) / (1.0 + roughness * expected)
     gradient = model.gradient(residual, wall)
     step = 2e-2
@@ -137,7 +137,7 @@ def test_refinement_descends_to_a_stationary_point(grid, rng, modes, roughness):
     assert (np.diff(objectives) <= 0.0).all()
     field = refinement.field(state)
     assert not field[:, :3].any()
-    expected = model.expected(grid.to_wall(field), counts)
+    expected = expected_counts(model.intensity(grid.to_wall(field)), counts)
     explicit = -(counts.fitted * log_likelihood(counts.values, expected, counts.roughness)).sum(dtype=torch.float64)
     explicit += (power(field)[:, 3:] / prior[3:].clamp_min(1e-30)).sum(dtype=torch.float64)
     assert state.objective == pytest.approx(float(explicit), rel=1e-4)

@@ -78,6 +78,15 @@ def test_ambient_light_has_one_mode_and_a_background():
     assert result.compare(letter()).pearson > 0.9
 
 
+def test_dark_frames_do_not_spoil_the_albedo(bright):
+    frames = capture_of(letter(), 2.0, 2, 11)
+    mixed = [frames[0], np.zeros_like(frames[0]), frames[1]]
+    result = cg.reconstruct(mixed, method="field", patch=PATCH, blur_pixels=0.0)
+    assert result.fields.frames == 2
+    assert any("2 of 3 frames" in note for note in result.notes)
+    assert result.fields.resolution_lags == pytest.approx(bright.fields.resolution_lags, rel=0.3)
+
+
 def test_saved_results_load_with_their_fields(bright, tmp_path):
     summary = bright.save(tmp_path, letter(), fields=True)
     assert {"albedo_coarse.npy", "deviation.npy", "fields.npz"} <= {path.name for path in tmp_path.iterdir()}
