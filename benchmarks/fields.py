@@ -11,6 +11,7 @@ import json
 import shutil
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +88,9 @@ def compare(
         row["reason"] = next((note for note in result.notes if "coarse albedo stands" in note), "")
     if oracle and result.object_found:
         known = result.truth_on_lags(cg.Truth.of(capture))
-        found = retrieve_fields(capture, result.estimate, result.measurement, known, seed)
+        found = retrieve_fields(
+            capture, result.estimate, result.measurement, replace(result.reconstruction, albedo=known), seed
+        )
         row |= {"oracle_accepted": found.certificate.is_accepted, "oracle_sigma": round(found.certificate.gain_sigma, 1)}
     shown = [cg.aligned_pearson(one, truth.astype(np.float32))[1] for one in (enlarged, result.albedo)]
     return row, [capture.frames[0][:CORNER, :CORNER], *shown, truth]

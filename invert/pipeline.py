@@ -155,7 +155,7 @@ def _retrieve_fields(
 ) -> tuple[FieldReconstruction | None, list[str]]:
     """Return the fields, or None with the reason why the coarse albedo stands."""
     try:
-        found = retrieve_fields(capture, estimate, measurement, coarse.albedo, seed, device)
+        found = retrieve_fields(capture, estimate, measurement, coarse, seed, device)
     except InputError as error:
         return None, [f"no fields were retrieved ({error}); the coarse albedo stands"]
     if found.certificate.is_accepted:

@@ -23,6 +23,7 @@ class FieldReconstruction:
         certificate: whether the fields predict held-out pixels.
         looks: number of fields: frames times polarisation modes.
         frames: number of frames whose fields were retrieved.
+        weight: weight of the fields at the scale of a lag (`invert.field.blending`); the rest is the coarse albedo.
         resolution_lags: half of the finest period that two halves of the frames share, in lags; None for one frame.
         agreement: correlation of the albedos from two halves of the frames; None for one look.
         photons_per_grain: expected photoelectrons per frame and speckle grain of the object's bounding box.
@@ -37,6 +38,7 @@ class FieldReconstruction:
     certificate: Certificate
     looks: int
     frames: int
+    weight: float
     resolution_lags: float | None
     agreement: float | None
     photons_per_grain: float
@@ -64,6 +66,7 @@ class FieldReconstruction:
             "cells_per_lag": self.cells_per_lag,
             "looks": self.looks,
             "frames": self.frames,
+            "weight_at_lags": self.weight,
             "agreement": self.agreement,
             "photons_per_grain": self.photons_per_grain,
             "background_fraction": self.background_fraction,
@@ -88,6 +91,7 @@ class FieldReconstruction:
             Certificate.from_dict(summary["certificate"]),
             int(summary["looks"]),
             int(summary["frames"]),
+            float(summary["weight_at_lags"]),
             *(None if summary[name] is None else float(summary[name]) for name in ("resolution_lags", "agreement")),
             float(summary["photons_per_grain"]),
             float(summary["background_fraction"]),

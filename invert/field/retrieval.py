@@ -21,6 +21,7 @@ from tqdm import tqdm
 from correlograph.files.capture import Capture
 from correlograph.ranges import CELLS_PER_LAG
 from correlograph.workers import one_torch_thread
+from invert.field.blending import blend_with_coarse
 from invert.field.certificate import Certificate
 from invert.field.counts import Calibration
 from invert.field.despeckling import Despeckled, despeckle
@@ -32,6 +33,7 @@ from invert.field.prior import FLOORS, prior_from_albedo, priors_from_albedo
 from invert.field.reconstruction import FieldReconstruction
 from invert.measure.estimate import Estimate
 from invert.measure.spectrum import Measurement
+from invert.methods import Reconstruction
 from invert.solvers.base import Progress
 from radiometry.field_forecast import bounding_box
 
@@ -79,27 +81,27 @@ def retrieve_fields(
     capture: Capture,
     estimate: Estimate,
     measurement: Measurement,
-    albedo: np.ndarray,
+    coarse: Reconstruction,
     seed: int,
     device: str = "cpu",
 ) -> FieldReconstruction:
     """Retrieve the field of every frame with the coarse albedo as prior, and the fine albedo from all of them.
 
     Args:
-        albedo: coarse albedo of the estimate, not zero.
+        coarse: reconstruction from the estimate, with an object.
 
     Raises InputError if the frames undersample the speckle, or hold too little light or too few pixels.
     """
     assert estimate.record is not None
     shape, patch = (capture.frames[0].shape[0], capture.frames[0].shape[1]), estimate.record.grid.patch_shape
-    grid = field_grid(shape, patch, bounding_box(albedo))
+    grid = field_grid(shape, patch, bounding_box(coarse.albedo))
     model = ForwardModel(grid, grid.transfer(capture.camera, estimate.blur_pixels or (0.0, 0.0)))
     numbers = bright_frames(capture)
     first = [capture.frames[number] for number in numbers[:FRAMES_FOR_CALIBRATION]]
     gain = capture.file_metadata.gain_e
     calibration = Calibration.of(first, measurement.noise.floor, gain and 1.0 / gain, capture.measured)
     uneven = patch if estimate.record.background.uneven_illumination else None
-    prior = prior_from_albedo(albedo, grid)
+    prior = prior_from_albedo(coarse.albedo, grid)
     total = len(numbers) * (1 + MAXIMISATIONS) + len(FLOORS) * MAXIMISATIONS
     with tqdm(total=total, desc="fields", unit="frame", disable=None, leave=False) as bar:
         retrieval, done = _choose_modes(
@@ -124,15 +126,18 @@ def retrieve_fields(
             if improvement < best.certificate.gain_error:
                 break
     fine = best.albedo
-    window = _Window(grid, len(albedo), int(min(max(1, round(1.0 / min(grid.cell_lags))), CELLS_PER_LAG.most)))
-    shown = window.image(fine.albedo)
+    window = _Window(grid, len(coarse.albedo), int(min(max(1, round(1.0 / min(grid.cell_lags))), CELLS_PER_LAG.most)))
+    looks = retrieval.modes * len(numbers)
+    looks_per_lag = looks / (grid.cell_lags[0] * grid.cell_lags[1])
+    shown, weight = blend_with_coarse(window.image(fine.albedo), coarse.albedo, looks_per_lag, coarse.confidence)
     top = max(float(shown.max()), 1e-30)
     return FieldReconstruction(
         shown / top,
         window.cells_per_lag,
         best.certificate,
-        retrieval.modes * len(numbers),
+        looks,
         len(numbers),
+        weight,
         fine.resolution(grid.cell_lags),
         fine.agreement,
         retrieval.photons_per_grain,

@@ -6,6 +6,7 @@ import torch
 from scipy import ndimage
 from scipy.stats import norm
 
+from invert.field.blending import blend_with_coarse
 from invert.field.certificate import MAX_CANDIDATES, MAX_FALSE_ACCEPTANCE, MIN_GAIN_SIGMA, Certificate, predict_held_out
 from invert.field.counts import FrameCounts
 from invert.field.despeckling import despeckle, smooth_by_total_variation
@@ -98,3 +99,32 @@ def test_the_certificate_prefers_the_truth(rng):
     assert found.is_accepted
     assert found.chi_squared_field == pytest.approx(1.0, abs=0.1)
     assert found == Certificate.from_dict(found.as_dict())
+
+
+def test_the_blend_has_lower_errors_than_both_at_the_scale_of_a_lag(rng):
+    """Fine albedo with four looks per lag, coarse albedo with a correlation of 0.94."""
+    truth = ndimage.gaussian_filter((rng.random((40, 40)) > 0.9).astype(float), 1.2)
+    cells = 3
+    large = ndimage.zoom(truth, cells, order=3, mode="grid-constant", grid_mode=True).clip(0.0)
+    fine = large * rng.gamma(0.45, 1.0 / 0.45, large.shape)
+    coarse = (truth + 0.36 * truth.std() * rng.standard_normal(truth.shape)).clip(0.0)
+    confidence = float(np.corrcoef(coarse.ravel(), truth.ravel())[0, 1])
+    blend, weight = blend_with_coarse(fine, coarse, 0.45 * cells**2, confidence)
+    assert 0.05 < weight < 0.5
+
+    def correlation(image):
+        means = image.reshape(40, cells, 40, cells).mean((1, 3)) if len(image) > 40 else image
+        return np.corrcoef(means.ravel(), truth.ravel())[0, 1]
+
+    assert correlation(blend) > max(correlation(fine), correlation(coarse))
+
+
+def test_many_looks_leave_the_fine_albedo_alone(rng):
+    fine, coarse = rng.random((60, 60)), rng.random((20, 20))
+    blend, weight = blend_with_coarse(fine, coarse, 1e6, 0.8)
+    assert weight == pytest.approx(1.0, abs=1e-4)
+    assert blend == pytest.approx(fine, abs=1e-3)
+    blend, weight = blend_with_coarse(fine, coarse, 1e-6, 0.8)
+    assert weight < 1e-5
+    means = blend.reshape(20, 3, 20, 3).mean((1, 3))
+    assert np.corrcoef(means.ravel(), coarse.ravel())[0, 1] > 0.95
