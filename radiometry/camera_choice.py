@@ -66,6 +66,8 @@ class CameraPlan:
             also if no error is required.
         saturated: expected fraction of saturated pixels of a frame if the longer of these total exposures is divided among
             the frames.
+        fields_s: total exposure at which the field of each frame can be retrieved; None if no exposure suffices.
+        cells_m: width of the cells of the fields on the object (rows, columns); None with `fields_s`.
     """
 
     camera: str
@@ -78,6 +80,8 @@ class CameraPlan:
     detection_s: float | None
     correlation_s: float | None
     saturated: float
+    fields_s: float | None = None
+    cells_m: tuple[float, float] | None = None
 
     @property
     def rank(self) -> tuple[float, float]:
@@ -167,4 +171,6 @@ def _predict_one(
         correlation_s,
         # Speckle of one polarisation has an exponential histogram.
         math.exp(-full_well / mean) if full_well and mean > 0.0 else 0.0,
+        seconds(prediction.fields_factor()),
+        None if (forecast := prediction.forecast_fields(frames)) is None else forecast.cells_m,
     )

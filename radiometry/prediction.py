@@ -121,6 +121,15 @@ class Prediction:
         floor, grid = self.terms.floor_over_peak(), self.grid
         return forecast_fields(self.cells, floor, frames, grid.frame_shape, grid.patch_shape, self.pitches_m)
 
+    def fields_factor(self) -> float | None:
+        """Return by which factor exposures must change for the fields to be retrieved; None if no exposure suffices."""
+
+        def excess(longer: Prediction) -> float:
+            forecast = longer.forecast_fields(1)
+            return 0.0 if forecast is None else forecast.photons_per_grain / forecast.needed_photons_per_grain
+
+        return self._least_factor(excess)
+
     def third_moment_signal_to_noise(self, frames: int) -> float | None:
         """Return the third moment of filtered frames over its standard error, which limits how well `invert`
         distinguishes speckle from texture; None if signal is less than a fifth of the estimate at every lag."""

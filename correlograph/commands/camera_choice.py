@@ -67,7 +67,8 @@ def print_table(plans: list[Any], correlation: float | None) -> None:
     """Print the best settings (magnification, binning, pupil, wavelength, power) of each camera, shortest exposure first."""
     aim = "" if correlation is None else f"{f'to {correlation:g}':>10}"
     print(
-        f"{'camera':32} {'magn.':>6} {'bin':>3} {'e/pixel':>8} {'floor':>8} {'K':>6} {'lag':>7} {'field':>12} {'detected':>10}{aim}"
+        f"{'camera':32} {'magn.':>6} {'bin':>3} {'e/pixel':>8} {'floor':>8} {'K':>6} {'lag':>7} {'seen':>12} {'detected':>10} "
+        f"{'fields':>10}{aim}"
     )
     shown: dict[str, int] = {}
     for plan in plans:
@@ -84,12 +85,13 @@ def print_table(plans: list[Any], correlation: float | None) -> None:
             )
             if value is not None
         )
-        field = f"{1e3 * plan.field_m[0]:.3g}x{1e3 * plan.field_m[1]:.3g} mm"
+        seen = f"{1e3 * plan.field_m[0]:.3g}x{1e3 * plan.field_m[1]:.3g} mm"
         reached = "" if correlation is None else f"{duration(plan.correlation_s):>10}"
         warning = f"  {100 * plan.saturated:.2g} % saturated" if plan.saturated > 1e-4 else ""
         print(
             f"{plan.camera:32} {choice.magnification:6.3g} {choice.binning:3} {plan.photoelectrons:8.3g} {plan.floor_over_peak:8.3g} "
-            f"{plan.dof:6.0f} {1e6 * plan.lag_pitch_m:4.0f} um {field:>12} {duration(plan.detection_s):>10}{reached}{others}{warning}"
+            f"{plan.dof:6.0f} {1e6 * plan.lag_pitch_m:4.0f} um {seen:>12} {duration(plan.detection_s):>10} "
+            f"{duration(plan.fields_s):>10}{reached}{others}{warning}"
         )
 
 

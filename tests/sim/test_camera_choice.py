@@ -71,3 +71,18 @@ def test_the_exposure_for_a_correlation_is_that_of_its_error(scene):
     plan = compare_cameras(scene(), [CAMERA], [Arrangement(0.5)], check, 3, lambda geometry, prediction: 0.7)[0][0]
     geometry = Arrangement(0.5).apply(scene(), CAMERA).with_exposure(plan.correlation_s / 3)
     assert predict(geometry).error(3) == pytest.approx(0.7, rel=0.01)
+
+
+def test_fields_need_the_stated_exposure(scene):
+    """A prediction at the stated exposure has just the photons per grain that fields need, in cells of lambda z over the frame."""
+    geometry = scene(("</scene>", "</scene>"))
+    plans, _ = compare_cameras(geometry, [CAMERA], arrangements((0.4, 0.8)), check, frames=3)
+    for plan in plans:
+        other = plan.arrangement.apply(geometry, CAMERA)
+        forecast = predict(other.with_exposure(plan.fields_s / 3)).forecast_fields(3)
+        assert forecast.photons_per_grain == pytest.approx(forecast.needed_photons_per_grain, rel=0.02)
+        rows, columns = (
+            other.wavelength_m * other.distance_m / (side * pitch)
+            for side, pitch in zip(other.frame_shape, other.seen_pitch_m, strict=True)
+        )
+        assert plan.cells_m == pytest.approx((rows, columns))
