@@ -47,6 +47,16 @@ class FieldReconstruction:
     intensity: np.ndarray | None = None
     field: Field | None = None
 
+    @property
+    def confidence(self) -> float | None:
+        """Predicted correlation of the albedo with the truth on its own pixels; None for one frame.
+
+        If two halves correlate by a, their mean correlates with its expectation by sqrt(2 a / (1 + a)) (Spearman and Brown;
+        Rosenthal and Henderson, doi:10.1016/j.jmb.2003.07.013, Eq. 14).
+        """
+        agreement = self.agreement and max(self.agreement, 0.0)
+        return agreement if agreement is None else (2.0 * agreement / (1.0 + agreement)) ** 0.5
+
     def resolution_m(self, lag_pitches_m: tuple[float, float] | None) -> float | None:
         """Return the resolution in metres; None if it or the lag pitch is unknown."""
         if self.resolution_lags is None or lag_pitches_m is None:
@@ -57,6 +67,7 @@ class FieldReconstruction:
         """Return resolution, number of looks and certificate in a few words."""
         resolution = self.resolution_m(lag_pitches_m)
         parts = [] if resolution is None else [f"resolution {resolution * 1e6:.0f} um"]
+        parts += [] if self.confidence is None else [f"confidence at this resolution {self.confidence:.2f}"]
         looks = "1 look" if self.looks == 1 else f"{self.looks} looks"
         return ", ".join([*parts, looks, f"held-out pixels predicted at {self.certificate.gain_sigma:.0f} sigma"])
 
@@ -68,6 +79,7 @@ class FieldReconstruction:
             "frames": self.frames,
             "weight_at_lags": self.weight,
             "agreement": self.agreement,
+            "confidence": self.confidence,
             "photons_per_grain": self.photons_per_grain,
             "background_fraction": self.background_fraction,
             "resolution_lags": self.resolution_lags,

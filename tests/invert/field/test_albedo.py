@@ -1,5 +1,7 @@
 """Despeckling, resolution and the certificate: closed forms, limits, and error rates."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -10,6 +12,7 @@ from invert.field.blending import blend_with_coarse
 from invert.field.certificate import MAX_CANDIDATES, MAX_FALSE_ACCEPTANCE, MIN_GAIN_SIGMA, Certificate, predict_held_out
 from invert.field.counts import FrameCounts
 from invert.field.despeckling import despeckle, smooth_by_total_variation
+from invert.field.reconstruction import FieldReconstruction
 from invert.field.resolution import fourier_ring_correlation, resolution_of_halves
 
 
@@ -48,6 +51,18 @@ def test_one_frame_has_neither_deviation_nor_resolution(rng):
     found = despeckle(looks_of(np.ones((20, 30)), 1, rng))
     assert found.deviation is None
     assert found.resolution((1.0, 1.0)) is None
+
+
+@pytest.mark.parametrize("noise", [0.3, 1.0, 2.0])
+def test_confidence_is_the_correlation_of_the_mean_of_both_halves_with_their_expectation(rng, noise):
+    signal = rng.standard_normal((200, 220))
+    halves = [signal + noise * rng.standard_normal(signal.shape) for _ in range(2)]
+    agreement = float(np.corrcoef(halves[0].ravel(), halves[1].ravel())[0, 1])
+    expected = float(np.corrcoef((halves[0] + halves[1]).ravel(), signal.ravel())[0, 1])
+    certificate = Certificate(100, 0.1, 0.01, 4.0, 1.5, 1.1)
+    found = FieldReconstruction(signal, 1, certificate, 2, 2, 1.0, 1.0, agreement, 10.0, 0.0)
+    assert found.confidence == pytest.approx(expected, abs=0.01)
+    assert replace(found, agreement=None).confidence is None
 
 
 def test_two_modes_of_one_frame_are_no_halves(rng):
