@@ -38,7 +38,7 @@ class Prediction:
         pixels: number of held-out pixels.
         gain_nats: log-likelihood by the field minus that by the filtered counts.
         variance: variance of that difference by chance.
-        chi_squared: of a constant, of the filtered counts, and of the field, per pixel.
+        chi_squared: chi^2 per pixel of a constant, the filtered counts and the field.
     """
 
     pixels: int

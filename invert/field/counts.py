@@ -113,7 +113,7 @@ class FrameCounts:
         illumination: relative illumination of the wall, mean 1.
         background: expected counts of a binned pixel without light of the object.
         signal: expected counts of a binned pixel by light of the object.
-        roughness: relative variance of the expected counts of a binned pixel by the rough wall; see `with_background`.
+        roughness: relative variance of the expected counts of a binned pixel by the rough wall; see `change_background`.
     """
 
     values: torch.Tensor
@@ -129,7 +129,7 @@ class FrameCounts:
         moved = {name: value.to(device) for name, value in vars(self).items() if isinstance(value, torch.Tensor)}
         return replace(self, **moved)
 
-    def with_background(self, background: float) -> FrameCounts:
+    def change_background(self, background: float) -> FrameCounts:
         """Return the counts with another background. The roughness multiplies the light of the object only, so its effect on all counts
         is lowered by the ratio of the mean squares of signal (speckle) and counts.
         """

@@ -55,7 +55,7 @@ class Field:
 
     @property
     def intensity(self) -> np.ndarray:
-        """Mean of |E|^2 over the looks, float32 (rows, columns): the albedo times the illumination."""
+        """Mean squared modulus over the looks, float32 (rows, columns): the albedo times the illumination."""
         return (np.abs(self.samples) ** 2).mean(0)
 
     def on_wall(self) -> np.ndarray:
@@ -68,7 +68,7 @@ class Field:
 
         A displacement multiplies the field on the wall by the phase pi x^2 (1 / distance - 1 / (distance + depth)) / wavelength.
 
-        Raises InputError if the camera is unknown, or for a depth that is no number or not small against the distance.
+        Raises InputError if the camera is unknown, or for a depth that is not a number or not small against the distance.
         """
         if self.pitches_m is None or self.wavelength_m is None or self.distance_m is None:
             raise InputError("field", "a known camera", "none", "provide the camera metadata with the frames")

@@ -47,7 +47,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class FrameRetrieval:
-    """What the frames of a capture share.
+    """State that the frames of a capture share.
 
     Attributes:
         numbers: frames of the capture that are used.
@@ -104,7 +104,7 @@ class FrameRetrieval:
         """
         prior, number, start = job
         plain = self._counts(number).to(self.device)
-        counts, model = plain.with_background(self.background), self.model
+        counts, model = plain.change_background(self.background), self.model
         model = replace(model, transfer=model.transfer.to(self.device))
         prior, start = prior.to(self.device), None if start is None else start.to(self.device)
         target = filter_counts(counts, intensity_spectrum(prior, model, self.modes), model)
@@ -116,7 +116,7 @@ class FrameRetrieval:
             found = search.run(start, round(WARM_FRACTION * self.steps))
         refinement = Refinement(model, counts, scale_to_signal(prior, counts.signal / self.modes, model.grid))
         state = refinement.run(found, REFINEMENT_STEPS)
-        plain = plain.with_background(self.filter_background)
+        plain = plain.change_background(self.filter_background)
         coarse_spectrum = intensity_spectrum(self.coarse_prior.to(self.device), model)
         filtered = model.grid.on_frame(model.blur(filter_counts(plain, coarse_spectrum, model)))
         prediction = predict_held_out(plain, refinement.expected(state), expected_counts(filtered, plain))

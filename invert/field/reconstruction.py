@@ -18,7 +18,7 @@ class FieldReconstruction:
     """Fine albedo of a capture.
 
     Attributes:
-        albedo: despeckled mean of |E|^2 on the window of the coarse albedo, float32 (k n, k n), maximum 1.
+        albedo: despeckled mean intensity of the fields on the window of the coarse albedo, float32 (k n, k n), maximum 1.
         cells_per_lag: k, the number of pixels per lag.
         certificate: whether the fields predict held-out pixels.
         looks: number of fields: frames times polarisation modes.
@@ -27,9 +27,9 @@ class FieldReconstruction:
         resolution_lags: half of the finest period that two halves of the frames share, in lags; None for one frame.
         agreement: correlation of the albedos from two halves of the frames; None for one look.
         photons_per_grain: expected photoelectrons per frame and speckle grain of the object's bounding box.
-        background_fraction: fraction of the counts that is no light of the object.
+        background_fraction: fraction of the light that does not come from the object.
         deviation: standard deviation of the albedo, from halves of the frames, like `albedo`; None for one frame.
-        intensity: mean of |E|^2 before despeckling, like `albedo`; None for a loaded result.
+        intensity: mean intensity of the fields before despeckling, like `albedo`; None for a loaded result.
         field: field of each frame; None for a loaded result.
     """
 

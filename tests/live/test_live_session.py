@@ -213,7 +213,7 @@ def test_the_documented_camera_runs(tmp_path, monkeypatch):
 
 
 def test_the_page_reports_a_result_whose_third_moment_is_unknown():
-    """In faint light no lag holds enough signal for the third moment."""
+    """No lag of faint frames holds enough signal for the third moment."""
     lags = np.random.default_rng(1).gamma(300.0, 1.0 / 300.0, (127, 127))
     result = cg.reconstruct((lags + lags[::-1, ::-1]).astype(np.float32), quality="fast", autocorrelation=True)
     rows = dict(_result_rows(replace(result, speckle_test=SpeckleTest(None, None, 0.1))))

@@ -18,7 +18,7 @@ def rectangle(rows, columns):
 
 
 def test_photons_per_grain_of_an_object_that_fills_its_box():
-    """Without its margin, the coherence area is a grain of the box, and floor over peak is one over its photons."""
+    """The coherence area without the margin is a grain of the box, and floor over peak is one over its photons."""
     found = forecast_fields(rectangle(20, 31), 0.05, 3, SHAPE, PATCH, (300e-6, 290e-6))
     assert found.photons_per_grain == pytest.approx(20.0 * 20.0 * 31.0 / ((20.0 + MARGINS) * (31.0 + MARGINS)))
     assert found.looks == 3
