@@ -21,7 +21,7 @@ from invert.albedo.metrics import aligned_pearson
 from invert.batch.captures import Captures, Request, check_request, invert_capture
 from invert.measure.capture import CONTACT_SHEET, find_frames
 from invert.output.report import save_contact_sheet
-from invert.output.result_files import RESULT_FILES
+from invert.output.result_files import RESULT_FILES, expected_files
 from invert.output.truth import Truth
 
 SHEET_CAPACITY = 60
@@ -80,8 +80,7 @@ def _known(request: Request, files: Sequence[Path], folder: Path) -> dict[str, A
     """Return the table row of an earlier result with the same options and files; None if there is none."""
     try:
         summary = json.loads((folder / "result.json").read_text())
-        expected = [name for name in RESULT_FILES if name != "samples.npy" or summary["posterior"] is not None]
-        if are_intact(folder, expected) and summary["request_sha256"] == request.sha256(find_frames(files)):
+        if are_intact(folder, expected_files(summary)) and summary["request_sha256"] == request.sha256(find_frames(files)):
             return _row(summary)
     except (OSError, ValueError, KeyError, TypeError, EOFError):
         pass

@@ -27,6 +27,18 @@ RESULT_FILES = ("albedo.npy", "albedo.png", "autocorrelation.npy", "report.png",
 """Names of the files of a result; a result without a posterior has no samples.npy."""
 
 
+def expected_files(summary: dict[str, Any]) -> list[str]:
+    """Return the names of the files that a complete result has beside its result.json with this content."""
+    fields = summary.get("fields") or {}
+    optional = {
+        "samples.npy": summary["posterior"] is not None,
+        "albedo_coarse.npy": bool(fields),
+        "deviation.npy": fields.get("agreement") is not None,
+        "fields.npz": fields.get("saved", False),
+    }
+    return [name for name in RESULT_FILES if optional.get(name, True)]
+
+
 def write_result(
     folder: Path, result: Result, truth: Truth | np.ndarray | None, request_sha256: str | None, *, fields: bool = False
 ) -> dict[str, Any]:
@@ -46,7 +58,8 @@ def write_result(
         save_array(folder / "albedo_coarse.npy", np.ascontiguousarray(result.coarse_albedo, np.float32))
         if result.fields.deviation is not None:
             save_array(folder / "deviation.npy", result.fields.deviation)
-        if fields and result.fields.field is not None:
+        summary["fields"]["saved"] = fields and result.fields.field is not None
+        if summary["fields"]["saved"]:
             result.fields.field.save(folder / "fields.npz")
     if result.samples is not None:
         save_array(folder / "samples.npy", result.samples.samples)

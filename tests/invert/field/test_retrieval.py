@@ -11,6 +11,7 @@ import correlograph as cg
 from correlograph.errors import InputError
 from invert.__main__ import main as invert
 from invert.field.frame_retrieval import search_steps
+from invert.output.result_files import expected_files
 from tests.invert.field.speckle import expected_frame, letter
 
 PATCH, SHAPE = 128, (400, 452)
@@ -92,6 +93,8 @@ def test_saved_results_load_with_their_fields(bright, tmp_path):
     assert {"albedo_coarse.npy", "deviation.npy", "fields.npz"} <= {path.name for path in tmp_path.iterdir()}
     assert summary["fields"]["certificate"]["accepted"]
     assert summary["pearson"] == pytest.approx(bright.compare(letter()).pearson)
+    assert set(expected_files(summary)) == {path.name for path in tmp_path.iterdir() if not path.name.startswith(".")}
+    assert "fields.npz" not in expected_files(bright.save(tmp_path))
     loaded = cg.Result.load(tmp_path)
     assert np.array_equal(loaded.albedo, bright.albedo)
     assert np.array_equal(loaded.coarse_albedo, bright.coarse_albedo)
