@@ -35,7 +35,7 @@ WIDTHS_UM = (0, 75, 150, 300)
 
 FWHM_PER_SIGMA = 2.3548
 
-EXPOSURES_S = (1 / 4, 1 / 8, 1 / 16, 1 / 32, 1 / 64, 1 / 128)
+EXPOSURES_S = (1 / 8, 1 / 16, 1 / 32)
 
 MAX_PAGE_FRAMES = 10
 
