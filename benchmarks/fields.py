@@ -27,6 +27,7 @@ from correlograph.files.figures import save_figure
 from data_gen.bars import SIDE_M, bar_contrast, bar_groups
 from invert.albedo.metrics import register_subpixel
 from invert.evaluation.text import character_error_rate, read_text
+from invert.field.blending import enlarge_albedo
 from invert.field.retrieval import retrieve_fields
 from radiometry.prediction import predict
 
@@ -70,7 +71,7 @@ def compare(
     fields, lags = result.fields, result.estimate.pitches_m
     cells = 1 if fields is None else fields.cells_per_lag
     pitches = (lags[0] / cells, lags[1] / cells)
-    enlarged = ndimage.zoom(result.coarse_albedo, cells, order=3, mode="grid-constant", grid_mode=True).clip(0.0)
+    enlarged = enlarge_albedo(result.coarse_albedo, cells)
     truth = scene.geometry.hidden_object.sample(pitches, enlarged.shape).albedo.astype(np.float64)
     row: dict[str, Any] = {
         "frames": len(capture.frames),

@@ -10,6 +10,11 @@ import numpy as np
 from scipy.ndimage import zoom
 
 
+def enlarge_albedo(coarse: np.ndarray, cells: int) -> np.ndarray:
+    """Interpolate an albedo (n, n) to `cells` pixels per lag along both axes, float64, zero or more."""
+    return zoom(coarse.astype(np.float64), cells, order=3, mode="grid-constant", grid_mode=True).clip(0.0)
+
+
 def blend_with_coarse(
     fine: np.ndarray, coarse: np.ndarray, looks_per_lag: float, confidence: float
 ) -> tuple[np.ndarray, float]:
@@ -25,9 +30,7 @@ def blend_with_coarse(
         looks_per_lag: frames times modes times cells per lag.
         confidence: predicted correlation of the coarse albedo with the truth.
     """
-    enlarged = zoom(coarse.astype(np.float64), len(fine) // len(coarse), order=3, mode="grid-constant", grid_mode=True).clip(
-        0.0
-    )
+    enlarged = enlarge_albedo(coarse, len(fine) // len(coarse))
     square = float((enlarged**2).mean())
     error = 1.0 / max(confidence, 1e-3) ** 2 - 1.0
     speckle = square / max(float(enlarged.var()), 1e-30) / looks_per_lag

@@ -56,6 +56,7 @@ class FrameRetrieval:
         modes: number of polarisation modes.
         background: expected counts of a binned pixel without light of the object, shift of the calibration included.
         filter_background: background of the Wiener filter with which all predictions are compared.
+        signal: expected counts of a binned pixel by light of the object.
         steps: steps of a search from a random field.
     """
 
