@@ -28,7 +28,9 @@ from data_gen.bars import SIDE_M, bar_contrast, bar_groups
 from invert.albedo.metrics import register_subpixel
 from invert.evaluation.text import character_error_rate, read_text
 from invert.field.blending import enlarge_albedo
+from invert.field.certificate import MIN_GAIN_SIGMA
 from invert.field.retrieval import retrieve_fields
+from radiometry.field_forecast import MIN_PHOTONS_PER_GRAIN
 from radiometry.prediction import predict
 
 WIDTHS_UM = (0, 75, 150, 300)
@@ -36,7 +38,7 @@ WIDTHS_UM = (0, 75, 150, 300)
 
 FWHM_PER_SIGMA = 2.3548
 
-EXPOSURES_S = (1 / 8, 1 / 16, 1 / 32)
+EXPOSURES_S = (1 / 8, 1 / 11, 1 / 16, 1 / 32)
 
 MAX_PAGE_FRAMES = 10
 
@@ -88,11 +90,11 @@ def compare(
     else:
         row["reason"] = next((note for note in result.notes if "coarse albedo stands" in note), "")
     if oracle and result.object_found:
-        known = result.truth_on_lags(cg.Truth.of(capture))
-        found = retrieve_fields(
-            capture, result.estimate, result.measurement, replace(result.reconstruction, albedo=known), seed
-        )
-        row |= {"oracle_accepted": found.certificate.is_accepted, "oracle_sigma": round(found.certificate.gain_sigma, 1)}
+        known = replace(result.reconstruction, albedo=result.truth_on_lags(cg.Truth.of(capture)))
+        found = {"real": fields, "oracle": retrieve_fields(capture, result.estimate, result.measurement, known, seed)}
+        if fields is None:
+            found["real"] = retrieve_fields(capture, result.estimate, result.measurement, result.reconstruction, seed)
+        row |= {f"sigma_{prior}_prior": round(one.certificate.gain_sigma, 1) for prior, one in found.items()}
     shown = [cg.aligned_pearson(one, truth.astype(np.float32))[1] for one in (enlarged, result.albedo)]
     return row, [capture.frames[0][:CORNER, :CORNER], *shown, truth]
 
@@ -124,9 +126,15 @@ def light(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]]
         for exposure in EXPOSURES_S:
             scene = cg.load("corner_letter", albedo=albedo, exposure=exposure)
             row, images = compare(scene, cg.render(scene, frames=2, seed=3), oracle=True)
-            forecast = predict(scene.geometry).forecast_fields(2)
-            row |= {"predicted_photons_per_grain": round(forecast.photons_per_grain, 2), "predicted": forecast.suffices}
-            yield f"{name}, 2 x 1/{round(1 / exposure)} s", row, images
+            yield f"{name}, 2 x 1/{round(1 / exposure)} s", row | forecast(scene, 2), images
+
+
+def forecast(scene: cg.Scene, frames: int) -> dict[str, Any]:
+    """Return what the plan of a scene says of its fields."""
+    found = predict(scene.geometry).forecast_fields(frames)
+    return (
+        {} if found is None else {"predicted_photons_per_grain": round(found.photons_per_grain, 2), "predicted": found.suffices}
+    )
 
 
 def bars(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]]]:
@@ -155,7 +163,7 @@ def random(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]
     for number in range(RANDOM_CAPTURES):
         drawn, scene, capture = draw_scene(number, folder, photographs if photographs.is_dir() else None)
         row, images = compare(scene, capture)
-        yield f"random {number}: {drawn['object']}", drawn | row, images
+        yield f"random {number}: {drawn['object']}", drawn | row | forecast(scene, len(capture.frames)), images
 
 
 SETS = {"pages": pages, "letters": letters, "light": light, "bars": bars, "random": random}
@@ -178,6 +186,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         (options.output / f"{name}.json").write_text(json.dumps(rows, indent=2))
         save_figure(options.output / f"fields_{name}.png", draw(shown))
         save_figure(options.output / f"fields_{name}_last.png", draw(shown[-1:]))
+        if name == "light":
+            save_figure(options.output / "fields_boundary.png", draw_boundary(rows))
 
 
 def draw(shown: Sequence[tuple[str, list[np.ndarray]]]) -> Figure:
@@ -189,6 +199,27 @@ def draw(shown: Sequence[tuple[str, list[np.ndarray]]]) -> Figure:
             panel.imshow(image, cmap="gray", vmax=np.quantile(image, 0.998))
             panel.set_title(f"{title}: {kind}" if len(shown) > 1 else kind, fontsize=9)
             panel.set_axis_off()
+    return figure
+
+
+def draw_boundary(rows: dict[str, dict[str, Any]]) -> Figure:
+    """Plot by how many standard deviations fields predict held-out pixels against the predicted photons per grain."""
+    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+    axes = figure.subplots()
+    names = sorted({title.split(",")[0] for title in rows})
+    for prior, marker in (("real", "o"), ("oracle", "x")):
+        for number, name in enumerate(names):
+            found = [row for title, row in rows.items() if title.split(",")[0] == name and f"sigma_{prior}_prior" in row]
+            light, gain = ([row[key] for row in found] for key in ("predicted_photons_per_grain", f"sigma_{prior}_prior"))
+            axes.plot(light, gain, marker, color=f"C{number}", label=f"{name}, {prior} prior")
+    axes.axhline(MIN_GAIN_SIGMA, color="black", linewidth=0.8, label="accepted above")
+    axes.axvline(MIN_PHOTONS_PER_GRAIN, color="black", linestyle="--", linewidth=0.8, label="predicted boundary")
+    axes.set(
+        xscale="log",
+        xlabel="predicted photons per grain of the bounding box",
+        ylabel="gain on held-out pixels (standard deviations)",
+    )
+    axes.legend(fontsize=8)
     return figure
 
 

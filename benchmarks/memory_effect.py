@@ -55,7 +55,7 @@ def main() -> None:
     geometry, memory = scene.geometry, MemoryEffect.of(scene.geometry)
     prediction = predict(geometry)
     truth = memory.cells / memory.cells.max()
-    per_frame = prediction.terms.signal * np.prod(geometry.frame_shape) / geometry.electronics.exposure_s
+    per_frame = prediction.terms.light.signal * np.prod(geometry.frame_shape) / geometry.electronics.exposure_s
     reach = 0.5 * geometry.wavelength_m * geometry.distance_m / geometry.pixel_pitch_m
     noise = prediction.signal_to_noise(FRAMES)
     rows = [

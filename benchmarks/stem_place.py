@@ -83,11 +83,9 @@ def render_estimates(floor: float, count: int) -> Iterator[Estimate]:
     prediction = predict(geometry)
 
     def excess(power: float) -> float:
-        return (prediction.with_exposure_factor(10.0**power).terms.floor_over_peak() or np.inf) / prediction.signal[
-            63, 64
-        ] - floor
+        return (prediction.at_exposure(10.0**power).floor_over_peak(2) or np.inf) / prediction.signal[63, 64] - floor
 
-    exposure_s = geometry.electronics.exposure_s * 10.0 ** brentq(excess, -5.0, 2.0)
+    exposure_s = 10.0 ** brentq(excess, -6.0, 1.0)
     for seed in range(count):
         yield estimate_from_frames(render_geometry(geometry.with_exposure(exposure_s), 2, seed), None, "cpu")
 

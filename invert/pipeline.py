@@ -38,7 +38,7 @@ from invert.choices import (
 )
 from invert.field.reconstruction import FieldReconstruction
 from invert.field.retrieval import retrieve_fields
-from invert.measure.capture import check_frame, describe_pitch, read_capture
+from invert.measure.capture import check_frame, describe_pitch, read_capture, stray_light_of
 from invert.measure.estimate import Estimate, Patch, check_power, estimate_from_frames, published_estimate
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction, reconstruct_measurement
@@ -147,6 +147,7 @@ def reconstruct(
     notes = describe_limits(reconstruction, measurement) + field_notes
     if isinstance(capture, Capture):
         notes += describe_pitch(capture)
+        warnings += stray_light_of(capture)
     return Result(estimate, measurement, reconstruction, settings, seconds, test, tuple(warnings), tuple(notes), fields)
 
 

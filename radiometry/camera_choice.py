@@ -143,34 +143,28 @@ def _predict_one(
     other = choice.apply(geometry, camera)
     check(other)
     prediction = predict(other)
-    terms, exposure_s = prediction.terms, other.electronics.exposure_s
-    floor = terms.floor_over_peak()
+    floor = prediction.floor_over_peak(frames)
     if floor is None:
         raise InputError("scene", "light from the hidden object", "none", "raise power or albedo")
 
-    def seconds(factor: float | None) -> float | None:
-        return None if factor is None else factor * exposure_s * frames
-
-    detection_s = seconds(prediction.detection_factor(frames))
-    correlation_s = (
-        None if required_error is None else seconds(prediction.error_factor(frames, required_error(other, prediction)))
-    )
-    longest_s = max((one for one in (detection_s, correlation_s) if one is not None), default=0.0) / frames
-    mean = (terms.signal + terms.ambient + terms.dark) * longest_s / exposure_s
+    detection_s = prediction.detection_exposure_s(frames)
+    correlation_s = None if required_error is None else prediction.error_exposure_s(frames, required_error(other, prediction))
+    fields_s = prediction.fields_exposure_s()
+    longest_s = max((one for one in (detection_s, correlation_s) if one is not None), default=0.0)
+    mean = prediction.at_exposure(longest_s).terms.mean if longest_s else 0.0
     full_well = other.electronics.full_well
     rows, columns = (side * other.pixel_pitch_m for side in other.frame_shape)
     return CameraPlan(
         camera.name,
         choice,
-        terms.signal,
+        prediction.terms.light.signal,
         floor,
         prediction.dof(frames),
         prediction.pitch_m,
         (rows, columns),
-        detection_s,
-        correlation_s,
+        *(None if one is None else one * frames for one in (detection_s, correlation_s)),
         # Speckle of one polarisation has an exponential histogram.
         math.exp(-full_well / mean) if full_well and mean > 0.0 else 0.0,
-        seconds(prediction.fields_factor()),
+        None if fields_s is None else fields_s * frames,
         None if (forecast := prediction.forecast_fields(frames)) is None else forecast.cells_m,
     )

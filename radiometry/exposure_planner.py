@@ -6,7 +6,7 @@ hide each in shot noise (high floor over peak). Smaller patches give more sample
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -48,26 +48,24 @@ def divide(
         geometry: geometry of the scene; its own exposure is ignored.
         resolution_m: required lag pitch; the patch size with the closest pitch is used.
 
-    The subjective speckle of the virtual detector is excluded, because it does not depend on the division, except in the longest
-    exposures.
-
     Raises InputError for an exposure that is not positive, a scene without light, or an object wider than 64 lags.
     """
     check_positive("--budget-s", budget_s)
     prediction = _predict_at_resolution(geometry, resolution_m)
-    without_detector_speckle = replace(prediction, terms=replace(prediction.terms, detector_grain_pixels=0.0))
-    exposure = geometry.electronics.exposure_s
-    divisions = []
+    grid, gate, divisions = prediction.grid, geometry.electronics.gate, []
     for frames in counts:
-        divided = without_detector_speckle.with_exposure_factor(budget_s / frames / exposure)
-        floor, error = divided.terms.floor_over_peak(), divided.error(frames)
+        if budget_s / frames < gate:
+            break
+        divided = prediction.at_exposure(budget_s / frames)
+        floor, error = divided.floor_over_peak(frames), divided.error(frames)
         if floor is None or error is None:
             raise InputError("scene", "light from the hidden object", "none", "raise power or albedo")
-        grid = prediction.grid
-        dof, fields = prediction.dof(frames), divided.forecast_fields(frames)
+        dof, fields = divided.dof(frames), divided.forecast_fields(frames)
         divisions.append(
             Division(frames, budget_s / frames, grid.size, grid.count, prediction.pitch_m, floor, dof, error, fields)
         )
+    if not divisions:
+        raise InputError("--budget-s", f"at least {counts[0]} gates of {gate:g} s", budget_s, "raise the budget")
     return divisions
 
 

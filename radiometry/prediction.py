@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from radiometry.autocorrelation import (
     smooth_by_window,
 )
 from radiometry.estimation.autocorrelation_estimator import degrees_of_freedom
+from radiometry.estimation.fixed_pattern import shared_lags
 from radiometry.estimation.third_moment import MIN_SIGNAL_FRACTION, drawn_third_moment
 from radiometry.field_forecast import FieldForecast, forecast_fields
 from radiometry.light_budget_rows import light_budget
@@ -30,10 +32,18 @@ from radiometry.noise.detection import DETECTION_LIMIT, detection
 from radiometry.noise.measured_noise import WHOLE_FRAME_INFLATION, NoiseLevel
 from radiometry.noise.predicted_floor import NoiseTerms, estimate_error
 from radiometry.photons import grain_area
+from radiometry.sensor import chain
+from radiometry.sensor.stage import SpeckleLight
 from radiometry.transfer import lag_transfer
 
 CELLS_PER_LAG = 4
 """Cells per lag of the albedo from which the known r*r is computed."""
+
+EXPOSURES_S = (1e-12, 1e12)
+"""Shortest and longest exposure that the search for an exposure considers."""
+
+SEARCH_STEP = 2.0
+"""Step of that search in octaves."""
 
 
 @dataclass(frozen=True)
@@ -41,21 +51,25 @@ class Prediction:
     """Expected estimate of a scene, for patches of `grid`.
 
     Attributes:
+        geometry: the scene. Everything that depends on its exposure is derived from it.
         pitches_m: object distance of one lag along rows and columns.
-        signal: H (r*r), smoothed by the window, (127, 127), in units of (r*r)(0).
-        transfer: H per lag (127, 127), times the factor M of motion at each lag in units of that at zero lag.
+        correlation: r*r, smoothed by the window, (127, 127), in units of (r*r)(0).
+        camera_transfer: H of pupil and pixel at each lag, (127, 127).
         cells: the albedo (64, 64), one cell per lag; zero for a wider object.
-        polarisations: number of incoherent patterns that share the light.
-        shot_floor_over_peak: one over the photoelectrons per coherence area; None without light.
+        grain_m2: coherence area of the speckle on the wall.
     """
 
-    terms: NoiseTerms
+    geometry: Any
     grid: PatchGrid
     pitches_m: tuple[float, float]
-    signal: np.ndarray
-    transfer: np.ndarray
+    correlation: np.ndarray
+    camera_transfer: np.ndarray
     cells: np.ndarray
-    polarisations: int
+    grain_m2: float
+
+    def at_exposure(self, exposure_s: float) -> Prediction:
+        """Return the prediction for another exposure."""
+        return replace(self, geometry=self.geometry.with_exposure(exposure_s))
 
     @property
     def pitch_m(self) -> float:
@@ -63,93 +77,145 @@ class Prediction:
         return self.pitches_m[0]
 
     @property
+    def polarisations(self) -> int:
+        """Number of incoherent patterns that share the light."""
+        return 2 if self.geometry.is_depolarised else 1
+
+    @cached_property
+    def terms(self) -> NoiseTerms:
+        """Light and sensor, from which the noise follows."""
+        return NoiseTerms(speckle_light(self.geometry, self.grain_m2), self.geometry.electronics)
+
+    @cached_property
+    def transfer(self) -> np.ndarray:
+        """H per lag (127, 127), times the factor M of motion at each lag in units of that at zero lag."""
+        motion, lags = self.geometry.motion, self.grid.lag_grid.lags
+        if not motion.moves:
+            return self.camera_transfer
+        steps = self.grid.lag_grid.steps.astype(float)
+        left = motion.transfer(steps[:, None] * self.pitches_m[0], steps[None, :] * self.pitches_m[1])
+        return self.camera_transfer * left / left[lags, lags]
+
+    @cached_property
+    def signal(self) -> np.ndarray:
+        """H (r*r), smoothed by the window, (127, 127), in units of (r*r)(0)."""
+        return self.correlation * self.transfer
+
+    @property
     def shot_floor_over_peak(self) -> float | None:
+        """One over the photoelectrons per coherence area; None without light."""
         return self.terms.over_peak()["signal"]
 
-    def dof(self, frames: int) -> float:
-        """Return K of an estimate from `frames` frames that have no static pattern."""
-        return degrees_of_freedom(frames, self.grid.frame_shape, self.grid.patch_shape)
+    def floor_over_peak(self, frames: int) -> float | None:
+        """Return the floor of an estimate, without the static pattern if `invert` subtracts it; None without light."""
+        floor = self.terms.floor_over_peak()
+        if floor is None or not self.subtracts_pattern(frames):
+            return floor
+        return floor - self.terms.static_over_peak()
 
-    def with_exposure_factor(self, factor: float) -> Prediction:
-        """Return the prediction for exposures longer by a factor."""
-        terms = self.terms
-        longer = replace(
-            terms,
-            signal=terms.signal * factor,
-            dark=terms.dark * factor,
-            ambient=terms.ambient * factor,
-            gates=terms.gates * factor,
-        )
-        return replace(self, terms=longer)
+    def dof(self, frames: int) -> float:
+        """Return K of an estimate. Subtraction of a static pattern costs the degrees of freedom of one frame."""
+        counted = frames - 1 if self.subtracts_pattern(frames) else frames
+        return degrees_of_freedom(counted, self.grid.frame_shape, self.grid.patch_shape)
+
+    def subtracts_pattern(self, frames: int) -> bool:
+        """Return whether `invert` subtracts the static pattern of the sensor from an estimate: whether the power that the frames are
+        expected to share is significant.
+        """
+        static, floor = self.terms.static_over_peak(), self.terms.floor_over_peak()
+        if static == 0.0 or floor is None or frames < 2:
+            return False
+        power = self.signal + floor
+        shared_dof = degrees_of_freedom(frames * (frames - 1), self.grid.frame_shape, self.grid.patch_shape)
+        return bool(shared_lags(np.full_like(power, static), power, shared_dof).mean() > 0.5)
+
+    def line_noise_over_peak(self) -> dict[str, float]:
+        """Return what the noise of rows or columns adds to the lags of one axis: its variance times the side of a patch."""
+        side = {"row": self.grid.patch_shape[1], "column": self.grid.patch_shape[0]}
+        stages = [stage for stage in chain.stages_of(self.geometry.electronics) if stage.spread in side]
+        return {stage.name: side[stage.spread] * self.terms.share(stage) for stage in stages}
 
     def detection(self, frames: int) -> float:
         """Return the expected significance of the signal in standard deviations, as `invert` computes it from an estimate."""
-        floor = self.terms.floor_over_peak()
+        floor = self.floor_over_peak(frames)
         if floor is None:
             return 0.0
         noise = NoiseLevel(floor, self.dof(frames), self.grid.lag_grid.lags, WHOLE_FRAME_INFLATION)
         return detection(self.signal + floor, noise)
 
-    def detection_factor(self, frames: int) -> float | None:
-        """Return by which factor exposures must change for the object to be just detectable; None if no exposure suffices."""
-        return self._least_factor(lambda longer: longer.detection(frames) / DETECTION_LIMIT)
+    def detection_exposure_s(self, frames: int) -> float | None:
+        """Return the shortest exposure of each frame at which the object is detected; None if no exposure suffices."""
+        return self._shortest_exposure_s(lambda other: other.detection(frames) / DETECTION_LIMIT)
 
     def error(self, frames: int) -> float | None:
         """Return the relative error of the estimate's signal, root mean square over all lags; None without light."""
-        floor, signal = self.terms.floor_over_peak(), self.signal
+        floor, signal = self.floor_over_peak(frames), self.signal
         if floor is None:
             return None
-        return estimate_error(float(signal.sum()), float((signal**2).sum()), signal.size, floor, self.dof(frames))
+        square = float((signal**2).sum())
+        noise = estimate_error(float(signal.sum()), square, signal.size, floor, self.dof(frames))
+        lines = math.fsum(2.0 * self.grid.lag_grid.lags * share**2 for share in self.line_noise_over_peak().values())
+        return math.hypot(noise, math.sqrt(lines / square))
 
-    def error_factor(self, frames: int, error: float) -> float | None:
-        """Return by which factor exposures must change for an error of the estimate; None if no exposure suffices."""
-        return self._least_factor(lambda longer: error / (longer.error(frames) or math.inf))
-
-    def _least_factor(self, excess: Callable[[Prediction], float]) -> float | None:
-        """Return the factor of the exposure at which `excess`, which grows with it, is 1."""
-
-        def log_excess(octaves: float) -> float:
-            return math.log(max(excess(self.with_exposure_factor(2.0**octaves)), 1e-300))
-
-        lowest, highest = -40.0, 60.0
-        if log_excess(highest) < 0.0:
-            return None
-        return 2.0 ** float(brentq(log_excess, lowest, highest, xtol=1e-3)) if log_excess(lowest) < 0.0 else 2.0**lowest
+    def error_exposure_s(self, frames: int, error: float) -> float | None:
+        """Return the shortest exposure of each frame with an error of the estimate; None if no exposure suffices."""
+        return self._shortest_exposure_s(lambda other: error / (other.error(frames) or math.inf))
 
     def forecast_fields(self, frames: int) -> FieldForecast | None:
         """Return the forecast of `--method field`; None without light, and for an object wider than the lags."""
         floor, grid = self.terms.floor_over_peak(), self.grid
         return forecast_fields(self.cells, floor, frames, grid.frame_shape, grid.patch_shape, self.pitches_m)
 
-    def fields_factor(self) -> float | None:
-        """Return by which factor exposures must change for the fields to be retrieved; None if no exposure suffices."""
+    def fields_exposure_s(self) -> float | None:
+        """Return the shortest exposure at which the field of a frame can be retrieved; None if no exposure suffices."""
 
-        def excess(longer: Prediction) -> float:
-            forecast = longer.forecast_fields(1)
+        def excess(other: Prediction) -> float:
+            forecast = other.forecast_fields(1)
             return 0.0 if forecast is None else forecast.photons_per_grain / forecast.needed_photons_per_grain
 
-        return self._least_factor(excess)
+        return self._shortest_exposure_s(excess)
+
+    def _shortest_exposure_s(self, excess: Callable[[Prediction], float]) -> float | None:
+        """Return the shortest exposure at which `excess` is 1 or more.
+
+        It grows with the exposure if nothing moves. Motion blurs long exposures, so that it falls again; the search then climbs in
+        steps of `SEARCH_STEP`.
+        """
+
+        def log_excess(octaves: float) -> float:
+            return math.log(max(excess(self.at_exposure(2.0**octaves)), 1e-300))
+
+        lowest, highest = (math.log2(limit) for limit in EXPOSURES_S)
+        gate = self.geometry.electronics.gate
+        lowest = max(lowest, math.log2(gate)) if gate else lowest
+        if log_excess(lowest) >= 0.0:
+            return 2.0**lowest
+        step = SEARCH_STEP if self.geometry.motion.moves else highest - lowest
+        for octaves in np.arange(lowest, highest, step) + step:
+            if log_excess(octaves) >= 0.0:
+                return 2.0 ** float(brentq(log_excess, octaves - step, octaves, xtol=1e-3))
+        return None
 
     def third_moment_signal_to_noise(self, frames: int) -> float | None:
         """Return the third moment of filtered frames over its standard error, which limits how well `invert`
         distinguishes speckle from texture; None if signal is less than a fifth of the estimate at every lag."""
-        floor = self.terms.floor_over_peak()
+        floor = self.floor_over_peak(frames)
         if floor is None:
             return None
         weight = self.signal / (self.signal + floor)
         weight[(weight < MIN_SIGNAL_FRACTION) | (lag_grid_of(weight).ring < 2)] = 0.0
         if not weight.any() or not self.cells.any():
             return None
-        terms = self.terms
+        light, electronics = self.terms.light, self.terms.electronics
         pixels = math.prod(self.grid.patch_shape)
         mean, deviation = drawn_third_moment(
             self.cells,
             weight,
             self.transfer,
             pixels,
-            terms.signal**2 * terms.grain_pixels,
-            terms.ambient + terms.dark,
-            terms.read,
+            light.signal**2 * light.grain_pixels,
+            self.terms.mean - light.signal,
+            electronics.read_noise**2,
             polarisations=self.polarisations,
         )
         patches = frames * math.prod(self.grid.frame_shape) / pixels
@@ -157,42 +223,30 @@ class Prediction:
 
     def signal_to_noise(self, frames: int) -> float | None:
         """Return the signal-to-noise ratio, averaged over the lags of the object with the signal as weight; None without light."""
-        floor = self.terms.floor_over_peak()
+        floor = self.floor_over_peak(frames)
         if floor is None:
             return None
         weight = self.signal / self.signal.sum()
         return float((weight * self.signal / (self.signal + floor)).sum()) * math.sqrt(self.dof(frames))
 
 
-def noise_terms(geometry: Any, albedo: np.ndarray, cell_area_m2: float, square_sum: float | None = None) -> NoiseTerms:
-    """Return the noise terms of one frame of a scene.
-
-    Args:
-        albedo: albedo of the object, weighted by its illumination, on cells of `cell_area_m2` across the line of sight.
-        square_sum: see `grain_area`.
-    """
-    electronics = geometry.electronics
-    grain = grain_area(albedo, cell_area_m2, geometry.wavelength_m, geometry.distance_m, square_sum)
+def speckle_light(geometry: Any, grain_m2: float) -> SpeckleLight:
+    """Return the light of one frame of a scene, whose speckle has a coherence area on the wall."""
+    exposure_s = geometry.electronics.exposure_s
     ambient = geometry.ambient_photoelectrons_per_pixel_s
     # Subjective grain of the virtual detector behind a circular pupil: (lambda z)^2 / A (Goodman, Speckle Phenomena, Eq. 4-75).
     pupil_area = 0.25 * math.pi * geometry.pupil_diameter_m**2
     subjective_grain = (geometry.wavelength_m * geometry.pupil_distance_m) ** 2 / pupil_area
-    signal = light_budget(geometry.light_path).photoelectrons_per_pixel_s * electronics.exposure_s
+    signal = light_budget(geometry.light_path).photoelectrons_per_pixel_s * exposure_s
     # Fraction of the speckle variance that remains with two incoherent polarisations and with motion.
     kept = (0.5 if geometry.is_depolarised else 1.0) * float(geometry.motion.transfer(np.zeros(1), np.zeros(1))[0])
-    other = (
-        geometry.other_light_share * signal if geometry.other_light_share > 1e-3 else 0.0
-    )  # a smaller fraction is not modelled
-    return NoiseTerms(
+    return SpeckleLight(
         signal=signal,
-        grain_pixels=grain / geometry.seen_pixel_area_m2 * kept,
-        ambient=other + (0.0 if ambient is None else float(ambient.mean()) * electronics.exposure_s),
-        dark=electronics.dark_current * electronics.exposure_s,
-        read=electronics.read_noise**2,
-        quantisation=electronics.step**2 / 12.0,
+        grain_pixels=grain_m2 / geometry.seen_pixel_area_m2 * kept,
+        ambient=0.0 if ambient is None else float(ambient.mean()) * exposure_s,
+        stray=geometry.other_light_share * signal,
         # The mean square falls from 2 to 1 + kept; the subjective speckle of the virtual detector keeps the same fraction of its variance.
         detector_grain_pixels=subjective_grain / geometry.pixel_pitch_m**2 * 0.5 * (1.0 + kept) * kept,
-        gates=electronics.gates,
         modes=1.0 / kept,
     )
 
@@ -226,16 +280,12 @@ def predict(geometry: Any, patch: int | None = None, lags: int = LAGS) -> Predic
         geometry.wavelength_m,
         geometry.pupil_distance_m,
     )
-    steps = grid.lag_grid.steps.astype(float)
-    if geometry.motion.moves:
-        left = geometry.motion.transfer(steps[:, None] * pitches_m[0], steps[None, :] * pitches_m[1])
-        transfer = transfer * left / left[lags, lags]
     peak = peak_of_cell_means(correlation)
-    signal = smooth_by_window(correlation / peak if peak > 0.0 else correlation, CELLS_PER_LAG, lags) * transfer
-    terms = noise_terms(geometry, albedo, cell[0] * cell[1] * hidden.axes.cell, peak)
+    smooth = smooth_by_window(correlation / peak if peak > 0.0 else correlation, CELLS_PER_LAG, lags)
+    grain = grain_area(albedo, cell[0] * cell[1] * hidden.axes.cell, geometry.wavelength_m, geometry.distance_m, peak)
     half = shown * CELLS_PER_LAG // 2
     middle = [slice(size // 2 - half, size // 2 - half + shown * CELLS_PER_LAG) for size in albedo.shape]
     cells = albedo[tuple(middle)].reshape(shown, CELLS_PER_LAG, shown, CELLS_PER_LAG).mean((1, 3))
     if cells.sum() * CELLS_PER_LAG**2 < 0.99 * albedo.sum():  # the object is wider than the lags
         cells = np.zeros_like(cells)
-    return Prediction(terms, grid, pitches_m, signal, transfer, cells, 2 if geometry.is_depolarised else 1)
+    return Prediction(geometry, grid, pitches_m, smooth, transfer, cells, grain)

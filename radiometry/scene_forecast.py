@@ -52,8 +52,9 @@ def predict(scene: Any, frames: int = 2, patch: int | None = None) -> Forecast:
     frames = FRAMES.check("frames", frames)
     patch = None if patch is None else PATCH.check("patch", patch)
     known = predict_geometry(_geometry_of(scene), patch)
-    terms = known.terms
-    return Forecast(known.signal, terms.floor_over_peak(), known.dof(frames), known.signal_to_noise(frames), known.pitches_m)
+    return Forecast(
+        known.signal, known.floor_over_peak(frames), known.dof(frames), known.signal_to_noise(frames), known.pitches_m
+    )
 
 
 def _geometry_of(scene: Any) -> Any:

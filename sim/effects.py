@@ -8,29 +8,19 @@ from dataclasses import dataclass, replace
 
 from correlograph.errors import InputError
 from radiometry.noise.predicted_floor import NoiseTerms
+from radiometry.prediction import Prediction
+from radiometry.sensor import chain
+from radiometry.sensor.electronics import Electronics
+from radiometry.sensor.stage import Stage
 from sim.geometry import Geometry
 from sim.optics.coherence import variance_lost_to_linewidth
 from sim.optics.illumination import grain_m
 from sim.optics.motion import variance_lost_to_motion
 from sim.optics.object_samples import ObjectSamples
-from sim.plugins.speckle_camera import Electronics
-
-ELECTRONIC = {
-    "read_noise": "read_noise",
-    "row_noise": "row_noise",
-    "column_noise": "column_noise",
-    "fixed_pattern": "fixed_pattern",
-    "dark_current": "dark_current",
-    "full_well": "full_well",
-    "quantisation": "bits",
-    "photon_counting": "gate",
-}
-"""Effects that a parameter of the speckle_camera enables, and that parameter."""
 
 OPTICAL = (
     "source_grain",
     "pupil_and_pixel",
-    "shot_noise",
     "detector_roughness",
     "detector_texture",
     "depolarisation",
@@ -40,7 +30,8 @@ OPTICAL = (
     "motion",
 )
 
-FORCEABLE = (*OPTICAL, *ELECTRONIC)
+FORCEABLE = (*OPTICAL, *(stage.name for stage in chain.CHAIN))
+"""Effects that can be forced: of the light, and the stages of the sensor."""
 
 
 @dataclass(frozen=True)
@@ -75,19 +66,15 @@ def parse_effects(texts: Iterable[str]) -> tuple[tuple[str, bool], ...]:
 
 
 def decide(
-    geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, forced: tuple[tuple[str, bool], ...], tolerance: float
+    prediction: Prediction, samples: ObjectSamples, forced: tuple[tuple[str, bool], ...], tolerance: float
 ) -> dict[str, Effect]:
     """Decide for each effect of a scene whether it is modelled, and why.
 
     Raises InputError if an effect is forced that needs a missing parameter of the scene.
     """
-    found = _optical_effects(geometry, samples, terms, tolerance)
-    found += [
-        Effect(
-            name, getattr(geometry.electronics, parameter) > 0.0, _set_or_zero(getattr(geometry.electronics, parameter)), 0.0
-        )
-        for name, parameter in ELECTRONIC.items()
-    ]
+    geometry = prediction.geometry
+    found = _optical_effects(geometry, samples, prediction.terms, tolerance)
+    found += [_effect_of(stage, prediction) for stage in chain.CHAIN]
     decided = {effect.name: effect for effect in found}
     for name, is_on in forced:
         if is_on and _is_unset(name, decided[name], geometry):
@@ -95,7 +82,7 @@ def decide(
                 f"--effect {name}",
                 "a parameter of the scene that sets it",
                 "zero",
-                f"set {ELECTRONIC.get(name, name)} in the scene",
+                f"set {_parameters().get(name, name)} in the scene",
             )
         why = f"forced {'on' if is_on else 'off'}; {decided[name].why}"
         decided[name] = replace(decided[name], modelled=is_on, why=why)
@@ -107,8 +94,8 @@ def decide(
 
 def _is_unset(name: str, effect: Effect, geometry: Geometry) -> bool:
     """Return whether the scene gives no parameter for an effect."""
-    if name in ELECTRONIC:
-        return getattr(geometry.electronics, ELECTRONIC[name]) == 0.0
+    if name in _parameters():
+        return not getattr(geometry.electronics, _parameters()[name])
     if name == "linewidth":
         return geometry.linewidth_hz == 0.0
     if name == "ambient":
@@ -136,7 +123,6 @@ def _optical_effects(geometry: Geometry, samples: ObjectSamples, terms: NoiseTer
         ),
         Effect("source_grain", True, f"grain of {grain_m(geometry) * 1e6:.3g} um on the object", 0.0),
         Effect("pupil_and_pixel", True, "H, incoherent blur by pupil and pixel", 0.0),
-        Effect("shot_noise", True, "Poisson", 0.0),
         Effect(
             "detector_roughness", speckle > tolerance, "subjective speckle of the virtual detector, as floor over peak", speckle
         ),
@@ -180,7 +166,7 @@ def _optical_effects(geometry: Geometry, samples: ObjectSamples, terms: NoiseTer
 
 def remaining_electronics(electronics: Electronics, decided: dict[str, Effect]) -> Electronics:
     """Return the camera parameters without the omitted effects."""
-    off = {parameter: 0 for name, parameter in ELECTRONIC.items() if not decided[name].modelled}
+    off = {parameter: 0 for name, parameter in _parameters().items() if not decided[name].modelled}
     if electronics.bits and "full_well" in off and not electronics.gain:
         off["bits"] = 0  # without the range of the ADC
     if off.get("bits") == 0:
@@ -188,5 +174,22 @@ def remaining_electronics(electronics: Electronics, decided: dict[str, Effect]) 
     return replace(electronics, **off)
 
 
-def _set_or_zero(value: float) -> str:
-    return f"the speckle_camera sets it to {value:g}" if value else "the speckle_camera leaves it at zero"
+def _effect_of(stage: Stage, prediction: Prediction) -> Effect:
+    """Return the line of the plan for a stage of the sensor."""
+    electronics = prediction.geometry.electronics
+    if not stage.is_set(electronics):
+        return Effect(stage.name, False, f"the speckle_camera leaves {stage.parameter} at zero", 0.0)
+    lines = prediction.line_noise_over_peak()
+    share = lines.get(stage.name, prediction.terms.share(stage))
+    value = getattr(electronics, stage.parameter)
+    why = "the light is counted" if value is True else f"{stage.parameter} {value:g} {stage.unit}"
+    if stage.name in lines:
+        why += f", which adds {share:.2g} of the peak to the lags of one axis"
+    elif share:
+        why += f", which adds {share:.2g} to floor over peak"
+    return Effect(stage.name, True, why, abs(share))
+
+
+def _parameters() -> dict[str, str]:
+    """Return the parameter of the speckle_camera that enables each stage."""
+    return {stage.name: stage.parameter for stage in chain.CHAIN}

@@ -11,9 +11,10 @@ import torch
 
 from correlograph.errors import InputError
 from radiometry.light_budget_rows import light_budget
+from radiometry.sensor.chain import expose
 from sim.effects import remaining_electronics
 from sim.geometry import Geometry
-from sim.optics.camera import expose, mean_image, transfer_function
+from sim.optics.camera import mean_image, transfer_function
 from sim.optics.detector_roughness import exact_image, gamma_image
 from sim.optics.illumination import illuminate
 from sim.optics.motion import Pose, poses, travel_phase
@@ -211,9 +212,7 @@ class Simulation:
         the laser's `scan_step` is smaller. Its speckle and its noise are therefore independent of other frames. The two
         polarisation channels of an exposure have the same spot, but independent speckle.
         """
-        noise = expose(
-            self.expected_frame(seed, number).numpy(), self._electronics, _stream(seed, number, 1), self._models("shot_noise")
-        )
+        noise = expose(self.expected_frame(seed, number).numpy(), self._electronics, _stream(seed, number, 1))
         return torch.from_numpy(noise)
 
 

@@ -110,7 +110,7 @@ class Plan:
         kernels = _kernels(geometry, samples, settings)
         kernel = choose(kernels, settings.propagator, settings.tolerance)
         prediction = predict(geometry)
-        effects = decide(geometry, samples, prediction.terms, settings.effects, settings.tolerance)
+        effects = decide(prediction, samples, settings.effects, settings.tolerance)
         return cls(
             geometry,
             settings,
@@ -125,8 +125,8 @@ class Plan:
     def with_geometry(self, geometry: Geometry) -> Plan:
         """Plan the same scene at another exposure or laser power; samples and propagators are reused."""
         check_exposure(geometry)
-        prediction = predict(geometry)
-        effects = decide(geometry, self.samples, prediction.terms, self.settings.effects, self.settings.tolerance)
+        prediction = replace(self.prediction, geometry=geometry)
+        effects = decide(prediction, self.samples, self.settings.effects, self.settings.tolerance)
         modes = _modes(geometry, self.samples, effects, self.settings)
         return replace(self, geometry=geometry, prediction=prediction, effects=effects, modes=modes)
 

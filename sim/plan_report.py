@@ -10,7 +10,7 @@ import numpy as np
 
 from radiometry.light_budget_rows import detector_to_pixel, light_budget
 from radiometry.noise.detection import DETECTION_LIMIT
-from radiometry.prediction import Prediction, predict
+from radiometry.prediction import predict
 from sim.effects import Effect
 from sim.geometry import Geometry
 from sim.optics.illumination import overlap, specular_share
@@ -28,6 +28,10 @@ MAX_NAMED_SHAPES = 3
 
 MAX_STRAY_SHARE = 0.3
 """Ratio of stray light to object light above which a warning is given; the stray light's r*r is then a tenth of the object's."""
+
+
+MAX_LINE_SHARE = 0.1
+"""Noise of rows or columns over the peak, at the lags of one axis, above which a warning is given."""
 
 
 def make_plan(geometry: Geometry, frames: int, settings: Settings | None = None) -> dict[str, Any]:
@@ -71,7 +75,7 @@ def as_json(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> d
         "ideal_floor_over_peak": plan.prediction.shot_floor_over_peak,
         "signal_to_noise": plan.prediction.signal_to_noise(frames),
         "fields": (forecast := plan.prediction.forecast_fields(frames)) and forecast.as_dict(),
-        "detection_exposure_s": detection_exposure_s(plan.prediction, geometry.electronics.exposure_s, frames),
+        "detection_exposure_s": plan.prediction.detection_exposure_s(frames),
         "other_light_share": geometry.other_light_share,
         "other_light_by_shape": dict(geometry.other_light.fractions) if geometry.other_light else {},
     }
@@ -94,6 +98,11 @@ def warnings_of(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) 
     found += scene_warnings(plan.geometry, plan.prediction.pitches_m)
     if plan.geometry.other_light_share > MAX_STRAY_SHARE:
         found.append(stray_light_warning(plan, frames))
+    found += [
+        f"{name}: adds {share:.2g} of the peak to the lags of one axis, which a reconstruction takes for signal; lower {name}"
+        for name, share in plan.prediction.line_noise_over_peak().items()
+        if share > MAX_LINE_SHARE
+    ]
     if monte_carlo is not None:
         found += disagreement(plan.geometry, monte_carlo)
     ratio = plan.prediction.signal_to_noise(frames)
@@ -129,12 +138,6 @@ def disagreement(geometry: Geometry, monte_carlo: MonteCarlo) -> list[str]:
     ]
 
 
-def detection_exposure_s(prediction: Prediction, exposure_s: float, frames: int) -> float | None:
-    """Return the exposure of each frame at which the object becomes detectable; None if there is none."""
-    factor = prediction.detection_factor(frames)
-    return None if factor is None else factor * exposure_s
-
-
 def required_exposure(plan: Plan, frames: int) -> str:
     """Return text that names a longer exposure of each frame or, alternatively, a larger number of frames at which the
     object becomes detectable.
@@ -142,7 +145,7 @@ def required_exposure(plan: Plan, frames: int) -> str:
     exposure_s, expected = plan.geometry.electronics.exposure_s, plan.prediction.detection(frames)
     if expected <= 0.0:
         return "light from the object"
-    longer_s = detection_exposure_s(plan.prediction, exposure_s, frames)
+    longer_s = plan.prediction.detection_exposure_s(frames)
     # K, and with it the square of the significance, is proportional to the number of frames.
     count = math.ceil(frames * (DETECTION_LIMIT / expected) ** 2)
     by_exposure = "" if longer_s is None else f"{frames} frames of {longer_s:.2g} s, or "
@@ -151,12 +154,12 @@ def required_exposure(plan: Plan, frames: int) -> str:
 
 def stray_light_warning(plan: Plan, frames: int) -> str:
     """Return a warning that names the sources of stray light, its cost in exposure and a remedy."""
-    geometry, exposure_s = plan.geometry, plan.geometry.electronics.exposure_s
+    geometry = plan.geometry
     shapes = list(geometry.other_light.fractions.items())[:MAX_NAMED_SHAPES] if geometry.other_light else []
     named = ", ".join(f"{100.0 * fraction:.0f} % by {name}" for name, fraction in shapes)
     grid = plan.prediction.grid
     without = predict(replace(geometry, other_light=None), grid.size, grid.lags)
-    seconds = [detection_exposure_s(known, exposure_s, frames) for known in (plan.prediction, without)]
+    seconds = [known.detection_exposure_s(frames) for known in (plan.prediction, without)]
     cost = "; detection takes {:.2g} s per frame, {:.2g} s without it".format(*seconds) if None not in seconds else ""
     return (
         f"other_light: stray light is {geometry.other_light_share:.3g} times the light of the object ({named}), and a "
@@ -174,7 +177,7 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
         for extent, pitch in zip(geometry.hidden_object.extent_m, geometry.seen_pitch_m, strict=True)
     ]
     dof, ratio, third = prediction.dof(frames), content["signal_to_noise"], prediction.third_moment_signal_to_noise(frames)
-    floor, budget = prediction.terms.floor_over_peak(), light_budget(geometry.light_path)
+    floor, budget = prediction.floor_over_peak(frames), light_budget(geometry.light_path)
     forecast = prediction.forecast_fields(frames)
     lines = [
         "{} x {} pixels, ".format(*geometry.frame_shape) + f"{frames} frames of {geometry.electronics.exposure_s:g} s",

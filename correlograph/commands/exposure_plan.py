@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -76,6 +77,8 @@ def divide_exposure(options: Any, geometry: Any, folder: Path | None) -> None:
     """Predict the error of every division, select the best, check it by rendering if asked, plot the curve."""
     from correlograph.files.output import save_json
     from radiometry.exposure_planner import best, divide
+    from sim.plan import Plan
+    from sim.plan_report import warnings_of
 
     divisions = divide(geometry, options.budget_s, options.resolution_m)
     chosen = best(divisions)
@@ -85,6 +88,9 @@ def divide_exposure(options: Any, geometry: Any, folder: Path | None) -> None:
         f"({chosen.pitch_m * 1e6:.0f} um per lag): floor over peak {chosen.floor_over_peak:.3g}, K {chosen.dof:.3g}, "
         f"error of the estimate {100 * chosen.error:.3g} %"
     )
+    warnings = warnings_of(Plan.of(geometry.with_exposure(chosen.exposure_s)), chosen.frames)
+    for warning in warnings:
+        print(f"warning: {warning}", file=sys.stderr)
     if chosen.fields is not None:
         print(f"--method field: {chosen.fields.describe()}")
     if folder is None:
@@ -93,6 +99,7 @@ def divide_exposure(options: Any, geometry: Any, folder: Path | None) -> None:
         "budget_s": options.budget_s,
         "chosen": asdict(chosen),
         "divisions": [asdict(division) for division in divisions],
+        "warnings": warnings,
         "rendered_error": {str(frames): error for frames, error in checked.items()},
     }
     save_json(folder / "plan.json", content)

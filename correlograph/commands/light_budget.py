@@ -29,14 +29,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     with exit_at_once():
         import sim  # noqa: F401 - loads Mitsuba
     from sim.backend.variant import log_to_standard_error
-    from sim.plan import check
     from sim.scene_file import load_scene, parse_definitions
     from sim.scene_reader import read_geometry
 
     log_to_standard_error()
     scene, _ = load_scene(options.scene, parse_definitions(options.definitions))
     geometry = read_geometry(scene)
-    check(geometry)
     account = scene_account(scene, geometry, options.frames, options.samples, options.seed)
     for warning in account["warnings"]:
         print(f"warning: {warning}", file=sys.stderr)
@@ -46,13 +44,14 @@ def main(argv: Sequence[str] | None = None) -> None:
 def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: int) -> dict[str, Any]:
     """Return everything that the command prints, for JSON; docs/radiometry.md describes the keys."""
     from radiometry.light_budget_rows import closed_form, light_budget
-    from radiometry.prediction import predict
     from radiometry.safety import spot_safety
-    from sim.plan_report import disagreement, scene_warnings
+    from sim.plan import Plan
+    from sim.plan_report import warnings_of
     from sim.transport.monte_carlo import estimate_throughput
 
     path = geometry.light_path
-    prediction = predict(geometry)
+    plan = Plan.of(geometry)
+    prediction = plan.prediction
     if frames == prediction.grid.count == 1:
         raise InputError("--frames", "two or more, because the frame holds a single patch", frames, "increase --frames")
     safety = None
@@ -69,10 +68,10 @@ def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: in
         "dof": prediction.dof(frames),
         "noise_over_peak": prediction.terms.over_peak(),
         "signal_to_noise": prediction.signal_to_noise(frames),
-        "photoelectrons_per_pixel": prediction.terms.signal,
+        "photoelectrons_per_pixel": prediction.terms.light.signal,
         "exposure_s": geometry.electronics.exposure_s,
         "safety": safety,
-        "warnings": scene_warnings(geometry, prediction.pitches_m) + disagreement(geometry, monte_carlo),
+        "warnings": warnings_of(plan, frames, monte_carlo),
     }
 
 

@@ -61,21 +61,21 @@ class RequiredError:
 
         rows, columns = (min(side, MAX_SIDE) for side in geometry.frame_shape)
         cropped = geometry.with_camera(geometry.pixel_pitch_m, (rows, columns), geometry.electronics)
-        prediction, exposure_s = predict(cropped), geometry.electronics.exposure_s
+        prediction = predict(cropped)
         truth = Truth(prediction.cells, prediction.pitches_m)
         with tqdm(desc=f"reconstructions, {1e6 * prediction.pitch_m:.0f} um", unit="image", disable=None) as bar:
 
-            def correlation_at(factor: float, seed: int) -> float:
-                capture = render_geometry(cropped.with_exposure(exposure_s * factor), self.frames, seed)
+            def correlation_at(exposure_s: float, seed: int) -> float:
+                capture = render_geometry(cropped.with_exposure(exposure_s), self.frames, seed)
                 result = reconstruct(capture, quality=self.quality, seed=seed)
                 bar.update()
                 return result.compare(truth).pearson if result.object_found else 0.0
 
-            detected = prediction.detection_factor(self.frames)
+            detected = prediction.detection_exposure_s(self.frames)
             if detected is None:
                 raise InputError("--correlation", "an object that can be detected", "none", "omit --correlation")
-            factor = solve(correlation_at, self.correlation, 4.0 * detected, self.seed)
-        error = prediction.with_exposure_factor(factor).error(self.frames)
+            exposure_s = solve(correlation_at, self.correlation, 4.0 * detected, self.seed)
+        error = prediction.at_exposure(exposure_s).error(self.frames)
         assert error is not None
         return error
 

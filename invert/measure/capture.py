@@ -132,6 +132,12 @@ def describe_pitch(capture: Capture) -> list[str]:
     return [f"the pixel pitch of {pitch_m * 1e6:.4g} um comes from the metadata of {capture.names[0]}"]
 
 
+def stray_light_of(capture: Capture) -> list[str]:
+    """Return what the plan of rendered frames says of stray light, which an estimate cannot tell from the object's."""
+    warnings = (capture.plan or {}).get("warnings", [])
+    return [f"sim.json: {warning}" for warning in warnings if str(warning).startswith("other_light: stray light")]
+
+
 class _CaptureCheck:
     """Refuses frames that differ from the first one in size or header, and copies of earlier frames."""
 

@@ -1,46 +1,30 @@
-"""Contributions to the noise floor of a scene, predicted from its light budget and camera."""
+"""Contributions to the noise floor of a scene, predicted from its light and its sensor."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
-from correlograph.errors import InputError
+from radiometry.sensor import chain
+from radiometry.sensor.electronics import Electronics
+from radiometry.sensor.stage import SpeckleLight, Stage
+
+LIGHT_TERMS = ("signal", "ambient", "other_light", "detector_speckle")
+"""Contributions of the light itself; those of the sensor have the names of its stages."""
 
 
 @dataclass(frozen=True)
 class NoiseTerms:
-    """Signal, noise and speckle size of a frame, from which the noise of an estimate follows; variances in electrons squared
-    per pixel.
+    """Light and sensor of a frame, from which the noise of an estimate follows."""
 
-    Attributes:
-        signal: mean photoelectrons from the hidden object; their shot noise has this variance.
-        ambient: mean photoelectrons from other light.
-        dark: mean dark electrons.
-        read: variance of the read noise.
-        quantisation: variance of the ADC, step^2 / 12.
-        grain_pixels: coherence area of the speckle in pixels.
-        detector_grain_pixels: coherence area of the subjective speckle of the virtual detector in pixels; 0 if it is omitted.
-        gates: number of gates of a photon-counting camera; 0 for other cameras.
-        modes: number of incoherent speckle patterns of equal power that share the signal; not necessarily a whole number.
-    """
+    light: SpeckleLight
+    electronics: Electronics
 
-    signal: float
-    grain_pixels: float
-    ambient: float = 0.0
-    dark: float = 0.0
-    read: float = 0.0
-    quantisation: float = 0.0
-    detector_grain_pixels: float = 0.0
-    gates: float = 0.0
-    modes: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
-            # without an object the grain is infinite
-            legal = value > 0.0 if name == "grain_pixels" else 0.0 <= value < math.inf
-            if not legal:
-                raise InputError(name, "a finite variance or mean, zero or more", value, f"correct {name}")
+    @property
+    def mean(self) -> float:
+        """Mean electrons of a pixel."""
+        dark = math.fsum(stage.mean(self.electronics) for stage in chain.stages_of(self.electronics))
+        return self.light.signal + self.light.ambient + self.light.stray + dark
 
     def over_peak(self) -> dict[str, float | None]:
         """Return the contribution of each term to floor over peak; every value is None if the scene gives no signal.
@@ -50,42 +34,38 @@ class NoiseTerms:
         is 2 A_subjective / A_grain of the peak at small lags, at any exposure. It is not quite white: pupil and pixel halve it at
         the outermost lags.
         """
-        names = ("signal", "ambient", "dark", "read", "quantisation")
-        if self.signal <= 0.0 or not math.isfinite(self.grain_pixels):
-            return dict.fromkeys((*names, "detector_speckle"), None)
+        light = self.light
+        white = [stage for stage in chain.CHAIN if stage.spread == "pixel"]
+        if light.signal <= 0.0 or not math.isfinite(light.grain_pixels):
+            return dict.fromkeys((*LIGHT_TERMS, *(stage.name for stage in white)), None)
         shares: dict[str, float | None] = {
-            # two divisions, because the square of a faint signal would underflow
-            name: getattr(self, name) / self.signal / self.signal / self.grain_pixels
-            for name in names
+            "signal": self._over_peak(light.signal),
+            "ambient": self._over_peak(light.ambient),
+            "other_light": self._over_peak(light.stray),
+            "detector_speckle": 2.0 * light.detector_grain_pixels / light.grain_pixels,
         }
-        shares["detector_speckle"] = 2.0 * self.detector_grain_pixels / self.grain_pixels
-        if self.gates:
-            shares["saturation"] = self._saturation_over_peak()
-        return shares
+        return shares | {stage.name: self.share(stage) for stage in white}
 
-    def _saturation_over_peak(self) -> float:
-        """Return what the saturation of counts adds to floor over peak.
-
-        A gate receives x + c photons on average: x of the signal, Gamma-distributed over the pixels with mean mu and M
-        modes, and a constant c. Moments of the binomial counts follow from E[exp(-x)] = (1 + mu / M)^-M. In units of
-        (r*r)(0) of these counts, their noise is (exp(c) (1 + mu) (1 + 2 mu) - (1 + mu)^2) / (mu^2 gates A) for M = 1.
-        """
-        mean, constant = self.signal / self.gates, (self.ambient + self.dark) / self.gates
-        each = mean / self.modes
-        once, twice = (math.exp(-self.modes * math.log1p(times * each)) for times in (1.0, 2.0))
-        noise = once * math.expm1(constant) - once * math.expm1(self.modes * (math.log1p(each) - math.log1p(2.0 * each)))
-        # (1 + 2 a) / (1 + a)^2 = 1 - (a / (1 + a))^2
-        variance = -twice * math.expm1(self.modes * math.log1p(-((each / (1.0 + each)) ** 2)))
-        counted = noise / variance / (self.gates * self.modes * self.grain_pixels)
-        electronic = (self.read + self.quantisation) / self.signal / self.signal / self.grain_pixels
-        shrunk = mean**2 / self.modes * math.exp(2.0 * constant) / variance
-        unsaturated = (self.signal + self.ambient + self.dark) / self.signal / self.signal / self.grain_pixels
-        return counted - unsaturated + electronic * (shrunk - 1.0)
+    def share(self, stage: Stage) -> float:
+        """Return what a stage adds to floor over peak; for the noise of rows or columns, its variance in that unit."""
+        stages = chain.stages_of(self.electronics)
+        if stage not in stages or self.light.signal <= 0.0:
+            return 0.0
+        shrinkage = math.prod(before.shrinkage(self.light, self.electronics) for before in stages[: stages.index(stage)])
+        return self._over_peak(stage.variance(self.light, self.electronics)) * shrinkage
 
     def floor_over_peak(self) -> float | None:
         """Return b / (r*r)(0) of all terms together."""
         shares = [share for share in self.over_peak().values() if share is not None]
         return math.fsum(shares) if shares else None
+
+    def static_over_peak(self) -> float:
+        """Return the part of floor over peak that is the same in all frames."""
+        return math.fsum(self.share(stage) for stage in chain.stages_of(self.electronics) if stage.is_static)
+
+    def _over_peak(self, variance: float) -> float:
+        # two divisions, because the square of a faint signal would underflow
+        return variance / self.light.signal / self.light.signal / self.light.grain_pixels
 
 
 def estimate_error(signal_sum: float, signal_square_sum: float, lags: int, floor: float, dof: float) -> float:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mitsuba as mi
 import numpy as np
 
-from correlograph.errors import InputError, check_positive
+from correlograph.errors import InputError
+from radiometry.sensor.electronics import Electronics
 from sim.plugins.parameters import Parameter, Parameters
 
 ELECTRONIC = (
@@ -32,68 +31,6 @@ OPTICAL = (
     Parameter("frame_interval", "seconds", 1e-30, 1e15, 0.0, zero=True),
     Parameter("polarisation_channels", "", 1, 2, 1.0),
 )
-
-PARAMETERS = tuple(parameter.name for parameter in ELECTRONIC[1:])
-
-
-@dataclass(frozen=True)
-class Electronics:
-    """Conversion of photoelectrons to digital numbers. Electrons and seconds; 0 disables an effect.
-
-    Attributes:
-        read_noise: standard deviation per pixel.
-        row_noise, column_noise: standard deviation of the offset of a whole row or column, independent in each frame.
-        fixed_pattern: dark-signal non-uniformity (DSNU): standard deviation of each pixel's offset, equal in all frames.
-        dark_current: electrons per pixel and second.
-        full_well: electrons at which a pixel saturates.
-        bits: bits of the ADC; its range is `gain` times its largest number if `gain` is given, the full well otherwise.
-        gain: electrons per digital number.
-        gate: duration in which a pixel of a photon-counting camera counts at most one photon; gates fill the exposure.
-    """
-
-    exposure_s: float
-    quantum_efficiency: float = 1.0
-    read_noise: float = 0.0
-    row_noise: float = 0.0
-    column_noise: float = 0.0
-    fixed_pattern: float = 0.0
-    dark_current: float = 0.0
-    full_well: float = 0.0
-    bits: int = 0
-    gain: float = 0.0
-    gate: float = 0.0
-
-    def __post_init__(self) -> None:
-        check_positive("exposure", self.exposure_s)
-        for name in PARAMETERS[1:]:
-            check_positive(name, getattr(self, name), zero_allowed=True)
-        if not 0.0 <= self.quantum_efficiency <= 1.0:
-            raise InputError("quantum_efficiency", "a ratio between 0 and 1", self.quantum_efficiency, "correct the value")
-        if self.bits != int(self.bits) or self.bits > 32:
-            raise InputError("bits", "a whole number up to 32", self.bits, "correct the value")
-        if self.bits and not (self.full_well or self.gain):
-            raise InputError(
-                "bits",
-                "a full_well or a gain, which gives the converter's range",
-                "bits without either",
-                "add full_well to the speckle_camera",
-            )
-        if self.gain and not self.bits:
-            raise InputError("gain", "bits as well", "gain without bits", "add bits to the speckle_camera")
-        if self.gate > self.exposure_s:
-            raise InputError("gate", f"at most the exposure of {self.exposure_s:g} s", self.gate, "correct gate")
-
-    @property
-    def gates(self) -> float:
-        """Number of gates in an exposure, and of photons that a pixel can count; 0 for a camera without gates."""
-        return float(round(self.exposure_s / self.gate)) if self.gate else 0.0
-
-    @property
-    def step(self) -> float:
-        """Electrons per digital number of the ADC, 0 without one."""
-        if not self.bits:
-            return 0.0
-        return self.gain or self.full_well / (2**self.bits - 1)
 
 
 class SpeckleCamera(mi.Sensor):
@@ -132,7 +69,7 @@ class SpeckleCamera(mi.Sensor):
         self.electronics = Electronics(
             exposure_s=values["exposure"],
             bits=int(bits) if bits == int(bits) else bits,
-            **{name: values[name] for name in PARAMETERS if name != "bits"},
+            **{one.name: values[one.name] for one in ELECTRONIC if one.name not in ("exposure", "bits")},
         )
 
     def traverse(self, callback):

@@ -37,7 +37,7 @@ def test_the_detection_exposure_reaches_the_limit():
     """Read noise of 3 electrons: the significance is no power of the exposure."""
     prediction = predict(geometry_with(0.125, 3.0))
     for frames in (1, 50):
-        factor = prediction.detection_factor(frames)
-        assert prediction.with_exposure_factor(factor).detection(frames) == pytest.approx(DETECTION_LIMIT, rel=0.01)
-    hidden_by_grain = replace(prediction, terms=replace(prediction.terms, detector_grain_pixels=1e12))
-    assert hidden_by_grain.detection_factor(1) is None
+        exposure_s = prediction.detection_exposure_s(frames)
+        assert prediction.at_exposure(exposure_s).detection(frames) == pytest.approx(DETECTION_LIMIT, rel=0.01)
+    hidden_by_grain = replace(prediction, geometry=replace(prediction.geometry, pupil_diameter_m=1e-7))
+    assert hidden_by_grain.detection_exposure_s(1) is None

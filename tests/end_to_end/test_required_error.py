@@ -42,9 +42,9 @@ def test_the_error_is_that_of_an_exposure_whose_reconstructions_have_the_correla
     prediction = predict(geometry)
     required = RequiredError(0.85, 2, "fast")
     error = required(geometry, prediction)
-    factor = prediction.error_factor(2, error)
+    exposure_s = prediction.error_exposure_s(2, error)
     truth = cg.Truth(prediction.cells, prediction.pitches_m)
-    seen = geometry.with_exposure(geometry.electronics.exposure_s * factor)
+    seen = geometry.with_exposure(exposure_s)
     scores = []
     for seed in range(500, 516):
         result = cg.reconstruct(render_geometry(seen, 2, seed), quality="fast", seed=seed)

@@ -44,7 +44,7 @@ def test_its_signal_to_noise_is_that_of_rendered_frames():
     floor = prediction.terms.floor_over_peak()
     share = prediction.signal / (prediction.signal + floor)
     weight = np.where((share < 0.2) | (RING < 2), 0.0, share)
-    peak = prediction.terms.signal**2 * prediction.terms.grain_pixels
+    peak = prediction.terms.light.signal**2 * prediction.terms.light.grain_pixels
     truth = geometry.hidden_object.cell_means(prediction.pitches_m, 64)
     known = smooth_by_window(autocorrelate(truth)) * prediction.transfer
     seen = []

@@ -12,6 +12,8 @@ from radiometry.estimation.published import published_dof
 from radiometry.noise.model import draw_estimate, expected_spectrum, log_likelihood
 from radiometry.noise.predicted_floor import NoiseTerms, estimate_error
 from radiometry.safety import maximum_permissible_exposure, spot_safety
+from radiometry.sensor.electronics import Electronics
+from radiometry.sensor.stage import SpeckleLight
 
 
 def torch_rng(seed: int = 0) -> torch.Generator:
@@ -68,25 +70,43 @@ def test_expected_spectrum_filters_the_signal_and_not_the_floor():
 
 def test_terms_add_and_scale_with_exposure():
     short, long = (
-        NoiseTerms(signal=0.08 * t, grain_pixels=300.0, ambient=0.2 * t, dark=0.01 * t, read=4.0, detector_grain_pixels=0.8)
+        NoiseTerms(
+            SpeckleLight(0.08 * t, 300.0, ambient=0.2 * t, stray=0.1 * t, detector_grain_pixels=0.8),
+            Electronics(t, dark_current=0.01, read_noise=2.0, fixed_pattern=1.0, row_noise=5.0),
+        )
         for t in (1.0, 10.0)
     )
-    for name, power in (("signal", 1), ("ambient", 1), ("dark", 1), ("read", 2), ("detector_speckle", 0)):
+    powers = {
+        "signal": 1,
+        "ambient": 1,
+        "other_light": 1,
+        "dark_current": 1,
+        "read_noise": 2,
+        "fixed_pattern": 2,
+        "detector_speckle": 0,
+    }
+    for name, power in powers.items():
         assert short.over_peak()[name] / long.over_peak()[name] == pytest.approx(10.0**power)
     assert short.floor_over_peak() == pytest.approx(sum(short.over_peak().values()))
     assert short.over_peak()["signal"] == pytest.approx(1 / (0.08 * 300))
 
 
 def test_extremes_stay_finite_or_say_so():
-    assert NoiseTerms(signal=0.0, grain_pixels=300.0).floor_over_peak() is None
-    assert NoiseTerms(signal=1.0, grain_pixels=np.inf).floor_over_peak() is None
-    faint = NoiseTerms(signal=1e-200, grain_pixels=300.0)
-    assert faint.floor_over_peak() == pytest.approx(1e200 / 300)
-    bright = NoiseTerms(signal=0.1, grain_pixels=300.0, ambient=1e5)
-    assert bright.floor_over_peak() == pytest.approx(1e5 / (0.01 * 300), rel=1e-5)
-    for wrong in ({"signal": -1.0}, {"signal": float("nan")}, {"signal": 1.0, "read": -2.0}):
+    def floor(**light):
+        return NoiseTerms(SpeckleLight(**light), Electronics(1.0)).floor_over_peak()
+
+    assert floor(signal=0.0, grain_pixels=300.0) is None
+    assert floor(signal=1.0, grain_pixels=np.inf) is None
+    assert floor(signal=1e-200, grain_pixels=300.0) == pytest.approx(1e200 / 300)
+    assert floor(signal=0.1, grain_pixels=300.0, ambient=1e5) == pytest.approx(1e5 / (0.01 * 300), rel=1e-5)
+    for wrong in (
+        {"signal": -1.0},
+        {"signal": float("nan")},
+        {"signal": 1.0, "stray": -2.0},
+        {"signal": 1.0, "grain_pixels": 0.0},
+    ):
         with pytest.raises(InputError):
-            NoiseTerms(**{"grain_pixels": 300.0, **wrong})
+            SpeckleLight(**{"grain_pixels": 300.0, **wrong})
 
 
 def test_degrees_of_freedom_of_patches_side_by_side():

@@ -11,15 +11,15 @@ from scipy.constants import speed_of_light
 pytest.importorskip("mitsuba")
 
 from correlograph.errors import InputError
+from radiometry.sensor.chain import expose
+from radiometry.sensor.electronics import Electronics
 from scenes import scene_path
 from sim.effects import parse_effects
 from sim.frame import Simulation
-from sim.optics.camera import expose
 from sim.optics.coherence import coherence, spectral_lines, variance_lost_to_linewidth
 from sim.optics.illumination import overlap, specular_field, specular_share
 from sim.plan import Settings
 from sim.plan_report import make_plan
-from sim.plugins.speckle_camera import Electronics
 from sim.propagation import nufft
 from sim.propagation.kernels import KERNELS
 
@@ -90,15 +90,15 @@ def test_source_grain_can_be_left_out(scene):
 
 def test_electronics_one_by_one(rng):
     flat = np.full((400, 300), 50.0)
-    columns = expose(flat, Electronics(1.0, column_noise=7.0), rng, shot_noise=False)
+    columns = expose(flat, Electronics(1.0, column_noise=7.0, shot_noise=False), rng)
     assert (columns == columns[:1]).all()
     assert columns[0].std() == pytest.approx(7.0, rel=0.15)
-    patterned = Electronics(1.0, fixed_pattern=4.0)
-    first, second = (expose(flat, patterned, np.random.default_rng(n), shot_noise=False) for n in (1, 2))
+    patterned = Electronics(1.0, fixed_pattern=4.0, shot_noise=False)
+    first, second = (expose(flat, patterned, np.random.default_rng(n)) for n in (1, 2))
     np.testing.assert_array_equal(first, second)
     assert first.std() == pytest.approx(4.0, rel=0.02)
     ramp = np.linspace(0.0, 400.0, 300)[None].repeat(2, 0)
-    gained = expose(ramp, Electronics(1.0, bits=6, gain=5.0), rng, shot_noise=False)
+    gained = expose(ramp, Electronics(1.0, bits=6, gain=5.0, shot_noise=False), rng)
     assert set(np.unique(gained)) == {5.0 * number for number in range(64)}
     shot = expose(flat, Electronics(1.0), rng)
     assert shot.var() == pytest.approx(50.0, rel=0.02)

@@ -114,8 +114,8 @@ def test_floor_degrees_of_freedom_and_brightness_of_each_lag_are_as_predicted(tm
     assert simulation.plan.modes.sub_exposures > 1
     estimate, dof = estimate_autocorrelation((simulation.frame(3, number) for number in range(frames)), prediction.grid)
     gain, floor = fit_known_signal(estimate, prediction.signal)
-    signal = prediction.terms.signal
-    assert gain == pytest.approx(signal**2 * prediction.terms.grain_pixels, rel=0.05)
+    signal = prediction.terms.light.signal
+    assert gain == pytest.approx(signal**2 * prediction.terms.light.grain_pixels, rel=0.05)
     assert floor / gain == pytest.approx(prediction.terms.floor_over_peak(), rel=0.15)
     assert read_noise_level(estimate).dof == pytest.approx(prediction.dof(frames), rel=0.1)
     assert prediction.dof(frames) == dof

@@ -11,10 +11,11 @@ pytest.importorskip("mitsuba")
 from correlograph.errors import InputError
 from radiometry.noise.predicted_floor import NoiseTerms
 from radiometry.prediction import predict
+from radiometry.sensor.chain import expose
+from radiometry.sensor.electronics import Electronics
+from radiometry.sensor.stage import SpeckleLight
 from sim.frame import Simulation
-from sim.optics.camera import count_photons
 from sim.plan import Settings
-from sim.plugins.speckle_camera import Electronics
 
 
 def polarisation_scene(scene, channels: int):
@@ -29,7 +30,8 @@ def test_counts_of_speckle_have_the_moments_in_closed_form(occupancy):
     """x exponential of mean mu per gate: E[exp(-x)] = 1 / (1 + mu), so the contrast^2 of the mean counts is 1 / (1 + 2 mu)."""
     gates, rng = 40, np.random.default_rng(5)
     mean = rng.exponential(occupancy * gates, 400_000)
-    counts, expected = count_photons(mean, gates, rng), count_photons(mean, gates, None)
+    camera = Electronics(1.0, gate=1.0 / gates)
+    counts, expected = (expose(mean[None], one, rng) for one in (camera, replace(camera, shot_noise=False)))
     assert counts.max() <= gates
     assert expected.mean() == pytest.approx(gates * occupancy / (1.0 + occupancy), rel=0.01)
     assert expected.var() / expected.mean() ** 2 == pytest.approx(1.0 / (1.0 + 2.0 * occupancy), rel=0.02)
@@ -41,7 +43,7 @@ def test_counts_of_speckle_have_the_moments_in_closed_form(occupancy):
 @pytest.mark.parametrize(("signal", "other"), [(1e-6, 0.0), (0.5, 2.0), (30.0, 6.0)])
 def test_the_floor_of_counts_is_that_of_samples(modes, signal, other):
     gates = 20.0
-    terms = NoiseTerms(signal, 100.0 / modes, ambient=other, gates=gates, modes=modes)
+    terms = NoiseTerms(SpeckleLight(signal, 100.0 / modes, other, modes=modes), Electronics(1.0, gate=1.0 / gates))
     # Moments of the binomial counts over the Gamma distribution of the signal, by quadrature.
     node, weight = np.polynomial.laguerre.laggauss(120)
     weight = weight * node ** (modes - 1.0)
@@ -54,23 +56,25 @@ def test_the_floor_of_counts_is_that_of_samples(modes, signal, other):
 
 
 def test_few_photons_are_counted_without_loss():
-    terms = NoiseTerms(0.01, 100.0, dark=0.02, gates=1e6)
-    assert terms.floor_over_peak() == pytest.approx(NoiseTerms(0.01, 100.0, dark=0.02).floor_over_peak(), rel=1e-3)
+    gated, plain = (
+        NoiseTerms(SpeckleLight(0.01, 100.0), Electronics(1.0, dark_current=0.02, gate=gate)) for gate in (1e-6, 0.0)
+    )
+    assert gated.floor_over_peak() == pytest.approx(plain.floor_over_peak(), rel=1e-3)
 
 
 def test_rendered_counts_have_the_noise_in_closed_form(scene):
     """Half a photon on average in a single gate: a third of the pixels count one, with a noise of mu / ((1 + mu) (1 + 2 mu))."""
     geometry = scene()
-    exposure_s = geometry.electronics.exposure_s * 0.5 / predict(geometry).terms.signal
+    exposure_s = geometry.electronics.exposure_s * 0.5 / predict(geometry).terms.light.signal
     geometry = replace(geometry, electronics=replace(geometry.electronics, exposure_s=exposure_s, gate=exposure_s))
     simulation = Simulation(geometry, Settings(effects=(("detector_roughness", False),)))
     frame, expected = simulation.frame(1, 0).numpy(), simulation.expected_frame(1, 0).numpy()
     assert set(np.unique(frame)) == {0.0, 1.0}
     assert frame.mean() == pytest.approx(1.0 / 3.0, rel=0.06)  # pupil and pixel lower the contrast, which raises the mean
-    noise = (frame - count_photons(expected, 1.0, None)).var()
+    noise = (frame - -np.expm1(-expected)).var()
     assert noise == pytest.approx(0.5 / (1.5 * 2.0), rel=0.06)
     terms = predict(geometry).terms
-    assert terms.over_peak()["signal"] + terms.over_peak()["saturation"] == pytest.approx(
+    assert terms.over_peak()["signal"] + terms.over_peak()["photon_counting"] == pytest.approx(
         1.5 * terms.over_peak()["signal"], rel=1e-6
     )
 
@@ -81,7 +85,7 @@ def test_polarisation_channels_double_k_at_an_equal_floor(scene):
     assert both.is_depolarised
     assert not single.is_depolarised
     mixed, channel = predict(both), predict(single)
-    assert channel.terms.signal == pytest.approx(0.5 * mixed.terms.signal, rel=1e-6)
+    assert channel.terms.light.signal == pytest.approx(0.5 * mixed.terms.light.signal, rel=1e-6)
     assert channel.terms.over_peak()["signal"] == pytest.approx(mixed.terms.over_peak()["signal"], rel=1e-6)
     exposures = 3
     assert channel.dof(2 * exposures) == pytest.approx(2.0 * mixed.dof(exposures), rel=0.35)

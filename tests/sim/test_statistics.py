@@ -6,10 +6,10 @@ import torch
 
 pytest.importorskip("mitsuba")
 
-from sim.optics.camera import expose
+from radiometry.sensor.chain import expose
+from radiometry.sensor.electronics import Electronics
 from sim.optics.illumination import grain_m, illuminate
 from sim.optics.object_samples import sample_object
-from sim.plugins.speckle_camera import Electronics
 from sim.propagation.fraunhofer import far_field
 
 
