@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
 from correlograph.errors import InputError
 from radiometry.estimation.autocorrelation_estimator import estimate_autocorrelation
 from radiometry.noise.model import autocorrelate_windowed, draw_estimate, expected_spectrum
-from radiometry.prediction import noise_terms, predict
+from radiometry.photons import grain_area
+from radiometry.prediction import predict
 
 
 def model_measurement(
@@ -53,7 +56,7 @@ class SceneMeasurement:
 
         scene, _ = load_scene(scene_path)
         self._simulation = Simulation(read_geometry(scene))
-        prediction = predict(self._simulation.geometry)
+        self._prediction = prediction = predict(self._simulation.geometry)
         self._grid, self._pitches_m, self._frames = prediction.grid, prediction.pitches_m, frames
         self._transfer = torch.from_numpy(prediction.transfer.astype(np.float32))
         self.dof = prediction.dof(frames)
@@ -63,11 +66,14 @@ class SceneMeasurement:
     def noise_level(self, albedo: np.ndarray) -> tuple[float, float]:
         """Return the floor and (r*r)(0) of the estimate of an albedo (64, 64), in electrons squared."""
         geometry = self._simulation.geometry.with_object(albedo, self._pitches_m)
-        terms = noise_terms(geometry, albedo, self._pitches_m[0] * self._pitches_m[1] * geometry.hidden_object.axes.cell)
-        floor = terms.signal + terms.ambient + terms.dark + terms.read + terms.quantisation
-        if self._simulation.effects["detector_roughness"].modelled:
-            floor += 2.0 * terms.detector_grain_pixels * terms.signal**2
-        return floor, terms.signal**2 * terms.grain_pixels
+        cell_m2 = self._pitches_m[0] * self._pitches_m[1] * geometry.hidden_object.axes.cell
+        grain_m2 = grain_area(albedo, cell_m2, geometry.wavelength_m, geometry.distance_m)
+        prediction = replace(self._prediction, geometry=geometry, grain_m2=grain_m2)
+        floor, light = prediction.floor_over_peak(self._frames) or 0.0, prediction.terms.light
+        if not self._simulation.effects["detector_roughness"].modelled:
+            floor -= prediction.terms.over_peak()["detector_speckle"] or 0.0
+        peak = light.signal**2 * light.grain_pixels
+        return floor * peak, peak
 
     def render(self, albedo: np.ndarray, seed: int) -> np.ndarray:
         """Return the estimate (127, 127) from rendered frames, in units of (r*r)(0)."""
