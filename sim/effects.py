@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from correlograph.errors import InputError
-from radiometry.noise.predicted_floor import NoiseTerms
 from radiometry.prediction import Prediction
 from radiometry.sensor import chain
 from radiometry.sensor.electronics import Electronics
@@ -17,6 +16,7 @@ from sim.optics.coherence import variance_lost_to_linewidth
 from sim.optics.illumination import grain_m
 from sim.optics.motion import variance_lost_to_motion
 from sim.optics.object_samples import ObjectSamples
+from sim.optics.other_light import StrayLight
 
 OPTICAL = (
     "source_grain",
@@ -66,14 +66,14 @@ def parse_effects(texts: Iterable[str]) -> tuple[tuple[str, bool], ...]:
 
 
 def decide(
-    prediction: Prediction, samples: ObjectSamples, forced: tuple[tuple[str, bool], ...], tolerance: float
+    prediction: Prediction, samples: ObjectSamples, stray: StrayLight, forced: tuple[tuple[str, bool], ...], tolerance: float
 ) -> dict[str, Effect]:
     """Decide for each effect of a scene whether it is modelled, and why.
 
     Raises InputError if an effect is forced that needs a missing parameter of the scene.
     """
     geometry = prediction.geometry
-    found = _optical_effects(geometry, samples, prediction.terms, tolerance)
+    found = _optical_effects(prediction, samples, stray, tolerance)
     found += [_effect_of(stage, prediction) for stage in chain.CHAIN]
     decided = {effect.name: effect for effect in found}
     for name, is_on in forced:
@@ -103,8 +103,9 @@ def _is_unset(name: str, effect: Effect, geometry: Geometry) -> bool:
     return name in ("motion", "other_light", "detector_texture") and effect.predicted_error == 0.0
 
 
-def _optical_effects(geometry: Geometry, samples: ObjectSamples, terms: NoiseTerms, tolerance: float) -> list[Effect]:
+def _optical_effects(prediction: Prediction, samples: ObjectSamples, stray: StrayLight, tolerance: float) -> list[Effect]:
     """Return the effects of light before the electronics of the camera."""
+    geometry, terms = prediction.geometry, prediction.terms
     source = geometry.spot
     phase_rms = 4.0 * math.pi * source.height_rms_m / geometry.wavelength_m
     scattering = phase_rms * geometry.wavelength_m / (2.0 * math.pi * source.correlation_length_m)
@@ -113,7 +114,8 @@ def _optical_effects(geometry: Geometry, samples: ObjectSamples, terms: NoiseTer
     lit, texture = geometry.ambient_irradiance is not None, geometry.detector_texture
     spread = 0.0 if texture is None else float(texture.std(dtype="f8"))
     moved = variance_lost_to_motion(geometry, samples)
-    contrast = variance_lost_to_linewidth(samples.path_m, samples.amplitude, geometry.linewidth_hz)
+    contrast = variance_lost_to_linewidth(*stray.joint_paths(samples), geometry.linewidth_hz)
+    background = geometry.other_light_share - stray.coherent_share
     return [
         Effect(
             "phase_screen",
@@ -149,7 +151,8 @@ def _optical_effects(geometry: Geometry, samples: ObjectSamples, terms: NoiseTer
         Effect(
             "other_light",
             geometry.other_light_share > tolerance,
-            "the laser's light by way of clutter or of several reflections, over the hidden object's",
+            "the laser's light by way of clutter or of several reflections, over the hidden object's: "
+            f"{stray.coherent_share:.2g} beats with it, {background:.2g} adds in intensity",
             geometry.other_light_share,
         ),
         Effect(

@@ -18,7 +18,7 @@ from sim.optics.camera import mean_image, transfer_function
 from sim.optics.detector_roughness import exact_image, gamma_image
 from sim.optics.illumination import illuminate
 from sim.optics.motion import Pose, poses, travel_phase
-from sim.optics.other_light import background_of
+from sim.optics.other_light import StrayLight
 from sim.plan import Plan, Settings
 from sim.propagation.kernels import KERNELS
 from sim.propagation.option import Terms, Visibility
@@ -43,7 +43,7 @@ class Simulation:
         self.propagator, self.effects, self._modes, self._samples = plan.kernel, plan.effects, plan.modes, plan.samples
         self._electronics = remaining_electronics(self.geometry.electronics, self.effects)
         self._gain: np.ndarray | None = None
-        self._background = background_of(self.geometry, self.settings.tolerance) if self._models("other_light") else None
+        self._stray = plan.stray if self._models("other_light") else StrayLight(None, None)
         self.budget = light_budget(self.geometry.light_path)
 
     def _models(self, effect: str) -> bool:
@@ -159,13 +159,18 @@ class Simulation:
         total = torch.zeros(self.geometry.canvas_shape, device=self.device)
         poses = self._poses(exposure)
         modes = (
-            (polarisation, offset_hz, weight / len(poses), pose)
+            (polarisation, offset_hz, weight / len(poses), index)
             for polarisation in range(channel, channel + polarisations)
             for offset_hz, weight in self._modes.lines
-            for pose in poses
+            for index in range(len(poses))
         )
-        for polarisation, offset_hz, weight, pose in modes:
-            wall = self._canvas_field(seed, exposure, polarisation, offset_hz, factor, pose).to(torch.complex64)
+        rng, waves = _stream(seed, number, 4), {}
+        for polarisation, offset_hz, weight, index in modes:
+            wall = self._canvas_field(seed, exposure, polarisation, offset_hz, factor, poses[index]).to(torch.complex64)
+            if self._stray.coherent is not None:
+                if polarisation not in waves:
+                    waves[polarisation] = self._stray.coherent.waves(self.geometry, poses, rng)
+                wall = wall + self._stray_field(waves[polarisation][index], offset_hz, factor)
             if texture is not None:
                 wall = wall * texture
             if exact:
@@ -174,15 +179,25 @@ class Simulation:
             else:
                 image = wall.real.square() + wall.imag.square()
             total.add_(image, alpha=weight / polarisations)
-        if self._background is not None:
-            image = self._background.intensity(self.geometry, _stream(seed, number, 4), self.device)
-            total.add_(image, alpha=self._background.share * self._samples.brightness)
+        if (background := self._stray.background) is not None:
+            image = background.intensity(self.geometry, rng, self.device)
+            total.add_(image, alpha=background.emitters.share * self._samples.brightness)
         if not exact and self._models("pupil_and_pixel"):
             total = mean_image(total, self._transfer)
         total = middle(total, self.geometry.frame_shape)
         if self._models("detector_roughness") and not exact:
             total = gamma_image(total, self.geometry, _stream(seed, exposure, 3 + 2 * channel), polarisations)
         return (total * (self.mean_photoelectrons / self._samples.brightness)).add_(self._ambient()).cpu()
+
+    def _stray_field(self, waves: np.ndarray, offset_hz: float, oversampling: int) -> torch.Tensor:
+        """Return the field of the stray light that beats with the object, on the canvas of `_canvas_field`."""
+        emitters = self._stray.coherent
+        assert emitters is not None
+        rows, columns = self._samples.grid
+        from_corner = KERNELS[self.propagator.propagator].from_corner
+        origin = (0.5 * (rows - 1), 0.5 * (columns - 1)) if from_corner else (0.0, 0.0)
+        wall = emitters.field(self.geometry, waves, offset_hz, oversampling, origin)
+        return wall.to(self.device) * (emitters.share * self._samples.brightness) ** 0.5
 
     def _poses(self, number: int) -> list[Pose]:
         return poses(self.geometry, number, self._modes.sub_exposures, moving=self._models("motion"))

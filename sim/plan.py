@@ -18,6 +18,7 @@ from sim.optics.coherence import spectral_lines
 from sim.optics.detector_roughness import oversampling
 from sim.optics.motion import sub_exposures
 from sim.optics.object_samples import ObjectSamples, sample_object
+from sim.optics.other_light import StrayLight, stray_light_of
 from sim.propagation.choose import choose, options
 from sim.propagation.kernels import KERNELS
 from sim.propagation.option import PRECISIONS, Option, Precision, Task
@@ -88,6 +89,7 @@ class Plan:
 
     Attributes:
         samples: the sampled object, from which light is propagated.
+        stray: stray laser light, as far as the effect `other_light` is modelled.
         kernels: propagators that were considered, fastest first; `kernel` is the selected one.
         effects: effects by name, modelled or omitted.
     """
@@ -95,6 +97,7 @@ class Plan:
     geometry: Geometry
     settings: Settings
     samples: ObjectSamples
+    stray: StrayLight
     kernels: tuple[Option, ...]
     kernel: Option
     prediction: Prediction
@@ -110,24 +113,17 @@ class Plan:
         kernels = _kernels(geometry, samples, settings)
         kernel = choose(kernels, settings.propagator, settings.tolerance)
         prediction = predict(geometry)
-        effects = decide(prediction, samples, settings.effects, settings.tolerance)
-        return cls(
-            geometry,
-            settings,
-            samples,
-            tuple(kernels),
-            kernel,
-            prediction,
-            effects,
-            _modes(geometry, samples, effects, settings),
-        )
+        stray = stray_light_of(geometry, samples, settings.tolerance)
+        effects = decide(prediction, samples, stray, settings.effects, settings.tolerance)
+        modes = _modes(geometry, samples, stray, effects, settings)
+        return cls(geometry, settings, samples, stray, tuple(kernels), kernel, prediction, effects, modes)
 
     def with_geometry(self, geometry: Geometry) -> Plan:
         """Plan the same scene at another exposure or laser power; samples and propagators are reused."""
         check_exposure(geometry)
         prediction = replace(self.prediction, geometry=geometry)
-        effects = decide(prediction, self.samples, self.settings.effects, self.settings.tolerance)
-        modes = _modes(geometry, self.samples, effects, self.settings)
+        effects = decide(prediction, self.samples, self.stray, self.settings.effects, self.settings.tolerance)
+        modes = _modes(geometry, self.samples, self.stray, effects, self.settings)
         return replace(self, geometry=geometry, prediction=prediction, effects=effects, modes=modes)
 
     @cached_property
@@ -201,14 +197,17 @@ def _kernels(geometry: Geometry, samples: ObjectSamples, settings: Settings) -> 
     )
 
 
-def _modes(geometry: Geometry, samples: ObjectSamples, effects: dict[str, Effect], settings: Settings) -> Modes:
+def _modes(
+    geometry: Geometry, samples: ObjectSamples, stray: StrayLight, effects: dict[str, Effect], settings: Settings
+) -> Modes:
     """Return the modes that the effects of a scene require."""
     exact = effects["detector_roughness"].modelled and settings.accuracy == "field"
     spread = effects["linewidth"].modelled and len(samples.path_m) > 0
+    path_m = stray.joint_paths(samples)[0] if effects["other_light"].modelled else samples.path_m
     return Modes(
         exact,
         oversampling(geometry) if exact else 1,
         2 if effects["depolarisation"].modelled else 1,
-        tuple(spectral_lines(samples.path_m, geometry.linewidth_hz)) if spread else ((0.0, 1.0),),
+        tuple(spectral_lines(path_m, geometry.linewidth_hz)) if spread else ((0.0, 1.0),),
         sub_exposures(geometry, samples, settings.tolerance) if effects["motion"].modelled else 1,
     )

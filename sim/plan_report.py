@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from radiometry.light_budget_rows import detector_to_pixel, light_budget
+from radiometry.light_budget_rows import light_budget
 from radiometry.noise.detection import DETECTION_LIMIT
 from radiometry.prediction import predict
 from sim.effects import Effect
 from sim.geometry import Geometry
+from sim.light_paths import describe, direct_light_per_frame, light_paths
 from sim.optics.illumination import overlap, specular_share
 from sim.plan import Plan, Settings
 from sim.transport.monte_carlo import MonteCarlo
@@ -77,6 +78,7 @@ def as_json(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> d
         "fields": (forecast := plan.prediction.forecast_fields(frames)) and forecast.as_dict(),
         "detection_exposure_s": plan.prediction.detection_exposure_s(frames),
         "other_light_share": geometry.other_light_share,
+        "light_paths": [asdict(path) for path in light_paths(plan)],
         "other_light_by_shape": dict(geometry.other_light.fractions) if geometry.other_light else {},
     }
 
@@ -184,6 +186,7 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
         f"light           {plan.mean_photoelectrons:.3g} photoelectrons per pixel; {budget.per_pixel_db:.2f} dB per pixel, "
         f"{budget.per_frame_db:.2f} dB per frame"
         + ("" if monte_carlo is None else f" ({monte_carlo.per_frame_db:.2f} dB by Monte Carlo)"),
+        f"light paths     {describe(light_paths(plan))}",
         f"grain           {grain[0]:.1f} x {grain[1]:.1f} pixels",
         f"estimate        {grid.rows} x {grid.columns} patches of {grid.patch_shape[0]} x {grid.patch_shape[1]} pixels, "
         f"{pitches[0] * 1e6:.0f} x {pitches[1] * 1e6:.0f} um per lag, K {dof:.3g}",
@@ -233,13 +236,7 @@ def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[s
     if budget.per_pixel == 0.0:
         warnings.append("hidden_object: none of its light reaches the camera; check its albedo, its facing, and occluders")
     if geometry.direct_light > 0.0:
-        per_frame = (
-            geometry.direct_light
-            * math.prod(geometry.frame_shape)
-            * geometry.pixel_pitch_m**2
-            * detector_to_pixel(geometry.light_path)
-            * budget.laser_photons_per_s
-        )
+        per_frame = direct_light_per_frame(geometry) * budget.laser_photons_per_s
         warnings.append(
             "direct_light: no shape blocks the path from virtual source to virtual detector; "
             f"{per_frame:.3g} photoelectrons/s per frame arrive directly from the source "

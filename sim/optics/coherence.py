@@ -24,6 +24,13 @@ def coherence(delay_s: np.ndarray, linewidth_hz: float) -> np.ndarray:
     return np.exp(-((np.pi * linewidth_hz * delay_s) ** 2) / (4.0 * np.log(2.0)))
 
 
+def reach_m(linewidth_hz: float, least: float = 1e-2) -> float:
+    """Return the path difference at which the degree of coherence has fallen to `least`; infinite for a linewidth of zero."""
+    if linewidth_hz == 0.0:
+        return math.inf
+    return speed_of_light * math.sqrt(4.0 * math.log(2.0) * math.log(1.0 / least)) / (math.pi * linewidth_hz)
+
+
 def variance_lost_to_linewidth(path_m: np.ndarray, amplitude: np.ndarray, linewidth_hz: float, bins: int = 512) -> float:
     """Return 1 - contrast^2 of the speckle: the fraction of its variance that is lost to the linewidth.
 

@@ -25,6 +25,7 @@ class Kernel:
         predict: returns its options for a task, one per precision.
         on_lattice: whether it needs scatterers on a regular grid; it then gives each scatterer the same amplitude at all
             pixels.
+        from_corner: whether the phases on the wall refer to the corner of that grid, not to the object's centre.
         sees_occluders: whether it models occluders between scatterer and pixel.
         planning_seconds: time to predict its error, which is skipped if a faster propagator is within the tolerance.
     """
@@ -32,12 +33,13 @@ class Kernel:
     propagate: Callable[[Scatterers, Wall, Terms], torch.Tensor]
     predict: Callable[[Task], list[Option]]
     on_lattice: bool = False
+    from_corner: bool = False
     sees_occluders: bool = False
     planning_seconds: float = 0.0
 
 
 KERNELS = {
-    "fraunhofer": Kernel(fraunhofer.propagate, fraunhofer.predict, on_lattice=True),
+    "fraunhofer": Kernel(fraunhofer.propagate, fraunhofer.predict, on_lattice=True, from_corner=True),
     "fresnel": Kernel(fresnel.propagate, fresnel.predict, on_lattice=True),
     "direct": Kernel(direct.propagate, direct.predict, sees_occluders=True),
     "nufft": Kernel(nufft.propagate, nufft.predict, planning_seconds=0.5),

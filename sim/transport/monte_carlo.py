@@ -65,15 +65,24 @@ class OtherLight:
 
     Attributes:
         total: light of the whole frame.
-        position: world positions (n, 3) of its last reflection, for the paths that carried light.
+        position: world positions (n, 3) of its last reflection before the virtual detector, for the paths that carried light.
         weight: photoelectrons of a frame per laser photon of each path, (n,); they sum to the total.
-        fractions: fraction of the light whose last reflection before the virtual detector was on each shape, largest first.
+        path_m: length of each path from the centre of the spot to that of the frame, (n,).
+        shape: index in `names` of the shape of that last reflection, (n,).
     """
 
     total: MonteCarlo
     position: np.ndarray
     weight: np.ndarray
-    fractions: Mapping[str, float]
+    path_m: np.ndarray
+    shape: np.ndarray
+    names: tuple[str, ...]
+
+    @property
+    def fractions(self) -> Mapping[str, float]:
+        """Fraction of the light whose last reflection was on each shape, largest first."""
+        by_shape = np.bincount(self.shape, self.weight, len(self.names))
+        return {self.names[n]: float(by_shape[n] / by_shape.sum()) for n in np.argsort(-by_shape) if by_shape[n] > 0.0}
 
     def scale(self, factor: float) -> OtherLight:
         """Return the same light, stronger by a factor."""
@@ -99,12 +108,12 @@ def estimate_other_light(
 
     Direct light from the spot is excluded; see `Geometry.direct_light`. Raises InputError for too few samples.
     """
-    values, positions, numbers = zip(*(_other_light(paths) for paths in _batches(scene, samples, seed, camera)), strict=True)
-    total, position, number = np.concatenate(values), np.concatenate(positions), np.concatenate(numbers)
-    lit = total > 0.0
-    by_shape = np.bincount(number[lit], total[lit], len(scene.shapes()))
-    fractions = {scene.shapes()[n].id(): float(by_shape[n] / total.sum()) for n in np.argsort(-by_shape) if by_shape[n] > 0.0}
-    return OtherLight(_mean(total), position[lit], total[lit] / len(total), fractions)
+    batches = [_other_light(paths) for paths in _batches(scene, samples, seed, camera)]
+    light, position, path_m, shape = (np.concatenate(parts) for parts in zip(*batches, strict=True))
+    place, bounce = np.nonzero(light)
+    names = tuple(shape.id() for shape in scene.shapes())
+    lit = light[place, bounce]
+    return OtherLight(_mean(light.sum(1)), position[place], lit / len(light), path_m[place, bounce], shape[place], names)
 
 
 def _object_light(paths: PathEnds) -> np.ndarray:
@@ -129,12 +138,14 @@ def _object_light(paths: PathEnds) -> np.ndarray:
     return np.asarray(total * paths.collected, np.float64)
 
 
-def _other_light(paths: PathEnds) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the stray light carried by each path of a batch (n,), and its last reflection: position (n, 3), number of the shape (n,)."""
+def _other_light(paths: PathEnds) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the stray light of each path of a batch (n, bounces) by its number of reflections, position of its last reflection (n, 3),
+    path length (n, bounces), and number of the shape of that reflection (n,).
+    """
     shapes = sorted(paths.scene.shapes(), key=lambda shape: not is_hidden_object(shape))
     aims = [Aim(shape) for shape in shapes if shape.id() not in ("virtual_detector", "virtual_source")][:MAX_AIMS]
     vertex, active = paths.wall, mi.Bool(paths.active)
-    weight, found, first = paths.collected, [], None
+    weight, found, lengths, first = paths.collected, [], [], None
     number = np.zeros(len(np.asarray(weight)), int)
     for _ in range(BOUNCES):
         direction, density = mixture(paths, aims, vertex)
@@ -150,11 +161,15 @@ def _other_light(paths: PathEnds) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         counts = active & ~of_object if first is None else active
         found.append(np.asarray(dr.select(counts, weight * radiance, 0.0), np.float64))
         if first is None:
+            way = dr.norm(hit.p - paths.frame_centre)
             first = np.asarray(hit.p, np.float64).T
             for index, shape in enumerate(paths.scene.shapes()):
                 number[np.asarray(hit.shape == mi.ShapePtr(shape))] = index
+        else:
+            way = way + dr.norm(hit.p - vertex.p)
+        lengths.append(np.asarray(way + dr.norm(hit.p - paths.spot_centre), np.float64))
         vertex = hit
-    return np.stack(found, 1).sum(1), first, number
+    return np.stack(found, 1), first, np.stack(lengths, 1), number
 
 
 def _batches(scene: mi.Scene, samples: int, seed: int, camera: SpeckleCamera | None) -> Iterator[PathEnds]:

@@ -32,6 +32,7 @@ class PathEnds:
         axis, up = (mi.Vector3f(*vector.tolist()) for vector in (camera.axis, camera.up))
         across, pupil = dr.cross(axis, up), mi.Point3f(*camera.pupil_centre.tolist())
         middle = scene.ray_intersect(mi.Ray3f(pupil, axis))
+        self.frame_centre = middle.p
         place = self.uniform2()
         film_point = pupil + across * ((place.x - 0.5) * sides[0]) + up * ((place.y - 0.5) * sides[1])
         # Every pixel looks along the axis from just before the wall; nearer shapes are found on the way to the pupil.
@@ -41,6 +42,7 @@ class PathEnds:
         beam = mi.Vector3f(*self.laser.direction.tolist())
         origin = self.disc(mi.Point3f(*self.laser.origin.tolist()), beam, 0.5 * self.laser.spot_diameter_m)
         self.spot = scene.ray_intersect(mi.Ray3f(origin, beam))
+        self.spot_centre = scene.ray_intersect(mi.Ray3f(mi.Point3f(*self.laser.origin.tolist()), beam)).p
         self.spot.wi = self.spot.to_local(-beam)
         way = self.lens - self.wall.p
         lens_m = dr.norm(way)
