@@ -6,5 +6,5 @@ motion.py              sub-exposures of a moving spot or object
 coherence.py           linewidth as an incoherent sum of spectral lines
 detector_roughness.py  subjective speckle of the virtual detector
 other_light.py         stray light: clutter and multiple reflections
-camera.py              intensity -> electrons: pupil, pixel, noise
+camera.py              the intensity that pixels collect: pupil and pixel
 """

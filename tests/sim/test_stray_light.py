@@ -136,7 +136,7 @@ def rendered_covariance(geometry, frames: int, reach: int):
     return mean, total
 
 
-@pytest.mark.parametrize(("linewidth_hz", "tolerance"), [(0.0, 0.08), (3e10, 0.08), (2e11, 0.16)])
+@pytest.mark.parametrize(("linewidth_hz", "tolerance"), [(0.0, 0.08), (3e10, 0.08), (4e11, 0.16)])
 def test_two_plates_and_a_sphere_are_those_of_a_direct_sum(scene, linewidth_hz, tolerance):
     """Mean, contrast and covariance for coherent, half coherent and incoherent stray light, whose own loss of contrast is approximate."""
     geometry = lab(scene, linewidth_hz)
@@ -151,7 +151,7 @@ def test_two_plates_and_a_sphere_are_those_of_a_direct_sum(scene, linewidth_hz, 
 
 def test_the_sum_tells_the_three_cases_apart():
     """A test of the test: the covariances differ by more than its tolerance."""
-    cases = [expected_covariance(linewidth_hz, 14)[1] for linewidth_hz in (0.0, 3e10, 2e11)]
+    cases = [expected_covariance(linewidth_hz, 14)[1] for linewidth_hz in (0.0, 3e10, 4e11)]
     for one, other in ((0, 1), (1, 2)):
         assert np.linalg.norm(cases[one] - cases[other]) > 0.2 * np.linalg.norm(cases[other])
 
