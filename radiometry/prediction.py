@@ -17,12 +17,12 @@ from scipy.optimize import brentq
 from correlograph.lags import LAGS, lag_grid_of
 from radiometry.autocorrelation import (
     PatchGrid,
-    autocorrelate,
     automatic_patch_size,
     patch_grid,
     peak_of_cell_means,
     smooth_by_window,
 )
+from radiometry.coherence import autocorrelate_coherent
 from radiometry.estimation.autocorrelation_estimator import degrees_of_freedom
 from radiometry.estimation.fixed_pattern import shared_lags
 from radiometry.estimation.third_moment import MIN_SIGNAL_FRACTION, drawn_third_moment
@@ -251,6 +251,16 @@ def speckle_light(geometry: Any, grain_m2: float) -> SpeckleLight:
     )
 
 
+def _paths(geometry: Any, cell_m: tuple[float, float], depth_m: np.ndarray) -> np.ndarray:
+    """Return the length of the light path by every cell of a grid (n, n), in metres."""
+    hidden, side = geometry.hidden_object, len(depth_m)
+    rows, columns = ((np.arange(side) - 0.5 * (side - 1)) * step for step in cell_m)
+    grid = np.stack(np.meshgrid(rows, columns, indexing="ij"), -1).reshape(-1, 2)
+    place = hidden.centre + hidden.position(grid, depth_m.ravel())
+    path = sum(np.linalg.norm(place - end, axis=1) for end in (geometry.spot.centre, geometry.detector_centre))
+    return np.reshape(path, depth_m.shape)
+
+
 def patches_of(geometry: Any, patch: int | None = None, lags: int = LAGS) -> tuple[PatchGrid, tuple[float, float]]:
     """Return the division of a scene's frames into patches of `patch` pixels (None: as in `invert`), and the lag pitches in metres.
 
@@ -270,8 +280,9 @@ def predict(geometry: Any, patch: int | None = None, lags: int = LAGS) -> Predic
     side = max(
         shown * CELLS_PER_LAG, *(math.ceil(extent / step) + 1 for extent, step in zip(hidden.extent_m, cell, strict=True))
     )
-    albedo = hidden.sample(cell, (side, side)).albedo
-    correlation = autocorrelate(albedo)
+    seen = hidden.sample(cell, (side, side))
+    albedo = seen.albedo
+    correlation = autocorrelate_coherent(albedo, _paths(geometry, cell, seen.depth_m), geometry.linewidth_hz)
     transfer = lag_transfer(
         grid.lag_grid.steps,
         grid.patch_shape,

@@ -7,12 +7,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from correlograph.errors import InputError
+from radiometry.coherence import variance_lost_to_linewidth
 from radiometry.prediction import Prediction
 from radiometry.sensor import chain
 from radiometry.sensor.electronics import Electronics
 from radiometry.sensor.stage import Stage
 from sim.geometry import Geometry
-from sim.optics.coherence import variance_lost_to_linewidth
 from sim.optics.illumination import grain_m
 from sim.optics.motion import variance_lost_to_motion
 from sim.optics.object_samples import ObjectSamples

@@ -10,11 +10,11 @@ import numpy as np
 
 from correlograph.errors import InputError
 from correlograph.ranges import SI
+from radiometry.coherence import spectral_lines
 from radiometry.light_budget_rows import light_budget
 from radiometry.prediction import Prediction, patches_of, predict
 from sim.effects import FORCEABLE, Effect, decide
 from sim.geometry import Geometry
-from sim.optics.coherence import spectral_lines
 from sim.optics.detector_roughness import oversampling
 from sim.optics.motion import sub_exposures
 from sim.optics.object_samples import ObjectSamples, sample_object

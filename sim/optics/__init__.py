@@ -3,7 +3,6 @@
 object_samples.py      the object as samples that propagate
 illumination.py        phase screen on the virtual source -> field on the hidden object
 motion.py              sub-exposures of a moving spot or object
-coherence.py           linewidth as an incoherent sum of spectral lines
 detector_roughness.py  subjective speckle of the virtual detector
 other_light.py         stray light: clutter and multiple reflections
 camera.py              the intensity that pixels collect: pupil and pixel

@@ -2,7 +2,7 @@
 
 Stray light whose path length differs from the object's by less than the coherence length adds to the object's light as a field.
 Both appear in the autocorrelation, with cross terms (beats) at lags of their distance. After a path difference of c tau, the beats are
-lower by gamma(tau)^2 (`coherence.py`), because the fields of all spectral lines share the paths. Light with longer or shorter paths, and
+lower by gamma(tau)^2 (`radiometry/coherence.py`). Light with longer or shorter paths, and
 light from directions that the pixels do not resolve against the object, adds in intensity. Its speckle is that of a source that
 comprises all positions which emit it, as far as pupil and pixel resolve it.
 """
@@ -15,10 +15,10 @@ import numpy as np
 import torch
 from scipy.constants import speed_of_light
 
+from radiometry.coherence import coherence, reach_m
 from radiometry.motion import disc_overlap
 from radiometry.transfer import amplitude_transfer
 from sim.geometry import Geometry
-from sim.optics.coherence import coherence, reach_m
 from sim.optics.motion import Pose
 from sim.optics.object_samples import ObjectSamples
 from sim.propagation.fraunhofer import far_field

@@ -11,12 +11,12 @@ from scipy.constants import speed_of_light
 pytest.importorskip("mitsuba")
 
 from correlograph.errors import InputError
+from radiometry.coherence import autocorrelate_coherent, coherence, spectral_lines, variance_lost_to_linewidth
 from radiometry.sensor.chain import expose
 from radiometry.sensor.electronics import Electronics
 from scenes import scene_path
 from sim.effects import parse_effects
 from sim.frame import Simulation
-from sim.optics.coherence import coherence, spectral_lines, variance_lost_to_linewidth
 from sim.optics.illumination import overlap, specular_field, specular_share
 from sim.plan import Settings
 from sim.plan_report import make_plan
@@ -232,3 +232,16 @@ def test_plans_are_strict_json_where_a_kernel_cannot_be_had(scene, monkeypatch):
     assert json.dumps(plan, allow_nan=False)
     assert plan["propagator"] == "direct"
     assert any(option["seconds"] is None for option in plan["propagators"])
+
+
+def test_a_linewidth_lowers_the_predicted_lags_as_every_pair_of_cells_says(rng):
+    """Against the sum over all pairs of cells, each lowered by gamma^2 of its own path difference."""
+    albedo, path_m, linewidth_hz = rng.random((6, 6)), 1e-3 * rng.random((6, 6)), 2e11
+    found = autocorrelate_coherent(albedo, path_m, linewidth_hz)
+    expected = np.zeros((11, 11))
+    for first in np.ndindex(6, 6):
+        for second in np.ndindex(6, 6):
+            kept = coherence(np.array((path_m[first] - path_m[second]) / 299792458.0), linewidth_hz) ** 2
+            expected[5 + first[0] - second[0], 5 + first[1] - second[1]] += albedo[first] * albedo[second] * kept
+    np.testing.assert_allclose(found, expected, atol=1e-4 * expected.max())
+    np.testing.assert_allclose(autocorrelate_coherent(albedo, path_m, 0.0), autocorrelate_coherent(albedo, 0.0 * path_m, 1e12))

@@ -7,10 +7,10 @@ import re
 import numpy as np
 import pytest
 
+from radiometry.coherence import coherence, reach_m
 from radiometry.estimation.autocorrelation_estimator import estimate_autocorrelation
 from sim.backend.variant import llvm_major
 from sim.frame import Simulation
-from sim.optics.coherence import coherence, reach_m
 from sim.optics.other_light import visibility_by_shape
 from sim.plan import Plan, Settings
 from sim.plan_report import make_plan

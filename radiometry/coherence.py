@@ -13,6 +13,7 @@ import numpy as np
 from scipy.constants import speed_of_light
 
 from correlograph.errors import InputError
+from radiometry.autocorrelation import autocorrelate
 
 MAX_LINES = 129
 _REACH = 3.0
@@ -43,6 +44,33 @@ def variance_lost_to_linewidth(path_m: np.ndarray, amplitude: np.ndarray, linewi
     share /= share.sum()
     delay = (edge[:-1, None] - edge[None, :-1]) / speed_of_light
     return float(1.0 - share @ coherence(delay, linewidth_hz) ** 2 @ share)
+
+
+def autocorrelate_coherent(albedo: np.ndarray, path_m: np.ndarray, linewidth_hz: float) -> np.ndarray:
+    """Return r*r with every pair of cells lowered by gamma^2 of its path difference; (2n - 1, 2n - 1), zero lag in the middle.
+
+    gamma^2 is the mean of exp(2 pi i f dL / c) over normal frequencies f, whose standard deviation is linewidth / (2 sqrt(ln 2)). r*r is
+    therefore the mean autocorrelation of r exp(2 pi i f L / c).
+
+    Args:
+        albedo: r (n, n). path_m: optical path by each cell, (n, n).
+    """
+    lit = albedo > 0.0
+    spread = float(np.ptp(path_m[lit])) if lit.any() else 0.0
+    if linewidth_hz == 0.0 or spread == 0.0:
+        return autocorrelate(albedo)
+    deviation = linewidth_hz / (2.0 * math.sqrt(math.log(2.0)))
+    # The mean repeats after 1 / spacing, which must exceed the spread of delays by far.
+    count = math.ceil(_REACH * deviation * 2.0 * spread / speed_of_light) + 8
+    if count > MAX_LINES:
+        raise InputError("linewidth", "coherence over a part of the object", f"{linewidth_hz:.3g} Hz", "lower it")
+    offset = np.linspace(0.0, _REACH + 1.0, count)
+    weight = np.exp(-0.5 * offset**2) * np.where(offset == 0.0, 0.5, 1.0)
+    total = np.zeros((2 * len(albedo) - 1,) * 2)
+    for frequency, share in zip(offset * deviation, weight / weight.sum(), strict=True):
+        turned = albedo * np.exp(2j * np.pi * frequency / speed_of_light * (path_m - path_m[lit].mean()))
+        total += share * (autocorrelate(turned.real) + autocorrelate(turned.imag))
+    return total
 
 
 def spectral_lines(path_m: np.ndarray, linewidth_hz: float) -> list[tuple[float, float]]:
