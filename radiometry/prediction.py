@@ -34,7 +34,7 @@ from radiometry.noise.predicted_floor import NoiseTerms, estimate_error
 from radiometry.photons import grain_area
 from radiometry.sensor import chain
 from radiometry.sensor.stage import SpeckleLight
-from radiometry.transfer import lag_transfer
+from radiometry.transfer import lag_transfer, subjective_modes
 
 CELLS_PER_LAG = 4
 """Cells per lag of the albedo from which the known r*r is computed."""
@@ -234,9 +234,7 @@ def speckle_light(geometry: Any, grain_m2: float) -> SpeckleLight:
     """Return the light of one frame of a scene, whose speckle has a coherence area on the wall."""
     exposure_s = geometry.electronics.exposure_s
     ambient = geometry.ambient_photoelectrons_per_pixel_s
-    # Subjective grain of the virtual detector behind a circular pupil: (lambda z)^2 / A (Goodman, Speckle Phenomena, Eq. 4-75).
-    pupil_area = 0.25 * math.pi * geometry.pupil_diameter_m**2
-    subjective_grain = (geometry.wavelength_m * geometry.pupil_distance_m) ** 2 / pupil_area
+    optics = (geometry.pixel_pitch_m, geometry.pupil_diameter_m, geometry.wavelength_m, geometry.pupil_distance_m)
     signal = light_budget(geometry.light_path).photoelectrons_per_pixel_s * exposure_s
     # Fraction of the speckle variance that remains with two incoherent polarisations and with motion.
     kept = (0.5 if geometry.is_depolarised else 1.0) * float(geometry.motion.transfer(np.zeros(1), np.zeros(1))[0])
@@ -246,7 +244,7 @@ def speckle_light(geometry: Any, grain_m2: float) -> SpeckleLight:
         ambient=0.0 if ambient is None else float(ambient.mean()) * exposure_s,
         stray=geometry.other_light_share * signal,
         # The mean square falls from 2 to 1 + kept; the subjective speckle of the virtual detector keeps the same fraction of its variance.
-        detector_grain_pixels=subjective_grain / geometry.pixel_pitch_m**2 * 0.5 * (1.0 + kept) * kept,
+        detector_speckle=0.5 * (1.0 + kept) * kept / subjective_modes(*optics),
         modes=1.0 / kept,
     )
 

@@ -28,6 +28,20 @@ def amplitude_transfer(
     return pixel * pupil_otf(radius, pupil_diameter_m, wavelength_m, pupil_distance_m)
 
 
+def subjective_modes(
+    pixel_pitch_m: float, pupil_diameter_m: float, wavelength_m: float, pupil_distance_m: float, samples: int = 512
+) -> float:
+    """Return M, one over the relative variance of the subjective speckle of a rough wall that a pixel collects through the pupil
+    (Goodman, Speckle Phenomena in Optics, section 4.6).
+    """
+    cutoff = pupil_diameter_m / (wavelength_m * pupil_distance_m)
+    frequency = (np.arange(samples) + 0.5) / samples * cutoff
+    radius = np.hypot(frequency[:, None], frequency[None])
+    otf = pupil_otf(radius, pupil_diameter_m, wavelength_m, pupil_distance_m)
+    pixel = np.sinc(frequency * pixel_pitch_m) ** 2
+    return float(otf.sum() / (otf * pixel[:, None] * pixel[None]).sum())
+
+
 def lag_transfer(
     lags: np.ndarray,
     patch_shape: tuple[int, int],

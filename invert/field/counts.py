@@ -107,16 +107,18 @@ class FrameCounts:
     """Counts of one frame on the binned grid (rows, columns).
 
     Attributes:
-        values: counts, zero or more.
+        values: counts, zero or more, as the likelihood of Poisson variables needs them.
+        recorded: the same before read noise below zero was clipped.
         fitted: pixels that fits use.
         held_out: measured pixels that only the certificate uses.
         illumination: relative illumination of the wall, mean 1.
-        background: expected counts of a binned pixel without light of the object.
+        background: expected counts of a binned pixel without light of the object, with what the clipping adds.
         signal: expected counts of a binned pixel by light of the object.
         roughness: relative variance of the expected counts of a binned pixel by the rough wall; see `change_background`.
     """
 
     values: torch.Tensor
+    recorded: torch.Tensor
     fitted: torch.Tensor
     held_out: torch.Tensor
     illumination: torch.Tensor
@@ -161,7 +163,8 @@ def read_counts(
     repaired, known = repair_frame(frame, used)
     pixels = grid.binning[0] * grid.binning[1]
     electrons = repaired / calibration.gain + calibration.shift
-    values = grid.bin(electrons.numpy()).clamp_min_(0.0)
+    recorded = grid.bin(electrons.numpy())
+    values = recorded.clamp_min(0.0)
     measured = grid.bin((~known).float().numpy()) == 0.0
     illumination = torch.ones(())
     if uneven_patch is not None:
@@ -172,10 +175,11 @@ def read_counts(
         found = f"{int(measured.sum())} in a frame, each of {grid.binning[0]} x {grid.binning[1]} camera pixels"
         expected = f"{round(MIN_HELD_OUT / HELD_OUT_FRACTION)} measured pixels or more for --method field"
         raise InputError("frames", expected, found, "provide larger frames or a smaller mask")
-    mean = float(values[measured].mean(dtype=torch.float64))
-    background = pixels * max(calibration.shift, 0.0)
-    signal = max(mean - background, 1e-6)
-    return FrameCounts(values, measured & ~held_out, held_out, illumination, background, signal, calibration.roughness / pixels)
+    mean, clipped = (float(part[measured].mean(dtype=torch.float64)) for part in (recorded, values))
+    shift = pixels * max(calibration.shift, 0.0)
+    signal, background = max(mean - shift, 1e-6), shift + clipped - mean
+    fitted = measured & ~held_out
+    return FrameCounts(values, recorded, fitted, held_out, illumination, background, signal, calibration.roughness / pixels)
 
 
 def background_of(frames: Sequence[FrameCounts], variance_transfer: float, grains: float, modes: int = 1) -> float:
@@ -191,11 +195,14 @@ def background_of(frames: Sequence[FrameCounts], variance_transfer: float, grain
     default = frames[0].background
     excess = []
     for one in frames:
-        values = (one.values / one.illumination)[one.fitted].double()
-        noise = float((one.values / one.illumination.square())[one.fitted].mean())
+        values = (one.recorded / one.illumination)[one.fitted].double()
+        noise = float((one.recorded / one.illumination.square())[one.fitted].mean())
         noise += one.roughness * float(values.square().mean())
-        square = max(float(values.var()) - noise, 0.0) * modes
-        excess.append(float(values.mean()) - (square / variance_transfer) ** 0.5)
+        square = (float(values.var()) - noise) * modes
+        if square <= 0.0:  # no contrast is measurable, so it tells nothing
+            return default
+        clipped = float(((one.values - one.recorded) / one.illumination)[one.fitted].mean())
+        excess.append(float(values.mean()) + clipped - (square / variance_transfer) ** 0.5)
     signal = float(np.mean([one.signal for one in frames]))
     error = 0.5 * signal * (KURTOSIS_FACTOR / (grains * len(frames))) ** 0.5
     found = float(np.mean(excess))

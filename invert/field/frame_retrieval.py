@@ -55,6 +55,7 @@ class FrameRetrieval:
         uneven_patch: patch of the estimate if the illumination is uneven.
         modes: number of polarisation modes.
         background: expected counts of a binned pixel without light of the object, shift of the calibration included.
+        dark: the same without any light.
         filter_background: background of the Wiener filter with which all predictions are compared.
         signal: expected counts of a binned pixel by light of the object.
         steps: steps of a search from a random field.
@@ -71,6 +72,7 @@ class FrameRetrieval:
     modes: int = 1
     background: float = 0.0
     filter_background: float = 0.0
+    dark: float = 0.0
     signal: float = 0.0
     steps: int = BRIGHT_STEPS
 
@@ -82,8 +84,7 @@ class FrameRetrieval:
     @property
     def background_fraction(self) -> float:
         """Fraction of the light that is not the object's; the shift of the calibration is not light."""
-        rows, columns = self.model.grid.binning
-        light = max(self.background - rows * columns * max(self.calibration.shift, 0.0), 0.0)
+        light = max(self.background - self.dark, 0.0)
         return light / (light + self.signal)
 
     def calibrate(self, modes: int) -> FrameRetrieval:
@@ -95,7 +96,10 @@ class FrameRetrieval:
             background = background_of(first, kept, grains, modes)
         signal = max(float(np.mean([one.signal + one.background for one in first])) - background, 1e-6)
         steps = search_steps(signal * self.model.grid.pixels_per_grain)
-        return replace(self, modes=modes, background=background, filter_background=background, signal=signal, steps=steps)
+        dark = first[0].background
+        return replace(
+            self, modes=modes, background=background, filter_background=background, dark=dark, signal=signal, steps=steps
+        )
 
     def retrieve(self, job: tuple[torch.Tensor, int, torch.Tensor | None]) -> Outcome:
         """Return the outcome of one frame.

@@ -30,8 +30,8 @@ class NoiseTerms:
         """Return the contribution of each term to floor over peak; every value is None if the scene gives no signal.
 
         The peak (r*r)(0) of the estimate is signal^2 x grain_pixels. The subjective speckle of the virtual detector multiplies the
-        signal by a pattern of contrast 1. The mean square of fully developed speckle is 2 signal^2, so the spectrum of that product
-        is 2 A_subjective / A_grain of the peak at small lags, at any exposure. It is not quite white: pupil and pixel halve it at
+        signal by a pattern of relative variance 1 / M in a pixel. The mean square of fully developed speckle is 2 signal^2, so this adds
+        2 / (M A_grain) of the peak at any exposure, on average over all lags. It is not quite white: pupil and pixel attenuate it at
         the outermost lags.
         """
         light = self.light
@@ -42,17 +42,21 @@ class NoiseTerms:
             "signal": self._over_peak(light.signal),
             "ambient": self._over_peak(light.ambient),
             "other_light": self._over_peak(light.stray),
-            "detector_speckle": 2.0 * light.detector_grain_pixels / light.grain_pixels,
+            "detector_speckle": 2.0 * light.detector_speckle / light.grain_pixels,
         }
         return shares | {stage.name: self.share(stage) for stage in white}
 
     def share(self, stage: Stage) -> float:
         """Return what a stage adds to floor over peak; for the noise of rows or columns, its variance in that unit."""
-        stages = chain.stages_of(self.electronics)
-        if stage not in stages or self.light.signal <= 0.0:
+        if not stage.is_set(self.electronics) or self.light.signal <= 0.0:
             return 0.0
-        shrinkage = math.prod(before.shrinkage(self.light, self.electronics) for before in stages[: stages.index(stage)])
-        return self._over_peak(stage.variance(self.light, self.electronics)) * shrinkage
+        return self._over_peak(stage.variance(self.light, self.electronics)) * self.shrinkage(stage)
+
+    def shrinkage(self, end: Stage | None = None) -> float:
+        """Return the ratio of the peak of the light to that of the recorded electrons, or of those that a stage receives."""
+        stages = chain.stages_of(self.electronics)
+        before = stages if end is None else stages[: stages.index(end)]
+        return math.prod(stage.shrinkage(self.light, self.electronics) for stage in before)
 
     def floor_over_peak(self) -> float | None:
         """Return b / (r*r)(0) of all terms together."""

@@ -14,7 +14,7 @@ import math
 import numpy as np
 import torch
 
-from radiometry.transfer import pupil_otf
+from radiometry.transfer import subjective_modes
 from sim.geometry import Geometry
 
 
@@ -49,22 +49,9 @@ def exact_image(field: torch.Tensor, factor: int, geometry: Geometry, rng: np.ra
     return collected[middle::factor, middle::factor].clamp_min(0.0) * (inside.numel() / inside.sum())
 
 
-def degrees_of_freedom(geometry: Geometry, samples: int = 512) -> float:
-    """Return M of one pixel: one over the relative variance of the subjective speckle after pupil and pixel."""
-    cutoff = geometry.pupil_diameter_m / (geometry.wavelength_m * geometry.pupil_distance_m)
-    frequency = (np.arange(samples) + 0.5) / samples * cutoff
-    otf = pupil_otf(
-        np.hypot(frequency[:, None], frequency[None]),
-        geometry.pupil_diameter_m,
-        geometry.wavelength_m,
-        geometry.pupil_distance_m,
-    )
-    pixel = np.sinc(frequency * geometry.pixel_pitch_m) ** 2
-    return float(otf.sum() / (otf * pixel[:, None] * pixel[None]).sum())
-
-
 def gamma_image(mean: torch.Tensor, geometry: Geometry, rng: np.random.Generator, polarisations: int = 1) -> torch.Tensor:
     """Multiply a mean image (H, W) by independent Gamma factors of mean 1; each polarisation adds M degrees of freedom."""
-    dof = degrees_of_freedom(geometry) * polarisations
+    optics = (geometry.pixel_pitch_m, geometry.pupil_diameter_m, geometry.wavelength_m, geometry.pupil_distance_m)
+    dof = subjective_modes(*optics) * polarisations
     factor = rng.standard_gamma(dof, mean.shape, np.float32) / np.float32(dof)
     return mean * torch.from_numpy(factor).to(mean.device)

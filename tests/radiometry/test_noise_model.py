@@ -71,7 +71,7 @@ def test_expected_spectrum_filters_the_signal_and_not_the_floor():
 def test_terms_add_and_scale_with_exposure():
     short, long = (
         NoiseTerms(
-            SpeckleLight(0.08 * t, 300.0, ambient=0.2 * t, stray=0.1 * t, detector_grain_pixels=0.8),
+            SpeckleLight(0.08 * t, 300.0, ambient=0.2 * t, stray=0.1 * t, detector_speckle=0.8),
             Electronics(t, dark_current=0.01, read_noise=2.0, fixed_pattern=1.0, row_noise=5.0),
         )
         for t in (1.0, 10.0)

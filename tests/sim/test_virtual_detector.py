@@ -10,11 +10,16 @@ from PIL import Image
 pytest.importorskip("mitsuba")
 
 from correlograph.errors import InputError
+from radiometry.transfer import subjective_modes
 from scenes import scene_path
 from sim.frame import Simulation
-from sim.optics.detector_roughness import degrees_of_freedom, exact_image, gamma_image, oversampling
+from sim.optics.detector_roughness import exact_image, gamma_image, oversampling
 from sim.plan import Settings
 from sim.plan_report import make_plan
+
+
+def modes_of(geometry) -> float:
+    return subjective_modes(geometry.pixel_pitch_m, geometry.pupil_diameter_m, geometry.wavelength_m, geometry.pupil_distance_m)
 
 
 def test_detector_roughness_has_the_statistics_of_the_pupil(scene):
@@ -25,14 +30,14 @@ def test_detector_roughness_has_the_statistics_of_the_pupil(scene):
     flat = torch.ones(514 * factor, 616 * factor, dtype=torch.complex64)
     images = [exact_image(flat, factor, geometry, np.random.default_rng(number)) for number in range(3)]
     measured = np.mean([float(image.var() / image.mean() ** 2) for image in images])
-    dof = degrees_of_freedom(geometry)
+    dof = modes_of(geometry)
     assert measured == pytest.approx(1.0 / dof, rel=0.02)
     assert np.mean([float(image.mean()) for image in images]) == pytest.approx(1.0, abs=0.01)
     gamma = gamma_image(torch.ones(514, 616), geometry, np.random.default_rng(5))
     assert float(gamma.var()) == pytest.approx(1.0 / dof, rel=0.02)
     # negative-exponential subjective speckle where one pixel is far smaller than a grain
     fine = scene(('name="pupil_diameter" value="51.4286e-3"', 'name="pupil_diameter" value="2e-3"'))
-    assert degrees_of_freedom(fine) == pytest.approx(1.0, abs=0.02)
+    assert modes_of(fine) == pytest.approx(1.0, abs=0.02)
 
 
 def test_exact_and_gamma_roughness_agree_on_rendered_frames(scene):

@@ -94,7 +94,7 @@ def test_the_certificate_accepts_chance_at_its_stated_rate(rng):
         true = torch.from_numpy(rng.exponential(3.0, shape))
         values = torch.poisson(true, generator=torch.Generator().manual_seed(int(rng.integers(2**31))))
         held_out = torch.from_numpy(rng.random(shape) < 0.3)
-        counts = FrameCounts(values, ~held_out, held_out, torch.ones(()), 0.0, 3.0)
+        counts = FrameCounts(values, values, ~held_out, held_out, torch.ones(()), 0.0, 3.0)
         errors = (ndimage.uniform_filter(rng.standard_normal(shape), 3) for _ in range(2))
         first, second = (true * torch.from_numpy(np.exp(error)) for error in errors)
         sigmas.append(Certificate.of([predict_held_out(counts, first, second)]).gain_sigma)
@@ -108,7 +108,7 @@ def test_the_certificate_prefers_the_truth(rng):
     true = torch.from_numpy(rng.exponential(3.0, (60, 50)))
     values = torch.poisson(true, generator=torch.Generator().manual_seed(3))
     everywhere = torch.ones_like(true, dtype=torch.bool)
-    counts = FrameCounts(values, everywhere, everywhere, torch.ones(()), 0.0, 3.0)
+    counts = FrameCounts(values, values, everywhere, everywhere, torch.ones(()), 0.0, 3.0)
     blurred = torch.nn.functional.avg_pool2d(true[None], 3, 1, 1)[0]
     found = Certificate.of([predict_held_out(counts, true, blurred)])
     assert found.is_accepted

@@ -84,6 +84,23 @@ def test_background_from_the_contrast(scene, ambient):
     assert found == (0.0 if ambient == 0.0 else pytest.approx(ambient * pixels, rel=0.25))
 
 
+@pytest.mark.parametrize(("light", "read"), [(0.3, 0.2), (0.3, 1.0), (3.0, 0.5)])
+def test_clipped_read_noise_is_not_taken_for_light(scene, light, read):
+    """Where few counts meet read noise, clipping below zero raises the mean and lowers the variance."""
+    grid, model, prior, intensity = scene
+    rng, pixels = np.random.default_rng(12), grid.binning[0] * grid.binning[1]
+    frames = [
+        (rng.poisson(light / pixels * one) + read / pixels**0.5 * rng.standard_normal(SHAPE)).astype(np.float32)
+        for one in intensity
+    ]
+    counts = [read_counts(one, Calibration(1.0, read**2 / pixels), grid, torch.Generator().manual_seed(1)) for one in frames]
+    mean = float(np.mean(intensity)) * light
+    assert np.mean([one.signal for one in counts]) == pytest.approx(mean, rel=0.05)
+    kept = variance_transfer(intensity_spectrum(prior, model), model)
+    grains = float(prior.sum() ** 2 / prior.square().sum())
+    assert background_of(counts, kept, grains) == pytest.approx(counts[0].background, abs=0.1 * mean)
+
+
 def test_hot_pixels_are_unmeasured(scene):
     grid, _, _, intensity = scene
     frame = np.random.default_rng(6).poisson(5.0 * intensity[0]).astype(np.float32)

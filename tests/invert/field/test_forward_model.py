@@ -102,7 +102,7 @@ def make_counts(grid, rng, background=0.3, roughness=0.0):
     values = torch.from_numpy(rng.poisson(2.0, grid.frame_shape).astype(np.float32))
     fitted = torch.from_numpy(rng.random(grid.frame_shape) > 0.1)
     lit = torch.from_numpy(np.linspace(0.5, 1.5, grid.frame_shape[1], dtype=np.float32)).expand(grid.frame_shape)
-    return FrameCounts(values, fitted, ~fitted, lit, background, 2.0 - background, roughness)
+    return FrameCounts(values, values, fitted, ~fitted, lit, background, 2.0 - background, roughness)
 
 
 @pytest.mark.parametrize(("modes", "roughness"), [(1, 0.0), (2, 0.0), (1, 0.4)])
