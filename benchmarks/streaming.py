@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from correlograph.files import captured_frames as capture_module
 from correlograph.files.capture import CameraMetadata
+from correlograph.files.captured_frames import read_capture
 from correlograph.files.stacks import open_stack
 from correlograph.live.session import LiveSession
 from correlograph.live.threads import Acquisition
-from invert.measure import capture as capture_module
-from invert.measure.capture import read_capture
 from invert.measure.estimate import estimate_from_frames
 from radiometry.autocorrelation import patch_grid
 from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator

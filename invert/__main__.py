@@ -51,7 +51,7 @@ def parser() -> ArgumentParser:
         help="background model: auto detects it, pooled subtracts the mean of each frame, fixed subtracts what frames share, "
         "published follows Metzler et al. 2020",
     )
-    p.add_argument("--dark", type=Path, help="dark frame; it is subtracted")
+    p.add_argument("--dark", type=Path, help="dark frame, or a stack or folder of dark frames; their mean is subtracted")
     p.add_argument("--flat", type=Path, help="flat-field frame; frames are divided by it")
     p.add_argument("--mask", type=Path, help="image; its zero pixels are excluded")
     p.add_argument(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from numbers import Integral, Real
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 
 from correlograph.errors import InputError, check_device
 from correlograph.files.capture import CameraMetadata, Capture
+from correlograph.files.captured_frames import check_frame, describe_pitch, read_capture, stray_light_of
 from correlograph.files.corrections import Corrections
 from correlograph.files.file_frames import FileFrames
 from correlograph.files.images import check_symmetry
@@ -21,7 +23,7 @@ from correlograph.files.stacks import open_stack
 from correlograph.lags import LAG_SIDE
 from correlograph.ranges import LAG_COUNT, SEED
 from correlograph.workers import check_scheduler
-from invert.assess.reliability import assess_reliability, describe_limits
+from invert.assess.reliability import assess_reliability, describe_limits, is_speckle
 from invert.assess.speckle_test import speckle_test
 from invert.blur_fit import estimate_blur, likelihood_before_division
 from invert.choices import (
@@ -38,8 +40,8 @@ from invert.choices import (
 )
 from invert.field.reconstruction import FieldReconstruction
 from invert.field.retrieval import retrieve_fields
-from invert.measure.capture import check_frame, describe_pitch, read_capture, stray_light_of
 from invert.measure.estimate import Estimate, Patch, check_power, estimate_from_frames, published_estimate
+from invert.measure.preparation import mean_frame, prepare
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction, reconstruct_measurement
 from invert.output.result import Result, Settings
@@ -107,8 +109,9 @@ def reconstruct(
     file = _check_weights(weights, method)
     begin = time.perf_counter()
     capture = read_source(source, camera or CameraMetadata(), autocorrelation)
+    preparation: list[str] = []
     if isinstance(capture, Capture):
-        capture = (corrections or Corrections()).apply(capture)
+        capture, preparation = prepare(capture, corrections or Corrections())
     else:
         _refuse_without_frames(method)
         _refuse_frame_options(patch, lags, pitch_m, corrections, blur_pixels, mean_model)
@@ -135,6 +138,22 @@ def reconstruct(
     reconstruction, warnings = assess_reliability(
         reconstruction, test, measurement, partial(likelihood_before_division, estimate), estimate.record
     )
+    if isinstance(capture, Capture) and _may_be_one_pattern(capture, estimate, reconstruction):
+        single = reconstruct(
+            mean_frame(capture),
+            method=method,
+            quality=quality,
+            patch=patch,
+            lags=lags,
+            pitch_m=pitch_m,
+            blur_pixels=blur_pixels,
+            weights=weights,
+            seed=seed,
+            device=device,
+            progress=progress,
+        )
+        if single.object_found and is_speckle(single.speckle_test):
+            return replace(single, notes=(*preparation, ONE_PATTERN, *single.notes))
     seconds = {"read": read_s, "autocorrelation": estimate.seconds, "retrieval": time.perf_counter() - begin}
     fields, field_notes = None, []
     if isinstance(capture, Capture) and reconstruction.object_found and retrieves_fields(method, quality):
@@ -144,11 +163,27 @@ def reconstruct(
     settings = Settings(method.name, quality.name, seed)
     if isinstance(capture, Capture) and not retrieves_fields(method, quality):
         field_notes = _suggest_fields(estimate, measurement, reconstruction)
-    notes = describe_limits(reconstruction, measurement) + field_notes
+    notes = preparation + describe_limits(reconstruction, measurement) + field_notes
     if isinstance(capture, Capture):
         notes += describe_pitch(capture)
         warnings += stray_light_of(capture)
     return Result(estimate, measurement, reconstruction, settings, seconds, test, tuple(warnings), tuple(notes), fields)
+
+
+ONE_PATTERN = (
+    "the frames show one speckle pattern, as if the laser spot had not moved; their mean was reconstructed as one frame; "
+    "move the spot between frames to gain from several"
+)
+
+MIN_PATTERN_LAGS = 0.9
+"""Fraction of the lags at which frames share power, above which they may show one speckle pattern."""
+
+
+def _may_be_one_pattern(capture: Capture, estimate: Estimate, found: Reconstruction) -> bool:
+    """Return whether several frames share so much that nothing is left of the object."""
+    background = None if estimate.record is None else estimate.record.background
+    shared = (background and background.fixed_pattern_lags) or 0.0
+    return not found.object_found and len(capture.frames) > 1 and shared > MIN_PATTERN_LAGS
 
 
 def _retrieve_fields(
@@ -287,7 +322,7 @@ def _refuse_frame_options(
             ("patch", patch, None),
             ("lags", lags, None),
             ("pitch_m", pitch_m, None),
-            ("corrections", corrections or Corrections(), Corrections()),
+            ("corrections", (corrections or Corrections()).is_empty, True),
             ("blur_pixels", blur_pixels, None),
             ("mean_model", mean_model, "auto"),
         )

@@ -1,8 +1,9 @@
 """Files: frames, captures, images, figures, stores.
 
 capture.py         frames with the metadata of their camera, in memory
+captured_frames.py frames of a camera, read and checked
 capture_folder.py  folder of a capture, replaced as a whole
-corrections.py     dark frame, flat-field frame, mask
+corrections.py     dark frames, flat-field frame, mask
 exr_frames.py      EXR frames with their header (exr_version.py: one attribute of it)
 images.py          monochrome images and arrays
 figures.py         figures: saving, showing, scale bars

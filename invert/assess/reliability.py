@@ -99,6 +99,13 @@ def describe_limits(found: Reconstruction, measurement: Measurement) -> list[str
     return notes
 
 
+def is_speckle(test: SpeckleTest | None) -> bool:
+    """Return whether the third moment of frames is that of speckle, and significantly not that of texture."""
+    if test is None or test.third_moment_ratio is None or test.error is None:
+        return False
+    return test.third_moment_ratio - 2.0 * test.error > MIN_MOMENT_RATIO and test.third_moment_ratio < MAX_MOMENT_RATIO
+
+
 def _check_speckle(test: SpeckleTest, record: EstimateRecord | None) -> list[str]:
     moment, error = test.third_moment_ratio or 0.0, 2.0 * (test.error or 0.0)
     found = f"third moment {moment:.2g} +- {0.5 * error:.2g} times that of speckle"

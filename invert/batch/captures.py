@@ -10,6 +10,7 @@ from pathlib import Path
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata
 from correlograph.files.capture_folder import check_complete
+from correlograph.files.captured_frames import CONTACT_SHEET, find_frames, frames_inside, printable
 from correlograph.files.corrections import Corrections
 from correlograph.files.manifest import claim, digest_of
 from correlograph.files.output import output_folder, sole_writer
@@ -17,7 +18,6 @@ from correlograph.files.raw_frames import description_of
 from correlograph.files.stacks import file_of, is_stack
 from correlograph.version import version
 from invert.choices import BALANCED, UNET, Method, Quality
-from invert.measure.capture import CONTACT_SHEET, find_frames, frames_inside, printable
 from invert.measure.estimate import Patch
 from invert.network.checkpoints import DEFAULT_WEIGHTS, load_network
 from invert.output.result import Result
@@ -66,7 +66,7 @@ class Request:
         weights = self.weights or DEFAULT_WEIGHTS if self.method.is_network else None
         content = hashlib.sha256()
         descriptions = [path for file in files if (path := description_of(file)) is not None]
-        for file in (*files, *descriptions, corrections.dark, corrections.flat, corrections.mask, weights, self.truth):
+        for file in (*files, *descriptions, *corrections.files, weights, self.truth):
             content.update(bytes.fromhex(digest_of(file_of(file))) if file else b"none")
         options = replace(self, corrections=Corrections(), weights=None, truth=None, device="any")
         datasets = [str(file).removeprefix(str(file_of(file))) for file in files]

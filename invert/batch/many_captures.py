@@ -14,12 +14,12 @@ import torch
 from tqdm import tqdm
 
 from correlograph.errors import InputError
+from correlograph.files.captured_frames import CONTACT_SHEET, find_frames
 from correlograph.files.manifest import are_intact, claim, own_files
 from correlograph.files.output import atomic, save_json
 from correlograph.workers import WorkerDeath, run_tasks
 from invert.albedo.metrics import aligned_pearson
 from invert.batch.captures import Captures, Request, check_request, invert_capture
-from invert.measure.capture import CONTACT_SHEET, find_frames
 from invert.output.report import save_contact_sheet
 from invert.output.result_files import RESULT_FILES, expected_files
 from invert.output.truth import Truth

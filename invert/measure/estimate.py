@@ -14,13 +14,13 @@ from tqdm import tqdm
 
 from correlograph.errors import InputError, check_positive
 from correlograph.files.capture import CameraMetadata, Capture
+from correlograph.files.captured_frames import printable
 from correlograph.files.drawing import SceneDrawing
 from correlograph.files.file_frames import FileFrames
 from correlograph.files.file_metadata import FileMetadata
 from correlograph.files.images import read_autocorrelation
 from correlograph.lags import LAGS, LagGrid, lag_grid_of
 from correlograph.ranges import BLUR, LAG_COUNT, PATCH
-from invert.measure.capture import printable
 from invert.measure.lag_choice import choose_lags
 from invert.measure.patch_fit import choose_patch_grid
 from invert.measure.spectrum import read_measurement

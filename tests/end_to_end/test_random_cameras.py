@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("mitsuba")
 
-from benchmarks.random_cameras import compare  # noqa: E402
+from benchmarks.random_cameras import compare
 
 RELATIVE, SIGMA = 0.05, 3.0
 

@@ -5,8 +5,8 @@ import json
 import pytest
 
 import correlograph as cg
+from correlograph.files.captured_frames import read_capture
 from correlograph.files.drawing import SceneDrawing
-from invert.measure.capture import read_capture
 
 
 @pytest.fixture(scope="module")

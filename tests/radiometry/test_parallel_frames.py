@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from correlograph.errors import InputError
+from correlograph.files import captured_frames as capture_module
 from correlograph.files.capture import CameraMetadata, Capture
+from correlograph.files.captured_frames import read_capture
 from correlograph.files.corrections import Corrections
-from invert.measure import capture as capture_module
-from invert.measure.capture import read_capture
 from invert.measure.estimate import estimate_from_frames
 from radiometry.autocorrelation import patch_grid
 from radiometry.estimation import parallel_frames

@@ -13,10 +13,10 @@ from PIL import Image
 
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata
+from correlograph.files.captured_frames import find_frames, read_capture
 from correlograph.files.corrections import Corrections
 from correlograph.files.exr_frames import FrameHeader, write_frame
 from correlograph.files.images import read_autocorrelation, read_image
-from invert.measure.capture import find_frames, read_capture
 
 UNKNOWN = CameraMetadata()
 

@@ -10,9 +10,9 @@ import zarr
 
 import correlograph as cg
 from correlograph.errors import InputError
+from correlograph.files.captured_frames import find_frames, read_capture
 from correlograph.files.stacks import open_stack
 from invert.batch.captures import Request
-from invert.measure.capture import find_frames, read_capture
 
 SHAPE = (5, 130, 148)
 

@@ -11,9 +11,9 @@ from PIL import Image
 
 import correlograph as cg
 from correlograph.errors import InputError
+from correlograph.files import captured_frames as capture_module
+from correlograph.files.captured_frames import read_capture
 from correlograph.files.stacks import open_stack
-from invert.measure import capture as capture_module
-from invert.measure.capture import read_capture
 
 COUNT, SHAPE = 3, (131, 170)
 KINDS = ("uint8", "uint16", "uint32", "int16", "float32", "float64")
