@@ -37,17 +37,17 @@ if TYPE_CHECKING:
     from invert.output.result import Result
     from invert.output.truth import Truth
     from invert.pipeline import reconstruct
-    from radiometry.scene_forecast import Forecast, light_budget, predict
     from sim.plan import Settings
     from sim.rendering import render
     from sim.scene import Scene, load
+    from sim.scene_forecast import Forecast, light_budget, predict
 
 _MODULES = {
     "CameraMetadata": "correlograph.files.capture",
     "Capture": "correlograph.files.capture",
     "Corrections": "correlograph.files.corrections",
     "Field": "invert.field.field",
-    "Forecast": "radiometry.scene_forecast",
+    "Forecast": "sim.scene_forecast",
     "InputError": "correlograph.errors",
     "Result": "invert.output.result",
     "Samples": "invert.albedo.posterior",
@@ -56,9 +56,9 @@ _MODULES = {
     "Settings": "sim.plan",
     "Truth": "invert.output.truth",
     "aligned_pearson": "invert.albedo.metrics",
-    "light_budget": "radiometry.scene_forecast",
+    "light_budget": "sim.scene_forecast",
     "load": "sim.scene",
-    "predict": "radiometry.scene_forecast",
+    "predict": "sim.scene_forecast",
     "reconstruct": "invert.pipeline",
     "render": "sim.rendering",
     "score": "invert.albedo.metrics",

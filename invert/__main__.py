@@ -59,7 +59,8 @@ def parser() -> ArgumentParser:
         help="standard deviation, in pixels, of a Gaussian blur in the frames, which is corrected; 0: no blur; auto: estimate it; "
         "default: auto for unet, 0 for the other methods",
     )
-    p.add_argument("--truth", type=Path, help="known albedo (.npy or image, one pixel per lag) to compare with")
+    p.add_argument("--truth", type=Path, help="known albedo (.npy or image) to compare with; one pixel per lag without a pitch")
+    p.add_argument("--truth-pitch-m", type=SI, help="pixel pitch of the known albedo in metres; it is resampled to the lags")
     p.add_argument("--weights", type=Path, help="other network weights, .safetensors, for --method unet")
     p.add_argument(
         "--save-fields", action="store_true", help="also write the field of each frame (fields.npz), for --method field"
@@ -141,6 +142,7 @@ def _request(options: Any) -> Request:
         quality=QUALITIES[options.quality],
         weights=weights,
         truth=truth,
+        truth_pitch_m=options.truth_pitch_m,
         seed=options.seed,
         device=options.device,
         save_fields=options.save_fields,

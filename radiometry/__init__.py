@@ -2,7 +2,6 @@
 
     photons.py          photon rate, coherence area
     light_budget_rows.py  light budget, one row per factor; closed form for flat, Lambertian scenes
-    scene_forecast.py     light budget and prediction of a scene: the public functions
     autocorrelation.py  patches and their lags; effect of the patch window on r*r
     estimation/         frames -> estimate; camera and lamp artefacts; third moment
     transfer.py         H: pupil and pixel
@@ -15,18 +14,16 @@
     safety.py           laser safety of the spot
     validation/         published lab series and figures of the noise validation
 
-This package imports nothing of the project except the basic modules of `correlograph`.
+This package imports nothing of the project except the basic modules of `correlograph`. `predict` and `light_budget`, which also load
+scenes, are those of `sim.scene_forecast`.
 """
 
 from typing import TYPE_CHECKING, Any
 
-import lazy_loader
-
 if TYPE_CHECKING:
-    from radiometry.scene_forecast import Forecast, light_budget, predict
+    from sim.scene_forecast import Forecast, light_budget, predict
 
 __all__ = ["Forecast", "light_budget", "predict"]
-_load_attribute, __dir__, _ = lazy_loader.attach(__name__, submod_attrs={"scene_forecast": __all__})
 
 
 def __getattr__(name: str) -> Any:
@@ -34,4 +31,10 @@ def __getattr__(name: str) -> Any:
         from correlograph.version import version
 
         return version()
-    return _load_attribute(name)
+    from correlograph.lazy import load_attribute
+
+    return load_attribute(__name__, dict.fromkeys(__all__, "sim.scene_forecast"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, "__version__"])

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-MIN_PHOTONS_PER_GRAIN = 4.0
+MIN_PHOTONS_PER_GRAIN = 4.3
 """Photons per speckle grain of the object's bounding box above which fields are accepted. Evidence: docs/fields.md."""
 
 MIN_ALBEDO = 0.03

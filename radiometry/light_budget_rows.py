@@ -9,9 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from html import escape
+from typing import TYPE_CHECKING
 
 from correlograph.errors import InputError, check_positive
 from radiometry.photons import decibel, photon_rate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -73,13 +78,33 @@ class LightPath:
                 raise InputError(name, "a ratio between 0 and 1", getattr(self, name), f"correct {name}")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Budget:
     """Light budget of one pixel: named factors whose product is its throughput."""
 
     rows: tuple[tuple[str, float], ...]
     laser_photons_per_s: float
     pixels: int
+
+    def __repr__(self) -> str:
+        """The table that `python -m radiometry` prints."""
+        rows = [*((name, decibel(factor)) for name, factor in self.rows), ("per pixel", self.per_pixel_db)]
+        lines = [f"{name:<40}{value:9.2f} dB" for name, value in (*rows, ("per frame", self.per_frame_db))]
+        return "\n".join([*lines, f"{'photoelectrons per second and frame':<40}{self.photoelectrons_per_frame_s:9.3g}"])
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+    def plot(self) -> Figure:
+        """Return the factors in decibels as a matplotlib figure."""
+        from matplotlib.figure import Figure
+
+        shown = [(name, decibel(factor)) for name, factor in self.rows if 0.0 < factor != 1.0]
+        figure = Figure(figsize=(6.4, 0.6 + 0.28 * len(shown)), layout="constrained")
+        axes = figure.add_subplot()
+        axes.barh([name for name, _ in shown][::-1], [value for _, value in shown][::-1], color="0.5")
+        axes.set_xlabel(f"factor (dB); together {self.per_pixel_db:.2f} dB per pixel")
+        return figure
 
     @property
     def per_pixel(self) -> float:

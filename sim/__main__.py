@@ -107,7 +107,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         if sys.stdout.isatty() and not options.json:
             print(summary(plan, options.frames, monte_carlo))
             return
-        content["third_moment_signal_to_noise"] = plan.prediction.third_moment_signal_to_noise(options.frames)
         print(json.dumps(content, indent=2, allow_nan=False))
         return
     for warning in content["warnings"]:

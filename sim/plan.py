@@ -83,7 +83,7 @@ class Modes:
         return self.oversampling**2 * self.polarisations * len(self.lines) * self.sub_exposures
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Plan:
     """All decisions about a scene.
 

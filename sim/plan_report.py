@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, replace
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,16 @@ MAX_STRAY_SHARE = 0.3
 
 MAX_LINE_SHARE = 0.1
 """Noise of rows or columns over the peak, at the lags of one axis, above which a warning is given."""
+
+
+class PlanPage(Plan):
+    """A plan that prints as the page of `python -m sim --plan`, for two frames."""
+
+    def __repr__(self) -> str:
+        return summary(self, 2)
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
 
 
 def make_plan(geometry: Geometry, frames: int, settings: Settings | None = None) -> dict[str, Any]:
@@ -73,6 +84,12 @@ def as_json(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> d
         "frames": frames,
         "throughput": light_budget(geometry.light_path).as_dict(),
         "monte_carlo": monte_carlo and monte_carlo.as_dict(),
+        "grain_pixels": list(grain_pixels(geometry)),
+        "patch_pixels": list(plan.prediction.grid.patch_shape),
+        "lag_pitches_m": list(plan.prediction.pitches_m),
+        "dof": plan.prediction.dof(frames),
+        "floor_over_peak": plan.prediction.floor_over_peak(frames),
+        "third_moment_signal_to_noise": plan.prediction.third_moment_signal_to_noise(frames),
         "ideal_floor_over_peak": plan.prediction.shot_floor_over_peak,
         "signal_to_noise": plan.prediction.signal_to_noise(frames),
         "fields": (forecast := plan.prediction.forecast_fields(frames)) and forecast.as_dict(),
@@ -114,6 +131,15 @@ def warnings_of(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) 
             + required_exposure(plan, frames)
         )
     return found
+
+
+def grain_pixels(geometry: Geometry) -> tuple[float, float]:
+    """Return the speckle grain (rows, columns) in pixels, lambda z over the extent of the object."""
+    rows, columns = (
+        geometry.wavelength_m * geometry.distance_m / (extent * pitch)
+        for extent, pitch in zip(geometry.hidden_object.extent_m, geometry.seen_pitch_m, strict=True)
+    )
+    return rows, columns
 
 
 def defocus_pixels(geometry: Geometry) -> float:
@@ -174,11 +200,8 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
     geometry, prediction, kernel = plan.geometry, plan.prediction, plan.kernel
     content = as_json(plan, frames, monte_carlo)
     grid, pitches = prediction.grid, prediction.pitches_m
-    grain = [
-        geometry.wavelength_m * geometry.distance_m / (extent * pitch)
-        for extent, pitch in zip(geometry.hidden_object.extent_m, geometry.seen_pitch_m, strict=True)
-    ]
-    dof, ratio, third = prediction.dof(frames), content["signal_to_noise"], prediction.third_moment_signal_to_noise(frames)
+    grain = grain_pixels(geometry)
+    dof, ratio, third = content["dof"], content["signal_to_noise"], content["third_moment_signal_to_noise"]
     floor, budget = prediction.floor_over_peak(frames), light_budget(geometry.light_path)
     forecast = prediction.forecast_fields(frames)
     lines = [

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
+import hashlib
+import tempfile
 from collections.abc import Iterable, Mapping
+from functools import cache
 from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +19,7 @@ from correlograph.files.figures import figure_as_html, show_figure
 from correlograph.ranges import SAMPLES, SI, Range
 from sim.geometry import Geometry
 from sim.plan import Plan, Settings
+from sim.plan_report import PlanPage
 from sim.plugins import refusals
 from sim.scene_file import load_scene, scene_digest
 from sim.scene_reader import fingerprint, read_geometry
@@ -100,7 +105,7 @@ class Scene:
             raise InputError("settings", "a Settings", f"{settings!r:.60}", "create one with correlograph.Settings")
         if settings not in plans:
             template = self._template and self._template.plan(settings)
-            plans[settings] = template.with_geometry(geometry) if template else Plan.of(geometry, settings)
+            plans[settings] = template.with_geometry(geometry) if template else PlanPage.of(geometry, settings)
         return plans[settings]
 
     def monte_carlo(self, samples: int = 2**16) -> MonteCarlo:
@@ -166,7 +171,8 @@ def load(scene: str | Path | dict[str, Any] | mi.Scene, /, **parameters: Any) ->
 
     Args:
         scene: name of a shipped scene, scene file, dictionary as for `mi.load_dict`, or loaded scene.
-        parameters: values for the scene file, as for `-D`; numpy numbers are allowed.
+        parameters: values for the scene file, as for `-D`; numpy numbers are allowed. An array (H, W) of reflectances takes the place of
+            the name of a bitmap, such as `albedo`; it reads like the image.
 
     Raises InputError for a scene that cannot be loaded, and for parameters that it does not have.
     """
@@ -212,6 +218,28 @@ def _definition(name: str, value: Any) -> str:
     """Return a parameter as the text of `-D name=value`. Raises InputError for a value that is neither text nor a number."""
     if isinstance(value, (str, Path)):
         return str(value)
+    if isinstance(value, np.ndarray):
+        return str(_bitmap_of(name, value))
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, Real):
         raise InputError(name, "a number or a text", f"{value!r:.60}", "convert it to a number")
     return str(int(value)) if isinstance(value, Integral) else repr(float(value))
+
+
+def _bitmap_of(name: str, albedo: np.ndarray) -> Path:
+    """Write reflectances (H, W) to a file that lasts as long as the process, named by its content; return the file."""
+    if albedo.ndim != 2 or albedo.size == 0 or albedo.dtype.kind not in "uifb":
+        raise InputError(name, "an array (H, W) of reflectances", f"{albedo.dtype} {albedo.shape}", "convert it")
+    pixels = np.ascontiguousarray(albedo, np.float32)
+    if not (np.isfinite(pixels).all() and pixels.min() >= 0.0 and pixels.max() <= 1.0):
+        raise InputError(name, "reflectances from 0 to 1", f"{pixels.min():g} to {pixels.max():g}", "divide by the maximum")
+    file = _bitmap_folder() / f"{name}_{hashlib.sha256(pixels.tobytes() + str(pixels.shape).encode()).hexdigest()[:16]}.exr"
+    if not file.is_file():
+        mi.Bitmap(pixels[..., None]).write(str(file))
+    return file
+
+
+@cache
+def _bitmap_folder() -> Path:
+    folder = tempfile.TemporaryDirectory(prefix="correlograph-")
+    atexit.register(folder.cleanup)
+    return Path(folder.name)

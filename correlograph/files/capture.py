@@ -17,7 +17,7 @@ from correlograph.files.figures import add_scale_bar, figure_as_html, show_figur
 from correlograph.files.file_frames import FileFrames
 from correlograph.files.file_metadata import FileMetadata, rendered_metadata
 from correlograph.files.output import output_folder, path_of, save_array, save_json
-from correlograph.ranges import FRAMES
+from correlograph.ranges import FRAMES, WAVELENGTH
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,10 +42,17 @@ class CameraMetadata:
     column_pitch_m: float | None = None
 
     def __post_init__(self) -> None:
-        """Raise InputError for a value that is not a positive number."""
+        """Raise InputError for a value that is not a positive number, and for values that contradict each other."""
         for name, value in vars(self).items():
             if value is not None:
                 object.__setattr__(self, name, check_positive(name, value))
+        if self.wavelength_m is not None:
+            WAVELENGTH.check("wavelength_m", self.wavelength_m)
+        if self.wavelength_m is not None and self.pixel_pitch_m is not None and self.pixel_pitch_m < 0.5 * self.wavelength_m:
+            found = f"{self.pixel_pitch_m:.3g} m for a wavelength of {self.wavelength_m:.3g} m"
+            raise InputError(
+                "pixel_pitch_m", "half a wavelength or more, in metres on the wall", found, "check whether the two are swapped"
+            )
 
     def check_complete(self) -> None:
         """Raise InputError if only some of wavelength, pixel pitch and distance are known, or one length of the pupil."""
@@ -56,6 +63,14 @@ class CameraMetadata:
                 raise InputError(
                     "camera metadata", f"{', '.join(names)} together", f"no {', '.join(lacking)}", f"add {options}"
                 )
+
+    @property
+    def field_m(self) -> float | None:
+        """Widest object whose speckle the pixels resolve, lambda z / (2 pitch); None if the camera is unknown."""
+        if self.lag_geometry is None:
+            return None
+        wavelength, distance, pitches = self.lag_geometry
+        return 0.5 * wavelength * distance / max(pitches)
 
     @property
     def lag_geometry(self) -> tuple[float, float, tuple[float, float]] | None:
@@ -161,8 +176,18 @@ class Capture:
 
     @classmethod
     def load(cls, folder: str | Path) -> Capture:
-        """Load a rendered capture with its truth and its record. Raises InputError for a folder that holds none."""
+        """Load a rendered capture with its truth and its record, or frames of a camera without metadata.
+
+        Args:
+            folder: folder that `python -m sim` wrote, a folder of frames, or a file of one frame or several.
+
+        Raises InputError for anything else.
+        """
         path = path_of("capture", folder)
+        if not (path / "sim.json").is_file() and path.exists() and not (path / "truth.npy").exists():
+            from correlograph.files.captured_frames import read_capture
+
+            return read_capture([path], CameraMetadata())
         check_complete(path)
         try:
             record = json.loads((path / "sim.json").read_text())

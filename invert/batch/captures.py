@@ -56,6 +56,7 @@ class Request:
     quality: Quality = BALANCED
     weights: Path | None = None
     truth: Path | None = None
+    truth_pitch_m: float | None = None
     seed: int = 0
     device: str = "cpu"
     save_fields: bool = False
@@ -179,7 +180,7 @@ def check_request(request: Request) -> None:
         if file and not file.is_file():
             raise InputError(f"--{name}", "an image of the frames' size", f"no {file}", "check the path")
     if request.truth:
-        Truth.read(request.truth)
+        Truth.read(request.truth, request.truth_pitch_m)
 
 
 def invert_capture(
@@ -198,7 +199,7 @@ def invert_capture(
         scheduler: address of a running Dask scheduler, whose workers add the frames of a large capture.
     """
     check_request(request)
-    truth = Truth.read(request.truth) if request.truth else None
+    truth = Truth.read(request.truth, request.truth_pitch_m) if request.truth else None
     digest = request.sha256(find_frames(files))
     is_new = not folder.exists()
     try:

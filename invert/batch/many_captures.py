@@ -37,7 +37,7 @@ def invert_captures(
     """
     check_request(request)
     _claim(captures, output, overwrite=overwrite)
-    truth = Truth.read(request.truth) if request.truth else None
+    truth = Truth.read(request.truth, request.truth_pitch_m) if request.truth else None
     known = {name: _known(request, files, output / name) for name, files in captures.items()}
     rows = {name: {"name": name, **row} for name, row in known.items() if row is not None}
     missing = [name for name in captures if name not in rows]

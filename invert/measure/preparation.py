@@ -57,7 +57,7 @@ def leave_out_empty(capture: Capture) -> tuple[Capture, list[str]]:
         return capture, []
     structure = np.array([_structure(frame) for frame in frames])
     typical = float(np.median(structure[:, 0]))
-    if typical < STRUCTURE_SIGMA * float(np.median(structure[:, 1])):
+    if typical <= STRUCTURE_SIGMA * float(np.median(structure[:, 1])):
         return capture, []
     kept = np.flatnonzero(structure[:, 0] > MAX_EMPTY_STRUCTURE * typical)
     left_out = [number for number in range(len(frames)) if number not in kept]

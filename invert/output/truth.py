@@ -37,12 +37,19 @@ class Truth:
         object.__setattr__(self, "albedo", array.astype(np.float32))
 
     @classmethod
-    def read(cls, path: Path) -> Truth:
-        """Read a truth; its pitch is in the sim.json beside it, if there is one. Raises InputError for anything else."""
+    def read(cls, path: Path, pitch_m: float | None = None) -> Truth:
+        """Read a truth, padded to a square; its pitch, if it is not given, is in the sim.json beside it, if there is one. Raises
+        InputError for anything else.
+        """
         if not path.is_file():
             raise InputError("--truth", "an albedo, one pixel per lag", f"no {path}", "check the path")
         check_complete(path.parent)
-        return cls(read_image(path)[0], _recorded_pitches(path.with_name("sim.json")), path.name)
+        albedo, _ = read_image(path)
+        if pitch_m is None:
+            return cls(albedo, _recorded_pitches(path.with_name("sim.json")), path.name)
+        side = max(albedo.shape)
+        margins = [((side - length) // 2, side - length - (side - length) // 2) for length in albedo.shape]
+        return cls(np.pad(albedo, margins), (pitch_m, pitch_m), path.name)
 
     @classmethod
     def of(cls, capture: Capture) -> Truth:
@@ -61,7 +68,7 @@ class Truth:
             return self.albedo
         if not known:
             found = f"shape {self.albedo.shape} in {self.name}"
-            remedy = "give its pitch (correlograph.Truth), or resample it to the lag pitch"
+            remedy = "give its pitch (--truth-pitch-m, or correlograph.Truth)"
             raise InputError("--truth", f"a {side} x {side} albedo, one pixel per lag", found, remedy)
         rows, columns = (
             _overlap(side, pitch, len(self.albedo), own) for pitch, own in zip(pitches_m, self.pitches_m, strict=True)

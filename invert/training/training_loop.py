@@ -124,8 +124,17 @@ class Training:
 
     def last_line(self) -> str:
         point = self.curve[-1]
-        figures = " ".join(f"{value:.3f}" for value in point["validation"])
-        return f"step {point['step']}, {point['seconds']:.0f} s: loss {point['loss']:.3f}, {self.objective.measure} {figures}"
+        figures = ", ".join(f"{value:.3f} ({label})" for label, value in zip(self._labels, point["validation"], strict=True))
+        return f"step {point['step']}, {point['seconds']:.0f} s: loss {point['loss']:.3f}; {self.objective.measure}: {figures}"
+
+    @property
+    def _labels(self) -> list[str]:
+        """Names of the noise levels at which progress is measured, per dataset."""
+        if self.options.warm:
+            return ["warm starts, every level"]
+        several = len(self.options.dataset) > 1
+        levels = [f"floor {255 * floor:.0f}/255, K {dof:g}" for floor, dof in VALIDATION]
+        return [f"{name}: {level}" if several else level for name in self.options.dataset for level in levels]
 
     @property
     def _checkpoint_path(self) -> Path:
@@ -213,13 +222,7 @@ class Training:
             "threads": torch.get_num_threads(),
         }
         save_weights(self.options.output, half, card)
-        labels = [f"{name}: b {255 * floor:.0f}/255, K {dof:g}" for name in self.options.dataset for floor, dof in VALIDATION]
-        save_curve(
-            self.options.output.with_suffix(".png"),
-            self.curve,
-            self.objective.measure,
-            ["warm starts, every level"] if self.options.warm else labels,
-        )
+        save_curve(self.options.output.with_suffix(".png"), self.curve, self.objective.measure, self._labels)
         save_json(self.options.output.with_suffix(".json"), {**card, "curve": self.curve})
 
 

@@ -39,6 +39,7 @@ class Laser(mi.Emitter):
         self.origin = matrix[:3, 3]
         self.direction = matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
         self._take()
+        self._parameters.refuse_unknown(props.unqueried(), "to_world", "scan_step")
 
     def _take(self) -> None:
         values = self._parameters

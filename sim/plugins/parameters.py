@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import difflib
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,6 +60,14 @@ class Parameters:
                 )
             self._given[name] = parameter.validate(plugin, props.get(name, parameter.default))
         self._shown = {name: mi.Float64(value) for name, value in self._given.items()}
+
+    def refuse_unknown(self, names: Iterable[str], *others: str) -> None:
+        """Raise InputError for names of parameters that neither the plugin nor `others` has."""
+        known = [*self._known, *others]
+        for name in names:
+            near = difflib.get_close_matches(name, known, 1)
+            remedy = f"did you mean {near[0]}?" if near else "correct its name or remove it"
+            raise InputError(self._plugin, f"the parameters {', '.join(known)}", f"unknown parameter {name}", remedy)
 
     def __getitem__(self, name: str) -> float:
         return self._given[name]

@@ -29,9 +29,8 @@ class PhaseScreen(mi.BSDF):
         self.depolarising = bool(props.get("depolarising", False))
         others = {name: props[name] for name in props.unqueried()}
         nested = [value for value in others.values() if isinstance(value, mi.BSDF)]
-        if unknown := [name for name, value in others.items() if not isinstance(value, mi.BSDF)]:
-            known = ", ".join((*(one.name for one in PARAMETERS), "depolarising", "velocity"))
-            raise InputError("phase_screen", f"the parameters {known}", unknown[0], "correct its name or remove it")
+        unknown = [name for name, value in others.items() if not isinstance(value, mi.BSDF)]
+        self._parameters.refuse_unknown(unknown, "depolarising", "velocity")
         if len(nested) != 1:
             raise InputError("phase_screen", "exactly one nested BSDF", len(nested), 'nest one, such as <bsdf type="diffuse">')
         self.nested = nested[0]

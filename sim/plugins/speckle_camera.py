@@ -53,6 +53,7 @@ class SpeckleCamera(mi.Sensor):
         self.pupil_centre = matrix[:3, 3]
         self.axis = matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
         self.up = matrix[:3, 1] / np.linalg.norm(matrix[:3, 1])
+        self._parameters.refuse_unknown(props.unqueried(), "to_world")
 
     def _take(self) -> None:
         values = self._parameters

@@ -43,8 +43,8 @@ def detector_albedo(
         raise InputError(
             "virtual_detector",
             "its front in every pixel of the camera",
-            f"{100 * hidden:.3g} % of them see something else or nothing",
-            "enlarge the wall, or move what stands before it",
+            f"{100 * hidden:.3g} % of them see something else or nothing; the pixels cover {_footprint(camera, frame_shape)} of it",
+            "check pixel_pitch, in metres on the sensor, and magnification, enlarge the wall, or move what stands before it",
         )
     return np.asarray(hit.bsdf().eval_diffuse_reflectance(hit)[0], np.float32).reshape(frame_shape)
 
@@ -54,3 +54,9 @@ def texture_of(albedo: np.ndarray) -> tuple[float, np.ndarray | None]:
     mean = float(albedo.mean(dtype=np.float64))
     even = mean == 0.0 or float(np.ptp(albedo)) < MAX_UNIFORM_VARIATION * mean
     return mean, None if even else albedo / np.float32(mean)
+
+
+def _footprint(camera: Any, frame_shape: tuple[int, int]) -> str:
+    """Return width and height of the part of the wall that the camera sees, across its line of sight."""
+    rows, columns = (side * camera.pixel_pitch_m for side in frame_shape)
+    return f"{1e3 * columns:.4g} x {1e3 * rows:.4g} mm"
