@@ -39,4 +39,3 @@ def test_the_detection_exposure_reaches_the_limit():
     for frames in (1, 50):
         exposure_s = prediction.detection_exposure_s(frames)
         assert prediction.at_exposure(exposure_s).detection(frames) == pytest.approx(DETECTION_LIMIT, rel=0.01)
-
