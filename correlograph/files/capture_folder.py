@@ -5,16 +5,14 @@ marker is refused.
 from __future__ import annotations
 
 import hashlib
-import os
 import re
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from correlograph.errors import InputError
-from correlograph.files.manifest import MANIFEST, PARTIAL, claim, record, record_temporary, recorded
-from correlograph.files.output import sole_writer
+from correlograph.files.manifest import claim, record
+from correlograph.files.output import replace_files, sole_writer, staging_folder
 
 MOVING = ".capture-is-being-moved"
 """Marker file, present while a finished capture moves into its folder; if it remains, the folder holds parts of two captures."""
@@ -54,26 +52,14 @@ def stage_capture(folder: Path, frames: int, *, overwrite: bool = False) -> Iter
         present = [path.name for path in folder.iterdir() if is_frame_name(path.name)]
         new = [frame_path(folder, number).name for number in range(frames)]
         claim(folder, dict.fromkeys([*new, *present, "truth.npy", "sim.json", MOVING]), overwrite=overwrite)
-        staging = folder / f"{PARTIAL}{os.getpid()}"
-        record_temporary(staging)
-        staging.mkdir()
-        try:
+        with staging_folder(folder) as staging:
             yield staging
-        finally:
-            shutil.rmtree(staging, ignore_errors=True)
 
 
 def replace_capture(staging: Path, folder: Path) -> None:
     """Move a finished capture into its folder, in place of the earlier one."""
-    older = [path for path in folder.iterdir() if is_frame_name(path.name)]
-    new = [path.name for path in staging.iterdir() if path.name != MANIFEST]
-    claim(folder, [*new, *(path.name for path in older)])  # files may have appeared during the rendering
-    record(folder, {MOVING: EMPTY_DIGEST, **recorded(staging)})
+    older = [path.name for path in folder.iterdir() if is_frame_name(path.name)]
+    record(folder, {MOVING: EMPTY_DIGEST})
     (folder / MOVING).touch()
-    (folder / "sim.json").unlink(missing_ok=True)
-    for path in older:
-        path.unlink()
-    for path in sorted(staging.iterdir(), key=lambda p: p.name == "sim.json"):
-        if path.name != MANIFEST:
-            os.replace(path, folder / path.name)
+    replace_files(staging, folder, older, "sim.json")
     (folder / MOVING).unlink()

@@ -24,6 +24,9 @@ _HEADER = b"# files that correlograph wrote here\n"
 PARTIAL = ".correlograph-partial-"
 """Prefix of the names of incomplete files and folders."""
 
+_PARTIAL_NAME = re.compile(re.escape(PARTIAL) + r"(?P<process>\d+)(-(?P<of>.*))?", re.DOTALL)
+"""Names of incomplete files and folders: the process that writes them, and the name of the output."""
+
 MAX_MANIFEST_BYTES = 2**26
 _DIGEST = re.compile("[0-9a-f]{64}")
 _TEMPORARY = "temporary"
@@ -101,16 +104,31 @@ def record_temporary(path: Path) -> None:
     record(path.parent, {path.name: _TEMPORARY})
 
 
-def remove_temporary(folder: Path, part_of_name: str = "") -> None:
-    """Remove what killed runs left in a folder; `part_of_name` limits this to names that contain it."""
+def remove_temporary(folder: Path, stem: str | None = None) -> None:
+    """Remove what killed runs left in a folder: of outputs of one stem, or of all; what a running process writes stays."""
     for name, known in _read(folder).items():
-        path = folder / name
-        if _TEMPORARY not in known or part_of_name not in name or not name.startswith(PARTIAL):
+        path, parts = folder / name, _PARTIAL_NAME.fullmatch(name)
+        if _TEMPORARY not in known or parts is None or (stem is not None and not (parts["of"] or "").startswith(f"{stem}.")):
+            continue
+        if is_running(int(parts["process"])):
             continue
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
         else:
             path.unlink(missing_ok=True)
+
+
+def is_running(process: int) -> bool:
+    """Return whether another process of this number is running; False where the system does not tell."""
+    if process == os.getpid() or os.name != "posix":
+        return False
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 def remove_unused_manifest(folder: Path, lock: str) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import io
 import json
 import os
+import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -16,11 +17,13 @@ import numpy as np
 
 from correlograph.errors import InputError
 from correlograph.files.manifest import (
+    MANIFEST,
     PARTIAL,
     claim,
     digest_of,
     record,
     record_temporary,
+    recorded,
     remove_temporary,
     remove_unused_manifest,
 )
@@ -89,7 +92,7 @@ def sole_writer(output: str | Path, name: str = "output folder") -> Iterator[Non
         if is_folder:
             remove_temporary(path)
         else:
-            remove_temporary(path.parent, f"-{path.stem}.")
+            remove_temporary(path.parent, path.stem)
         try:
             yield
         finally:
@@ -121,6 +124,33 @@ def atomic(path: Path) -> Iterator[Path]:
         ) from None
     finally:
         partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def staging_folder(folder: Path) -> Iterator[Path]:
+    """Create a hidden folder inside `folder` for files that will replace others as a whole; it is removed afterwards."""
+    staging = folder / f"{PARTIAL}{os.getpid()}"
+    record_temporary(staging)
+    staging.mkdir()
+    try:
+        yield staging
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def replace_files(staging: Path, folder: Path, older: Iterable[str], last: str) -> None:
+    """Move all files of a staging folder into a folder, the one named `last` at the end, and remove older files that are not among them.
+    The file `last`, which describes the others, is absent meanwhile.
+    """
+    new = [path.name for path in staging.iterdir() if path.name != MANIFEST]
+    claim(folder, dict.fromkeys([*new, *older]))  # files may have appeared during the work
+    record(folder, recorded(staging))
+    (folder / last).unlink(missing_ok=True)
+    for name in older:
+        if name not in new:
+            (folder / name).unlink(missing_ok=True)
+    for name in sorted(new, key=lambda one: one == last):
+        os.replace(staging / name, folder / name)
 
 
 def save_array(path: Path, array: np.ndarray) -> None:

@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable
 from contextlib import ExitStack
 from importlib import import_module
+from math import prod
 from pathlib import Path
 from typing import Any
 from weakref import finalize
@@ -212,6 +213,10 @@ def _stack_of_array(path: Path, array: Any) -> Stack:
         raise InputError("frame", "monochrome frames (height, width) or (frames, height, width)", found, "give one channel")
     if shape[-1] * shape[-2] > MAX_PIXELS:
         raise InputError("frame", f"at most {MAX_PIXELS:.3g} pixels", f"{shape[-1] * shape[-2]:.3g} in {path.name}", "crop it")
+    if hasattr(array, "dtype") and array.dtype.kind not in "uifb":  # a store may name a filter that runs code for other types
+        found = f"{array.dtype} in {path.name}"
+        raise InputError("frame", "an array of numbers", found, "convert it to 16-bit integers or floats")
+    lacks_data = _lacks_data(path, array)
     count, is_plain = int(np.prod(shape[:-2])), isinstance(array, np.memmap) and array.flags.c_contiguous
     axis = int(np.argmax(shape[:-2])) if count > 1 else 0
 
@@ -227,9 +232,39 @@ def _stack_of_array(path: Path, array: Any) -> Stack:
             raise
         except (OSError, ValueError) as error:
             raise _unreadable(path, error) from None
+        if lacks_data and not pixels.any():
+            found = f"none for frame {number} in {path.name}"
+            raise InputError("frame", "data", found, "copy the file again with all parts, or leave the frame out")
         return as_frame(pixels, path), None
 
     return Stack(path, count, read)
+
+
+def _lacks_data(path: Path, array: Any) -> bool:
+    """Return whether parts of an HDF5 dataset or a Zarr array were not written; libraries read them as zeros.
+
+    Raises InputError for a dataset whose other files are missing or too short, and for one without any data.
+    """
+    if hasattr(array, "nchunks_initialized"):
+        return array.nchunks_initialized < array.nchunks
+    if not hasattr(array, "is_virtual"):
+        return False
+    folder = Path(array.file.filename).parent
+    if array.is_virtual:
+        others = {folder / source.file_name: 0 for source in array.virtual_sources() if source.file_name != "."}
+    else:
+        others = {folder / name: offset for name, offset, _ in array.external or ()}
+    needed = array.size * array.dtype.itemsize if array.external else 0
+    held = sum(max(file.stat().st_size - offset, 0) for file, offset in others.items() if file.is_file())
+    missing = next((file for file in others if not file.is_file()), None)
+    if missing is not None or held < needed:
+        found = f"no {missing}" if missing is not None else f"{held} of {needed} bytes"
+        raise InputError("frame", f"the files that {path.name} refers to", found, "copy them with the file")
+    if not array.is_virtual and array.id.get_storage_size() == 0:
+        raise InputError("frame", "data", f"none in {path.name}", "copy the file again")
+    return array.chunks is not None and array.id.get_num_chunks() < prod(
+        -(-side // chunk) for side, chunk in zip(array.shape, array.chunks, strict=True)
+    )
 
 
 def _require(package: str, file: Path) -> Any:

@@ -177,8 +177,9 @@ def check_request(request: Request) -> None:
     if request.weights:
         load_network(request.weights, "cpu")
     for name, file in vars(request.corrections).items():
-        if file and not file.is_file():
-            raise InputError(f"--{name}", "an image of the frames' size", f"no {file}", "check the path")
+        if file and not (file.is_file() or (file.is_dir() and name != "mask")):
+            several = "" if name == "mask" else ", or a stack or a folder of them"
+            raise InputError(f"--{name}", f"an image of the frames' size{several}", f"no {file}", "check the path")
     if request.truth:
         Truth.read(request.truth, request.truth_pitch_m)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from correlograph.files.figures import save_figure
-from correlograph.files.output import save_array, save_json
+from correlograph.files.output import replace_files, save_array, save_json, staging_folder
 from invert.albedo.posterior import SIZES, Samples
 from invert.measure.estimate import Estimate
 from invert.output.report import draw_report, save_image
@@ -42,30 +42,29 @@ def expected_files(summary: dict[str, Any]) -> list[str]:
 def write_result(
     folder: Path, result: Result, truth: Truth | np.ndarray | None, request_sha256: str | None, *, fields: bool = False
 ) -> dict[str, Any]:
-    """Write the arrays, the figures and, last, result.json; return the content of result.json.
+    """Write the arrays, the figures and result.json, which replace an earlier result as a whole; return the content of result.json.
 
     With a truth, the report shows the registered albedo, and the ratio of the floor to the peak comes from a fit of the
     known r*r to all lags instead of an extrapolation to zero lag. The saved albedo is not registered.
     """
     comparison = None if truth is None else result.compare(truth)
-    (folder / "result.json").unlink(missing_ok=True)  # no earlier result.json may describe a partially written result
     summary = summarise(result, truth, request_sha256, comparison)
-    save_array(folder / "albedo.npy", np.ascontiguousarray(result.albedo, np.float32))
-    save_array(folder / "autocorrelation.npy", result.estimate.lags)
-    for name in ("samples.npy", *FIELD_FILES):
-        (folder / name).unlink(missing_ok=True)
-    if result.fields is not None:
-        save_array(folder / "albedo_coarse.npy", np.ascontiguousarray(result.coarse_albedo, np.float32))
-        if result.fields.deviation is not None:
-            save_array(folder / "deviation.npy", result.fields.deviation)
-        summary["fields"]["saved"] = fields and result.fields.field is not None
-        if summary["fields"]["saved"]:
-            result.fields.field.save(folder / "fields.npz")
-    if result.samples is not None:
-        save_array(folder / "samples.npy", result.samples.samples)
-    save_image(folder / "albedo.png", result.albedo, 8 if result.fields is None else 1)
-    save_figure(folder / "report.png", draw_report(result, comparison))
-    save_json(folder / "result.json", summary)
+    with staging_folder(folder) as staging:
+        save_array(staging / "albedo.npy", np.ascontiguousarray(result.albedo, np.float32))
+        save_array(staging / "autocorrelation.npy", result.estimate.lags)
+        if result.fields is not None:
+            save_array(staging / "albedo_coarse.npy", np.ascontiguousarray(result.coarse_albedo, np.float32))
+            if result.fields.deviation is not None:
+                save_array(staging / "deviation.npy", result.fields.deviation)
+            summary["fields"]["saved"] = fields and result.fields.field is not None
+            if summary["fields"]["saved"]:
+                result.fields.field.save(staging / "fields.npz")
+        if result.samples is not None:
+            save_array(staging / "samples.npy", result.samples.samples)
+        save_image(staging / "albedo.png", result.albedo, 8 if result.fields is None else 1)
+        save_figure(staging / "report.png", draw_report(result, comparison))
+        save_json(staging / "result.json", summary)
+        replace_files(staging, folder, RESULT_FILES, "result.json")
     return summary
 
 

@@ -13,7 +13,16 @@ import pytest
 import correlograph as cg
 from correlograph.cli import COMMANDS, dispatch
 from correlograph.files.capture_folder import stage_capture
-from correlograph.files.manifest import MANIFEST, are_intact, claim, is_own, own_files
+from correlograph.files.manifest import (
+    MANIFEST,
+    PARTIAL,
+    are_intact,
+    claim,
+    is_own,
+    own_files,
+    record_temporary,
+    remove_temporary,
+)
 from correlograph.files.output import LOCK, atomic, save_json, sole_writer
 
 NAMES = """
@@ -255,3 +264,39 @@ def test_a_permission_ends_with_the_run_that_failed(tmp_path, command):
     assert done.returncode == 2
     assert "--overwrite" in done.stderr
     assert (tmp_path / "out" / "report.png").read_text() == "mine"
+
+
+def test_a_failed_run_leaves_the_earlier_result_whole(tmp_path, monkeypatch):
+    """The disk fills up at each file in turn: result.json and all that it describes stay as they were."""
+    from invert.output import result_files
+
+    rng = np.random.default_rng(0)
+    result = cg.reconstruct(cg.Capture([rng.poisson(4.0, (300, 300)).astype(np.float32) for _ in range(2)]), quality="fast")
+    folder = tmp_path / "result"
+    result.save(folder)
+    before = {path.name: path.read_bytes() for path in folder.iterdir() if path.name != MANIFEST}
+    for function in ("save_array", "save_image", "save_figure", "save_json"):
+
+        def full(*_, **__):
+            raise OSError(28, "No space left on device")
+
+        with monkeypatch.context() as patched:
+            patched.setattr(result_files, function, full)
+            with pytest.raises(OSError, match="No space"):
+                result.save(folder)
+        assert {path.name: path.read_bytes() for path in folder.iterdir() if path.name != MANIFEST} == before
+
+
+def test_a_running_process_keeps_its_unfinished_files(tmp_path):
+    """Files of another output whose name ends alike, and files of a process that is alive, are not remains."""
+    alive, dead = os.getppid(), 2**22 + 1
+    for process, name in ((alive, "w.json"), (dead, "x-w.json"), (dead, "w.json")):
+        path = tmp_path / f"{PARTIAL}{process}-{name}"
+        path.write_text("part")
+        record_temporary(path)
+    remove_temporary(tmp_path, "w")
+    left = {path.name.removeprefix(PARTIAL) for path in tmp_path.iterdir() if path.name.startswith(PARTIAL)}
+    assert left == {f"{alive}-w.json", f"{dead}-x-w.json"}
+    remove_temporary(tmp_path)
+    left = {path.name.removeprefix(PARTIAL) for path in tmp_path.iterdir() if path.name.startswith(PARTIAL)}
+    assert left == {f"{alive}-w.json"}
