@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from invert.output.result import Result
     from invert.output.truth import Truth
     from invert.pipeline import reconstruct
+    from invert.tracking.track import Track, track
     from sim.plan import Settings
     from sim.rendering import render
     from sim.scene import Scene, load
@@ -54,6 +55,7 @@ _MODULES = {
     "Scene": "sim.scene",
     "Scores": "invert.albedo.metrics",
     "Settings": "sim.plan",
+    "Track": "invert.tracking.track",
     "Truth": "invert.output.truth",
     "aligned_pearson": "invert.albedo.metrics",
     "light_budget": "sim.scene_forecast",
@@ -62,6 +64,7 @@ _MODULES = {
     "reconstruct": "invert.pipeline",
     "render": "sim.rendering",
     "score": "invert.albedo.metrics",
+    "track": "invert.tracking.track",
 }
 
 __all__ = [
@@ -76,6 +79,7 @@ __all__ = [
     "Scene",
     "Scores",
     "Settings",
+    "Track",
     "Truth",
     "aligned_pearson",
     "light_budget",
@@ -84,6 +88,7 @@ __all__ = [
     "reconstruct",
     "render",
     "score",
+    "track",
 ]
 
 

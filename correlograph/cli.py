@@ -16,6 +16,7 @@ COMMANDS = {
     "plan": ("correlograph.commands.exposure_plan", "divide an exposure into frames, or compare cameras"),
     "validate": ("correlograph.commands.noise_validation", "compare the noise model with rendered and lab speckle"),
     "invert": ("invert.__main__", "reconstruct hidden objects from frames or autocorrelations"),
+    "track": ("invert.track", "track a moving object, with the laser at rest"),
     "live": ("correlograph.commands.live", "follow a running camera on a local page"),
     "data-gen": ("data_gen.__main__", "generate a dataset of targets and measurements"),
     "preview": ("data_gen.preview", "plot a contact sheet of a dataset"),

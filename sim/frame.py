@@ -200,7 +200,8 @@ class Simulation:
         return wall.to(self.device) * (emitters.share * self._samples.brightness) ** 0.5
 
     def _poses(self, number: int) -> list[Pose]:
-        return poses(self.geometry, number, self._modes.sub_exposures, moving=self._models("motion"))
+        moving = ("motion", False) not in self.settings.effects
+        return poses(self.geometry, number, self._modes.sub_exposures, moving=moving)
 
     def _texture(self, factor: int) -> torch.Tensor:
         """Return the amplitude factor of the albedo of the virtual detector, mean square 1, on `factor` samples per

@@ -38,7 +38,12 @@ class Pose:
 
 
 def poses(geometry: Geometry, number: int, count: int, *, moving: bool) -> list[Pose]:
-    """Return the pose of spot and object at the middle of each of `count` sub-exposures."""
+    """Return the pose of spot and object at the middle of each of `count` sub-exposures.
+
+    Args:
+        moving: whether anything moves. A single sub-exposure omits the blur of a motion that is small in one frame, but not the
+            displacement between frames.
+    """
     exposure_s, interval_s = geometry.electronics.exposure_s, geometry.frame_interval_s
     begin_s = number * max(interval_s, exposure_s)
     speed = geometry.object_speed_m_s

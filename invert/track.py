@@ -1,0 +1,53 @@
+"""`python -m invert.track`: path of a moving object from frames with the laser at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from correlograph.command import ArgumentParser, run_command
+from correlograph.ranges import SI, WAVELENGTH, Range
+
+
+def parser() -> ArgumentParser:
+    p = ArgumentParser(
+        prog="python -m invert.track", description="Track a hidden object by its speckle, with the laser at rest."
+    )
+    p.add_argument("inputs", nargs="+", help="frames in order: files, stacks, or a folder of them")
+    p.add_argument("-o", "--output", required=True, help="folder for track.csv, track.json and track.png")
+    p.add_argument(
+        "--source-distance-m", type=SI, help="distance from the laser spot to the object, for displacements in metres"
+    )
+    p.add_argument("--frames-per-s", type=SI, help="frames per second, for velocities")
+    p.add_argument("--binning", type=Range(1, 64), default=1, help="pixels that are added along each axis first (1)")
+    p.add_argument("--pixel-pitch-m", type=SI, help="pixel pitch on the virtual detector in metres")
+    p.add_argument("--wavelength-m", type=WAVELENGTH, help="wavelength in metres")
+    p.add_argument("--distance-m", type=SI, help="distance from the hidden object to the virtual detector in metres")
+    p.add_overwrite()
+    return p
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Read the frames, find the path, write it."""
+    options = parser().parse_args(argv)
+    from correlograph.files.capture import CameraMetadata
+    from correlograph.files.captured_frames import read_capture
+    from correlograph.files.manifest import claim
+    from correlograph.files.output import output_folder
+    from invert.tracking.track import TRACK_FILES, track
+
+    claim(output_folder(options.output), TRACK_FILES, overwrite=options.overwrite)
+    known = CameraMetadata(options.wavelength_m, options.pixel_pitch_m, options.distance_m)
+    capture = read_capture([Path(one) for one in options.inputs], known)
+    found = track(
+        capture,
+        source_distance_m=options.source_distance_m,
+        interval_s=None if options.frames_per_s is None else 1.0 / options.frames_per_s,
+        binning=options.binning,
+    )
+    found.save(options.output)
+    print(found)
+
+
+if __name__ == "__main__":
+    run_command(main)
