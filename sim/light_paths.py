@@ -10,7 +10,7 @@ from sim.geometry import Geometry
 from sim.optics.other_light import visibility_by_shape
 from sim.plan import Plan
 
-LEAST_VISIBILITY = 1e-4
+MIN_VISIBILITY = 1e-4
 """Mean gamma^2 below which light adds in intensity, as in the simulator (gamma 1e-2)."""
 
 
@@ -39,7 +39,7 @@ def light_paths(plan: Plan) -> list[LightPath]:
     for shape, fraction in geometry.other_light.fractions.items() if geometry.other_light else ():
         name = f"{shape}, several reflections" if shape.startswith("hidden_object") else shape
         kept = seen.get(shape, 0.0)
-        way = "beats with the object at lags of their distance" if kept >= LEAST_VISIBILITY else "adds in intensity"
+        way = "beats with the object at lags of their distance" if kept >= MIN_VISIBILITY else "adds in intensity"
         share = fraction * geometry.other_light_share if per_frame else None
         found.append(LightPath(name, share, kept, way if modelled else f"{way}; too little to be modelled"))
     direct = direct_light_per_frame(geometry)

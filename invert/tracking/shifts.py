@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from scipy.ndimage import label, uniform_filter
 
-SMOOTHED = (9, 27, 81)
+WINDOWS = (9, 27, 81)
 """Sides of the window, in frequencies, over which the mean power spectrum is smoothed; the smallest that shows the speckle is used."""
 
 OUTER = 0.75
@@ -47,7 +47,7 @@ def weights_of(power: torch.Tensor, frames: int) -> torch.Tensor:
     """
     rows, columns = power.shape[0], power.shape[1]
     radius = torch.hypot(torch.fft.fftfreq(rows)[:, None], torch.linspace(0.0, 0.5, columns)[None]) / 0.5
-    for window in SMOOTHED:
+    for window in WINDOWS:
         smooth = torch.from_numpy(uniform_filter(power.numpy().astype(np.float64), window, mode="wrap"))
         floor = float(smooth[(radius > OUTER) & (radius <= 1.0)].median())
         excess = smooth - floor

@@ -131,7 +131,7 @@ def stray_light_of(geometry: Geometry, samples: ObjectSamples, even_below: float
     along = np.where(along > 0.05 * away, along, 0.05 * away)
     seen = hidden.axes.coordinates(offset * (away / along)[:, None]) / geometry.object_pitch_m
     path = other.path_m - away - float(np.linalg.norm(hidden.centre - geometry.spot.centre))
-    beats = resolved(geometry, seen) & (path < samples.path_m.max() + reach_m(geometry.linewidth_hz))
+    beats = beats_with_object(geometry, seen) & (path < samples.path_m.max() + reach_m(geometry.linewidth_hz))
     beats &= path > samples.path_m.min() - reach_m(geometry.linewidth_hz)
     unit = geometry.other_light_share / other.total.per_frame
     coherent, apart = (
@@ -142,7 +142,7 @@ def stray_light_of(geometry: Geometry, samples: ObjectSamples, even_below: float
     return StrayLight(coherent, Background(apart, _contrast(geometry, apart, even_below)))
 
 
-def resolved(geometry: Geometry, seen: np.ndarray) -> np.ndarray:
+def beats_with_object(geometry: Geometry, seen: np.ndarray) -> np.ndarray:
     """Return which positions (n, 2), in units of the sample spacing from the object's centre, beat with the whole object within one
     period of the wall field.
     """

@@ -84,7 +84,7 @@ def test_saved_results_and_captures_load(tmp_path, estimate_file):
     assert "<img" in loaded._repr_html_()
     with pytest.raises(cg.InputError, match="result"):
         cg.Result.load(tmp_path)
-    with pytest.raises(cg.InputError, match="frames"):
+    with pytest.raises(cg.InputError, match="frame"):
         cg.Capture.load(tmp_path)
 
 
