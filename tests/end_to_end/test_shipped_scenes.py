@@ -18,6 +18,7 @@ SCENES = (
     "corner_letter",
     "glyph_mesh",
     "long_standoff",
+    "moving_letter",
     "occluded_letter",
     "strong_ambient",
     "tilted_letter",
