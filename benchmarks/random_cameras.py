@@ -76,11 +76,11 @@ def draw_camera(number: int) -> tuple[dict[str, Any], Any, int]:
     return drawn | {"linewidth_hz": geometry.linewidth_hz, "depolarised": geometry.is_depolarised}, geometry, frames
 
 
-def measure(geometry: Any, prediction: Prediction, frames: int) -> np.ndarray:
-    """Return floor over peak, peak over the predicted one, and K of each of `CAPTURES` rendered captures, (CAPTURES, 3)."""
+def measure(geometry: Any, prediction: Prediction, frames: int, seeds: Sequence[int]) -> np.ndarray:
+    """Return floor over peak, peak over the predicted one, and K of one rendered capture per seed, (seeds, 3)."""
     simulation = Simulation(geometry, Settings(effects=(("detector_roughness", True),)))
     light, found = prediction.terms.light, []
-    for seed in range(CAPTURES):
+    for seed in seeds:
         seen = [simulation.frame(seed, number).numpy() for number in range(frames)]
         estimate, _ = estimate_autocorrelation(seen, prediction.grid)
         gain, floor = fit_known_signal(estimate, prediction.signal)
@@ -90,7 +90,7 @@ def measure(geometry: Any, prediction: Prediction, frames: int) -> np.ndarray:
     return np.array(found)
 
 
-def compare(number: int) -> dict[str, Any]:
+def compare(number: int, seeds: Sequence[int] = range(CAPTURES)) -> dict[str, Any]:
     """Return predicted and measured numbers of a random camera, with the deviations in standard errors and in parts of the prediction."""
     drawn, geometry, frames = draw_camera(number)
     check(geometry)
@@ -99,8 +99,8 @@ def compare(number: int) -> dict[str, Any]:
     row = drawn | {"predicted": expected.tolist(), "detection": prediction.detection(frames)}
     if expected[0] > MAX_FLOOR:
         return row
-    found = measure(geometry, prediction, frames)
-    mean, error = found.mean(0), found.std(0, ddof=1) / CAPTURES**0.5
+    found = measure(geometry, prediction, frames, seeds)
+    mean, error = found.mean(0), found.std(0, ddof=1) / len(seeds) ** 0.5
     return row | {
         "measured": mean.tolist(),
         "sigma": (np.abs(mean - expected) / error).tolist(),

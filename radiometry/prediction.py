@@ -237,14 +237,16 @@ def speckle_light(geometry: Any, grain_m2: float) -> SpeckleLight:
     optics = (geometry.pixel_pitch_m, geometry.pupil_diameter_m, geometry.wavelength_m, geometry.pupil_distance_m)
     signal = light_budget(geometry.light_path).photoelectrons_per_pixel_s * exposure_s
     # Fraction of the speckle variance that remains with two incoherent polarisations and with motion.
-    kept = (0.5 if geometry.is_depolarised else 1.0) * float(geometry.motion.transfer(np.zeros(1), np.zeros(1))[0])
+    polarised = 0.5 if geometry.is_depolarised else 1.0
+    kept = polarised * float(geometry.motion.transfer(np.zeros(1), np.zeros(1))[0])
     return SpeckleLight(
         signal=signal,
         grain_pixels=grain_m2 / geometry.seen_pixel_area_m2 * kept,
         ambient=0.0 if ambient is None else float(ambient.mean()) * exposure_s,
         stray=geometry.other_light_share * signal,
-        # The mean square falls from 2 to 1 + kept; the subjective speckle of the virtual detector keeps the same fraction of its variance.
-        detector_speckle=0.5 * (1.0 + kept) * kept / subjective_modes(*optics),
+        # The mean square falls from 2 to 1 + kept. Motion does not average the subjective speckle: the field is nearly uniform over the
+        # point spread function, so that the heights of the wall multiply the light of all moments by one factor.
+        detector_speckle=0.5 * (1.0 + kept) * polarised / subjective_modes(*optics),
         modes=1.0 / kept,
     )
 

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
 STANDARD_ERROR = 0.05
 """Standard error of the natural logarithm of the exposure at which sampling stops."""
 
-MIN_SAMPLES, MAX_SAMPLES = 12, 120
-"""Number of reconstructions near the solution."""
+MIN_SAMPLES, MAX_SAMPLES = 32, 120
+"""Number of reconstructions near the solution. With fewer, a slope that is too steep by chance ends the sampling too early."""
 
-SPREAD = 0.25
+SPREAD = 0.4
 """Exposures are sampled this far below and above the present solution, as natural logarithms."""
 
 MAX_OCTAVES = 12

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 import correlograph as cg
 from correlograph.cli import COMMANDS, dispatch
@@ -31,7 +32,7 @@ contact_sheet.png contact_sheet_of_my_wedding.png frame_0000.exr frame_0001.exr 
 truth.npy plan.png plan.json validation.json noise_statistics.png photon_budget.png lab_floor.png G.png G.ply
 w.safetensors w.png w.json w.checkpoint.safetensors m.ply results.json pareto.png shapes.png thesis.partial
 .capture-is-being-moved .correlograph-partial-1-x a/albedo.npy a/result.json b/samples.npy cells/notes.txt
-preview.png cameras.json cameras.png
+preview.png cameras.json cameras.png track.csv track.json track.png
 """.split()  # noqa: SIM905
 
 
@@ -57,6 +58,10 @@ def inputs(tmp_path_factory) -> Path:
         np.save(folder / "captures" / name / "0.npy", rng.exponential(size=(200, 180)).astype(np.float32))
     dispatch(["data-gen", str(folder / "set.zarr"), "--source", "strokes", "--count", "64", "--workers", "1"])
     (folder / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (folder / "moving").mkdir()
+    pattern = ndimage.gaussian_filter(rng.exponential(size=(220, 200)), 2.0)
+    for number in range(4):
+        np.save(folder / "moving" / f"{number}.npy", np.roll(pattern, 3 * number, 0)[20:].astype(np.float32))
     return folder
 
 
@@ -67,6 +72,7 @@ WRITING = {
     "plan cameras": ["corner_letter", "-o", "OUT", "--cameras", "--magnification", "0.5", "--binning", "1"],
     "validate": ["-o", "OUT"],
     "invert": ["IN/captures/a", "-o", "OUT", "--method", "er"],
+    "track": ["IN/moving", "-o", "OUT"],
     "invert many": ["IN/captures", "-o", "OUT", "--method", "er", "--workers", "1"],
     "letters": ["OUT", "G"],
     "letters mesh": ["OUT", "G", "--mesh-depth-m", "0.001"],

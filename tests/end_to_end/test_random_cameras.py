@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import pytest
 
@@ -12,9 +14,13 @@ from benchmarks.random_cameras import compare
 RELATIVE, SIGMA = 0.05, 3.0
 
 
-def failures(numbers: range) -> list[str]:
-    """Describe the numbers that are off by more than three standard errors (of four captures, so Student's t) and 5 %."""
-    rows = {number: compare(number) for number in numbers}
+FIRST, AGAIN = range(4), range(100, 112)
+"""Seeds of the captures of each camera, and of those that repeat a comparison."""
+
+
+def failures(numbers: Iterable[int], seeds: range = FIRST) -> list[str]:
+    """Describe the numbers that are off by more than three standard errors and 5 %."""
+    rows = {number: compare(number, seeds) for number in numbers}
     return [
         f"camera {number}, {name}: {row['measured'][index]:.4g} instead of {row['predicted'][index]:.4g}"
         for number, row in rows.items()
@@ -24,15 +30,23 @@ def failures(numbers: range) -> list[str]:
     ]
 
 
+def repeated_failures(numbers: Iterable[int]) -> list[str]:
+    """Describe the numbers of those cameras that deviate with four captures and again with twelve others.
+
+    With four captures, a number deviates by three standard errors by chance in 6 % of the cases (Student's t); with twelve, in 1.2 %.
+    """
+    return failures([number for number in numbers if failures([number])], AGAIN)
+
+
 def test_four_random_cameras_are_predicted():
-    assert len(failures(range(100, 104))) <= 1
+    assert not repeated_failures(range(100, 104))
 
 
 @pytest.mark.slow
 def test_thirty_random_cameras_are_predicted():
-    """The statistic of four captures exceeds three standard errors in 6 % of the cases by chance, a part of them by more than 5 %."""
-    found = failures(range(200, 230))
-    assert len(found) <= 0.05 * 3 * 30 + 1, found
+    """By chance, one of about five repeated cameras deviates again in 6 % of the cases or fewer."""
+    found = repeated_failures(range(200, 230))
+    assert not found, found
 
 
 def test_random_cameras_differ():

@@ -54,6 +54,27 @@ def test_exact_and_gamma_roughness_agree_on_rendered_frames(scene):
     assert variances[0] > plain + 0.2
 
 
+def test_motion_does_not_average_the_detector_roughness(scene):
+    """A scanned spot: the field is nearly uniform over the point spread function, so that one factor multiplies the light of all moments,
+    in the exact method as in the shortcut."""
+    still = scene()
+    speed = 1.5 * still.spot.diameter_m / still.electronics.exposure_s
+    moving = replace(still, spot=replace(still.spot, scan_speed_m_s=speed))
+    kept = float(moving.motion.transfer(np.zeros(1), np.zeros(1))[0])
+    assert kept < 0.5
+    with_it, without = (
+        Simulation(moving, Settings("statistical", 1e-2, "auto", None, (("detector_roughness", on),))) for on in (True, False)
+    )
+    factor = with_it.expected_frame(3, 0) / without.expected_frame(3, 0)
+    assert float(factor.var()) == pytest.approx(1.0 / modes_of(moving), rel=0.03)
+    exact = Simulation(moving, Settings("field", 1e-2, "fresnel", None, (("detector_roughness", True),)))
+    variances = [
+        np.mean([float(one.expected_frame(3, n).var() / one.expected_frame(3, n).mean() ** 2) for n in range(3)])
+        for one in (exact, with_it)
+    ]
+    assert variances[0] == pytest.approx(variances[1], rel=0.1)
+
+
 def test_detector_roughness_is_decided_by_the_tolerance(scene):
     assert not Simulation(scene()).effects["detector_roughness"].modelled
     assert Simulation(scene(), Settings(tolerance=1e-3)).effects["detector_roughness"].modelled
