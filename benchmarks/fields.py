@@ -29,6 +29,7 @@ from invert.albedo.metrics import register_subpixel
 from invert.evaluation.text import character_error_rate, read_text
 from invert.field.blending import enlarge_albedo
 from invert.field.certificate import MIN_GAIN_SIGMA
+from invert.field.resolution import half_period
 from invert.field.retrieval import retrieve_fields
 from radiometry.field_forecast import MIN_PHOTONS_PER_GRAIN
 from radiometry.prediction import predict
@@ -37,6 +38,9 @@ WIDTHS_UM = (0, 75, 150, 300)
 """Full widths at half maximum of the smoothing, in um."""
 
 FWHM_PER_SIGMA = 2.3548
+
+RESOLVED = 0.5
+"""Fourier ring correlation with the truth at the limit of resolution."""
 
 EXPOSURES_S = (1 / 8, 1 / 11, 1 / 16, 1 / 32)
 
@@ -56,6 +60,11 @@ def correlations(albedo: np.ndarray, truth: np.ndarray, pitches_m: tuple[float, 
         images = [ndimage.gaussian_filter(one.astype(np.float64), sigma) if width else one for one in (albedo, truth)]
         found.append(round(register_subpixel(*images)[0], 4))
     return found
+
+
+def resolved_um(albedo: np.ndarray, truth: np.ndarray, pitches_m: tuple[float, float]) -> int:
+    """Return half of the period, in um, at which the ring correlation of an albedo (rows, columns) with the truth falls below 1/2."""
+    return round(1e6 * half_period(register_subpixel(albedo, truth)[1], truth, pitches_m, RESOLVED))
 
 
 def compare(
@@ -79,6 +88,7 @@ def compare(
         "frames": len(capture.frames),
         "confidence": round(result.confidence, 3),
         "coarse": correlations(enlarged, truth, pitches),
+        "coarse_resolved_um": resolved_um(enlarged, truth, pitches),
         "cpu_s": round(cpu_s, 1),
         "wall_s": {name: round(seconds, 1) for name, seconds in result.seconds.items()},
         "accepted": fields is not None,
@@ -86,6 +96,7 @@ def compare(
     }
     if fields is not None:
         row |= {"fields": correlations(result.albedo, truth, pitches), **fields.as_dict(lags)}
+        row["fields_resolved_um"] = resolved_um(result.albedo, truth, pitches)
         row["resolution_um"] = None if fields.resolution_m(lags) is None else round(1e6 * fields.resolution_m(lags))
     else:
         row["reason"] = next((note for note in result.notes if "coarse albedo stands" in note), "")

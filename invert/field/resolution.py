@@ -34,11 +34,11 @@ def fourier_ring_correlation(
     return ((np.arange(rings) + 0.5) * (highest / rings))[1:], correlation[1:]
 
 
-def resolution_of_halves(first: np.ndarray, second: np.ndarray, pitches: tuple[float, float]) -> float:
-    """Return half of the period at which the ring correlation of two halves falls below `MIN_CORRELATION`, in the unit of
-    `pitches`; the limit of the cells if it stays above.
+def half_period(first: np.ndarray, second: np.ndarray, pitches: tuple[float, float], least: float = MIN_CORRELATION) -> float:
+    """Return half of the period at which the ring correlation of two images falls below `least`, in the unit of `pitches`; the limit of
+    the cells if it stays above. The default is for the halves of the frames; with a truth, 1 / 2 is the same limit.
     """
     frequency, correlation = fourier_ring_correlation(first, second, pitches)
     smooth = np.convolve(np.pad(correlation, 1, mode="edge"), np.full(3, 1.0 / 3.0), "valid")
-    below = np.flatnonzero(smooth < MIN_CORRELATION)
+    below = np.flatnonzero(smooth < least)
     return 0.5 / float(frequency[below[0]] if len(below) else frequency[-1])

@@ -143,7 +143,7 @@ def test_documents_quote_the_light_budget_of_the_program():
     budget = cg.light_budget(cg.load("corner_letter"))
     root = Path(__file__).parents[2]
     rate = f"{budget.as_dict()['photoelectrons_per_frame_s'] / 1e6:.2f} million"
-    for name in ("README.md", "docs/radiometry.md"):
+    for name in ("docs/commands.md", "docs/radiometry.md"):
         text = (root / name).read_text(encoding="utf-8")
         assert f"{budget.per_pixel_db:.2f} dB" in text, name
         assert rate in text, name

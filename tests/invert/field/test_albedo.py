@@ -13,7 +13,7 @@ from invert.field.certificate import MAX_CANDIDATES, MAX_FALSE_ACCEPTANCE, MIN_G
 from invert.field.counts import FrameCounts
 from invert.field.despeckling import despeckle, smooth_by_total_variation
 from invert.field.reconstruction import FieldReconstruction
-from invert.field.resolution import fourier_ring_correlation, resolution_of_halves
+from invert.field.resolution import fourier_ring_correlation, half_period
 
 
 def looks_of(albedo, looks, rng):
@@ -73,7 +73,7 @@ def test_two_modes_of_one_frame_are_no_halves(rng):
 @pytest.mark.parametrize("side", [20, 28, 40, 90])
 def test_identical_halves_are_resolved_on_grids_of_any_size(rng, side):
     image = rng.random((side, side + 3))
-    assert resolution_of_halves(image, image, (1.0, 1.0)) == pytest.approx(1.0, rel=0.06)
+    assert half_period(image, image, (1.0, 1.0)) == pytest.approx(1.0, rel=0.06)
 
 
 @pytest.mark.parametrize("cutoff", [0.1, 0.2, 0.3])
@@ -82,7 +82,7 @@ def test_resolution_is_the_band_limit_of_the_shared_signal(rng, cutoff):
     frequency = np.hypot(np.fft.fftfreq(160)[:, None], np.fft.fftfreq(200)[None])
     shared = np.fft.ifft2(signal * (frequency < cutoff)).real
     halves = [shared + 0.3 * rng.standard_normal(shared.shape) for _ in range(2)]
-    assert resolution_of_halves(*halves, (2.0, 2.0)) == pytest.approx(1.0 / cutoff, rel=0.12)
+    assert half_period(*halves, (2.0, 2.0)) == pytest.approx(1.0 / cutoff, rel=0.12)
     frequencies, correlation = fourier_ring_correlation(*halves, (2.0, 2.0))
     assert correlation[2.0 * frequencies < 0.8 * cutoff].min() > 0.5
 
