@@ -39,7 +39,7 @@ WIDTHS_UM = (0, 75, 150, 300)
 
 FWHM_PER_SIGMA = 2.3548
 
-RESOLVED = 0.5
+MIN_RING_CORRELATION = 0.5
 """Fourier ring correlation with the truth at the limit of resolution."""
 
 EXPOSURES_S = (1 / 8, 1 / 11, 1 / 16, 1 / 32)
@@ -64,7 +64,7 @@ def correlations(albedo: np.ndarray, truth: np.ndarray, pitches_m: tuple[float, 
 
 def resolved_um(albedo: np.ndarray, truth: np.ndarray, pitches_m: tuple[float, float]) -> int:
     """Return half of the period, in um, at which the ring correlation of an albedo (rows, columns) with the truth falls below 1/2."""
-    return round(1e6 * half_period(register_subpixel(albedo, truth)[1], truth, pitches_m, RESOLVED))
+    return round(1e6 * half_period(register_subpixel(albedo, truth)[1], truth, pitches_m, MIN_RING_CORRELATION))
 
 
 def compare(
