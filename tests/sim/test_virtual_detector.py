@@ -22,6 +22,12 @@ def modes_of(geometry) -> float:
     return subjective_modes(geometry.pixel_pitch_m, geometry.pupil_diameter_m, geometry.wavelength_m, geometry.pupil_distance_m)
 
 
+def relative_variance(simulation: Simulation, frames: int) -> float:
+    """Return the variance over the squared mean of expected frames, averaged over the frames."""
+    images = [simulation.expected_frame(3, number) for number in range(frames)]
+    return float(np.mean([float(image.var() / image.mean() ** 2) for image in images]))
+
+
 def test_detector_roughness_has_the_statistics_of_the_pupil(scene):
     """Even illumination: relative variance 1 / M by brute force; by the Gamma shortcut; mean unchanged."""
     geometry = scene()
@@ -44,10 +50,7 @@ def test_exact_and_gamma_roughness_agree_on_rendered_frames(scene):
     forced = (("detector_roughness", True),)
     exact = Simulation(scene(), Settings("field", 1e-2, "fresnel", None, forced))
     short = Simulation(scene(), Settings("statistical", 1e-2, "auto", None, forced))
-    variances = [
-        np.mean([float(simulation.expected_frame(3, n).var() / simulation.expected_frame(3, n).mean() ** 2) for n in range(5)])
-        for simulation in (exact, short)
-    ]
+    variances = [relative_variance(simulation, 5) for simulation in (exact, short)]
     assert variances[0] == pytest.approx(variances[1], rel=0.08)
     images = [Simulation(scene()).expected_frame(11, number) for number in range(6)]
     plain = np.mean([float(image.std() / image.mean()) for image in images]) ** 2
@@ -68,11 +71,7 @@ def test_motion_does_not_average_the_detector_roughness(scene):
     factor = with_it.expected_frame(3, 0) / without.expected_frame(3, 0)
     assert float(factor.var()) == pytest.approx(1.0 / modes_of(moving), rel=0.03)
     exact = Simulation(moving, Settings("field", 1e-2, "fresnel", None, (("detector_roughness", True),)))
-    variances = [
-        np.mean([float(one.expected_frame(3, n).var() / one.expected_frame(3, n).mean() ** 2) for n in range(3)])
-        for one in (exact, with_it)
-    ]
-    assert variances[0] == pytest.approx(variances[1], rel=0.1)
+    assert relative_variance(exact, 3) == pytest.approx(relative_variance(with_it, 3), rel=0.1)
 
 
 def test_detector_roughness_is_decided_by_the_tolerance(scene):
