@@ -29,18 +29,15 @@ from invert.albedo.metrics import register_subpixel
 from invert.evaluation.text import character_error_rate, read_text
 from invert.field.blending import enlarge_albedo
 from invert.field.certificate import MIN_GAIN_SIGMA
-from invert.field.resolution import half_period
 from invert.field.retrieval import retrieve_fields
 from radiometry.field_forecast import MIN_PHOTONS_PER_GRAIN
 from radiometry.prediction import predict
+from radiometry.ring_correlation import MIN_CORRELATION_WITH_TRUTH, half_period
 
 WIDTHS_UM = (0, 75, 150, 300)
 """Full widths at half maximum of the smoothing, in um."""
 
 FWHM_PER_SIGMA = 2.3548
-
-MIN_RING_CORRELATION = 0.5
-"""Fourier ring correlation with the truth at the limit of resolution."""
 
 EXPOSURES_S = (1 / 8, 1 / 11, 1 / 16, 1 / 32)
 
@@ -64,7 +61,7 @@ def correlations(albedo: np.ndarray, truth: np.ndarray, pitches_m: tuple[float, 
 
 def resolved_um(albedo: np.ndarray, truth: np.ndarray, pitches_m: tuple[float, float]) -> int:
     """Return half of the period, in um, at which the ring correlation of an albedo (rows, columns) with the truth falls below 1/2."""
-    return round(1e6 * half_period(register_subpixel(albedo, truth)[1], truth, pitches_m, MIN_RING_CORRELATION))
+    return round(1e6 * half_period(register_subpixel(albedo, truth)[1], truth, pitches_m, MIN_CORRELATION_WITH_TRUTH))
 
 
 def compare(

@@ -8,6 +8,8 @@
     motion.py           reduction of the speckle by motion
     noise/              noise of the estimate: model, level, budget
     prediction.py       prediction of the estimate and its noise for a scene
+    field_forecast.py   whether the fields of frames can be retrieved
+    ring_correlation.py resolution: ring correlation, measured and expected
     exposure_planner.py division of an exposure into frames
     cameras.py          table of cameras, binning, efficiency
     camera_choice.py    comparison of cameras for a scene

@@ -13,7 +13,7 @@ import numpy as np
 
 from correlograph.errors import InputError, check_positive
 from correlograph.lags import LAG_SIDE, OBJECT_SIDE
-from radiometry.field_forecast import FieldForecast
+from radiometry.field_forecast import MAX_FIELD_FRAMES, FieldForecast
 from radiometry.noise.measured_noise import fit_known_signal
 from radiometry.prediction import Prediction, predict
 
@@ -67,6 +67,36 @@ def divide(
     if not divisions:
         raise InputError("--budget-s", f"at least {counts[0]} gates of {gate:g} s", budget_s, "raise the budget")
     return divisions
+
+
+def divide_for_fields(geometry: Any, resolution_m: float) -> Division:
+    """Return the fewest frames whose fields resolve a half-period before despeckling, at the shortest exposure that suffices for each.
+
+    Raises InputError if no exposure suffices, or if `MAX_FIELD_FRAMES` frames do not resolve it.
+    """
+    check_positive("--fields-m", resolution_m)
+    prediction = predict(geometry)
+    exposure_s = prediction.fields_exposure_s()
+    if exposure_s is None:
+        raise InputError(
+            "scene",
+            "light, a grain of two pixels and an object narrower than the lags, for fields",
+            "none or too little",
+            "see python -m sim --plan",
+        )
+    prediction = prediction.at_exposure(exposure_s)
+    resolved = {frames: prediction.speckled.half_period_m(frames) for frames in range(1, MAX_FIELD_FRAMES + 1)}
+    frames = next((frames for frames, half_period_m in resolved.items() if half_period_m <= resolution_m), None)
+    if frames is None:
+        finest_m = resolved[MAX_FIELD_FRAMES]
+        raise InputError(
+            "--fields-m", f"{finest_m:.3g} m or coarser in this scene", resolution_m, "increase it or widen the frame"
+        )
+    floor, error, grid = prediction.floor_over_peak(frames), prediction.error(frames), prediction.grid
+    assert floor is not None
+    assert error is not None
+    dof, fields = prediction.dof(frames), prediction.forecast_fields(frames)
+    return Division(frames, exposure_s, grid.size, grid.count, prediction.pitch_m, floor, dof, error, fields)
 
 
 def _predict_at_resolution(geometry: Any, resolution_m: float) -> Prediction:

@@ -20,6 +20,9 @@ BOX_MARGIN_LAGS = 1.5
 MIN_CAMERA_GRAIN_PIXELS = 2.0
 """Minimum speckle grain of the bounding box in camera pixels; with smaller grains the intensity is undersampled (Nyquist)."""
 
+MAX_FIELD_FRAMES = 64
+"""Maximum number of frames whose fields are retrieved; 64 looks have a contrast of 0.125."""
+
 Box = tuple[tuple[float, float], tuple[float, float]]
 """First and last position (rows, columns) of an object in pixels of its albedo."""
 
@@ -41,6 +44,7 @@ class FieldForecast:
         cells_m: width of a cell of the field on the object along rows and columns; None if the camera is unknown.
         looks: number of independent speckle patterns of the fine albedo.
         cpu_s: CPU time on one core.
+        resolution_m: half of the period that the mean |E|^2 resolves before it is despeckled; None if the object is unknown.
     """
 
     photons_per_grain: float
@@ -48,6 +52,7 @@ class FieldForecast:
     cells_m: tuple[float, float] | None
     looks: int
     cpu_s: float
+    resolution_m: float | None = None
 
     @property
     def suffices(self) -> bool:
@@ -63,7 +68,9 @@ class FieldForecast:
         cells = "" if self.cells_m is None else ", cells of {:.0f} x {:.0f} um".format(*(1e6 * cell for cell in self.cells_m))
         verdict = "suffice" if self.suffices else f"are too few, {self.needed_photons_per_grain:g} are needed"
         looks = "1 look" if self.looks == 1 else f"{self.looks} looks"
-        return f"{self.photons_per_grain:.2g} photons per grain of the object's box {verdict}{cells}, {looks}, {self.cpu_s:.2g} CPU s"
+        resolution = "" if self.resolution_m is None else f" that resolve {1e6 * self.resolution_m:.0f} um before despeckling"
+        light = f"{self.photons_per_grain:.2g} photons per grain of the object's box {verdict}"
+        return f"{light}{cells}, {looks}{resolution}, {self.cpu_s:.2g} CPU s"
 
 
 def bounding_box(albedo: np.ndarray) -> Box:
@@ -93,11 +100,15 @@ def forecast_fields(
     if min(patch / lags for patch, lags in zip(patch_shape, box, strict=True)) < MIN_CAMERA_GRAIN_PIXELS:
         return None
     filled = float(albedo.sum(dtype=np.float64) ** 2 / (albedo.astype(np.float64) ** 2).sum()) / float(box.prod())
+    looks = min(frames, MAX_FIELD_FRAMES)
     samples = math.prod(
         side * PIXELS_PER_GRAIN * lags / patch for side, lags, patch in zip(frame_shape, box, patch_shape, strict=True)
     )
-    cells = None
-    if pitches_m is not None:
-        rows, columns = (pitch * patch / side for pitch, patch, side in zip(pitches_m, patch_shape, frame_shape, strict=True))
-        cells = (rows, columns)
-    return FieldForecast(filled / floor_over_peak, MIN_PHOTONS_PER_GRAIN, cells, frames, frames * samples * CPU_S_PER_SAMPLE)
+    cells = None if pitches_m is None else cells_of(pitches_m, frame_shape, patch_shape)
+    return FieldForecast(filled / floor_over_peak, MIN_PHOTONS_PER_GRAIN, cells, looks, looks * samples * CPU_S_PER_SAMPLE)
+
+
+def cells_of(pitches_m: tuple[float, float], frame_shape: tuple[int, int], patch_shape: tuple[int, int]) -> tuple[float, float]:
+    """Return the width of a cell of the fields along rows and columns; a lag is wider by the ratio of frame and patch."""
+    rows, columns = (pitch * patch / side for pitch, patch, side in zip(pitches_m, patch_shape, frame_shape, strict=True))
+    return rows, columns

@@ -26,12 +26,13 @@ from radiometry.coherence import autocorrelate_coherent
 from radiometry.estimation.autocorrelation_estimator import degrees_of_freedom
 from radiometry.estimation.fixed_pattern import shared_lags
 from radiometry.estimation.third_moment import MIN_SIGNAL_FRACTION, drawn_third_moment
-from radiometry.field_forecast import FieldForecast, forecast_fields
+from radiometry.field_forecast import FieldForecast, cells_of, forecast_fields
 from radiometry.light_budget_rows import light_budget
 from radiometry.noise.detection import DETECTION_LIMIT, detection
 from radiometry.noise.measured_noise import WHOLE_FRAME_INFLATION, NoiseLevel
 from radiometry.noise.predicted_floor import NoiseTerms, estimate_error
 from radiometry.photons import grain_area
+from radiometry.ring_correlation import SpeckledImage
 from radiometry.sensor import chain
 from radiometry.sensor.stage import SpeckleLight
 from radiometry.transfer import lag_transfer, subjective_modes
@@ -41,6 +42,9 @@ CELLS_PER_LAG = 4
 
 EXPOSURES_S = (1e-12, 1e12)
 """Shortest and longest exposure that the search for an exposure considers."""
+
+EXPOSURE_OCTAVES = 1e-3
+"""Accuracy of the exposure that the search finds, in octaves."""
 
 SEARCH_STEP = 2.0
 """Step of that search in octaves."""
@@ -57,6 +61,7 @@ class Prediction:
         camera_transfer: H of pupil and pixel at each lag, (127, 127).
         cells: the albedo (64, 64), one cell per lag; zero for a wider object.
         grain_m2: coherence area of the speckle on the wall.
+        speckled: mean |E|^2 of the fields of frames, for their resolution.
     """
 
     geometry: Any
@@ -66,6 +71,7 @@ class Prediction:
     camera_transfer: np.ndarray
     cells: np.ndarray
     grain_m2: float
+    speckled: SpeckledImage
 
     def at_exposure(self, exposure_s: float) -> Prediction:
         """Return the prediction for another exposure."""
@@ -164,7 +170,8 @@ class Prediction:
     def forecast_fields(self, frames: int) -> FieldForecast | None:
         """Return the forecast of `--method field`; None without light, and for an object wider than the lags."""
         floor, grid = self.terms.floor_over_peak(), self.grid
-        return forecast_fields(self.cells, floor, frames, grid.frame_shape, grid.patch_shape, self.pitches_m)
+        found = forecast_fields(self.cells, floor, frames, grid.frame_shape, grid.patch_shape, self.pitches_m)
+        return None if found is None else replace(found, resolution_m=self.speckled.half_period_m(found.looks))
 
     def fields_exposure_s(self) -> float | None:
         """Return the shortest exposure at which the field of a frame can be retrieved; None if no exposure suffices."""
@@ -193,7 +200,7 @@ class Prediction:
         step = SEARCH_STEP if self.geometry.motion.moves else highest - lowest
         for octaves in np.arange(lowest, highest, step) + step:
             if log_excess(octaves) >= 0.0:
-                return 2.0 ** float(brentq(log_excess, octaves - step, octaves, xtol=1e-3))
+                return 2.0 ** (float(brentq(log_excess, octaves - step, octaves, xtol=EXPOSURE_OCTAVES)) + EXPOSURE_OCTAVES)
         return None
 
     def third_moment_signal_to_noise(self, frames: int) -> float | None:
@@ -299,4 +306,5 @@ def predict(geometry: Any, patch: int | None = None, lags: int = LAGS) -> Predic
     cells = albedo[tuple(middle)].reshape(shown, CELLS_PER_LAG, shown, CELLS_PER_LAG).mean((1, 3))
     if cells.sum() * CELLS_PER_LAG**2 < 0.99 * albedo.sum():  # the object is wider than the lags
         cells = np.zeros_like(cells)
-    return Prediction(geometry, grid, pitches_m, smooth, transfer, cells, grain)
+    speckled = SpeckledImage(hidden, cells_of(pitches_m, grid.frame_shape, grid.patch_shape), geometry.motion.grain_m)
+    return Prediction(geometry, grid, pitches_m, smooth, transfer, cells, grain, speckled)

@@ -28,6 +28,11 @@ def parser() -> ArgumentParser:
         help="set a parameter of the scene file; may be repeated",
     )
     p.add_argument("--budget-s", type=SI, help="total exposure in seconds, which is divided into frames")
+    p.add_argument(
+        "--fields-m",
+        type=SI,
+        help="half-period in metres that the fields of --method field must resolve: fewest frames and shortest exposure",
+    )
     p.add_argument("--resolution-m", type=SI, default=300e-6, help="required lag pitch on the object in metres (300e-6)")
     p.add_argument(
         "--check",
@@ -44,11 +49,14 @@ def parser() -> ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Load the scene and divide an exposure, or compare cameras."""
+    """Load the scene and divide an exposure, plan one for fields, or compare cameras."""
     options = parser().parse_args(argv)
-    if (options.budget_s is None) == (options.cameras is None):
-        found = "neither" if options.cameras is None else "both"
-        raise InputError("arguments", "--budget-s SECONDS or --cameras", found, "choose one")
+    aims = {"--budget-s": options.budget_s, "--fields-m": options.fields_m, "--cameras": options.cameras}
+    given = [name for name, value in aims.items() if value is not None]
+    if len(given) != 1:
+        raise InputError(
+            "arguments", "--budget-s SECONDS, --fields-m METRES or --cameras", " and ".join(given) or "none", "choose one"
+        )
     from correlograph.files.manifest import claim
     from correlograph.files.output import output_folder
 
@@ -67,21 +75,25 @@ def main(argv: Sequence[str] | None = None) -> None:
     scene, _ = load_scene(options.scene, parse_definitions(options.definitions))
     geometry = read_geometry(scene)
     check(geometry)
-    if options.cameras is None:
-        divide_exposure(options, geometry, folder)
-    else:
+    if options.cameras is not None:
         compare(options, geometry, folder)
+    else:
+        divide_exposure(options, geometry, folder)
 
 
 def divide_exposure(options: Any, geometry: Any, folder: Path | None) -> None:
-    """Predict the error of every division, select the best, check it by rendering if asked, plot the curve."""
+    """Predict the error of every division, select the best or the one for fields, check it by rendering if asked, plot the curve."""
     from correlograph.files.output import save_json
-    from radiometry.exposure_planner import best, divide
+    from radiometry.exposure_planner import best, divide, divide_for_fields
     from sim.plan import Plan
     from sim.plan_report import warnings_of
 
-    divisions = divide(geometry, options.budget_s, options.resolution_m)
-    chosen = best(divisions)
+    if options.fields_m is None:
+        divisions = divide(geometry, options.budget_s, options.resolution_m)
+        chosen = best(divisions)
+    else:
+        chosen = divide_for_fields(geometry, options.fields_m)
+        divisions = divide(geometry, chosen.frames * chosen.exposure_s, chosen.pitch_m)
     checked = render_errors(geometry, [d for d in divisions if d.frames <= options.check], options.seed)
     print(
         f"{chosen.frames} frames of {chosen.exposure_s:.4g} s, each in {chosen.patches} patches of {chosen.patch} pixels "
@@ -96,7 +108,7 @@ def divide_exposure(options: Any, geometry: Any, folder: Path | None) -> None:
     if folder is None:
         return
     content = {
-        "budget_s": options.budget_s,
+        "budget_s": options.budget_s or chosen.frames * chosen.exposure_s,
         "chosen": asdict(chosen),
         "divisions": [asdict(division) for division in divisions],
         "warnings": warnings,

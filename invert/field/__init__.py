@@ -12,7 +12,6 @@
     retrieval.py        all frames of a capture: passes, expectation maximisation, albedo
     despeckling.py      albedo from the intensities of several fields
     blending.py         blend with the coarse albedo at the scale of a lag
-    resolution.py       Fourier ring correlation between halves of the frames
     reconstruction.py   fine albedo with resolution, standard deviation and certificate
     field.py            `Field`: intensity, refocusing, propagation to the wall
 

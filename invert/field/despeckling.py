@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from scipy import ndimage
 
-from invert.field.resolution import half_period
+from radiometry.ring_correlation import half_period
 
 WEIGHTS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
 """Weights of the total variation, in nats per unit of the albedo's scale and pixel edge, that are tried."""

@@ -35,14 +35,11 @@ from invert.measure.estimate import Estimate
 from invert.measure.spectrum import Measurement
 from invert.methods import Reconstruction
 from invert.solvers.base import Progress
-from radiometry.field_forecast import bounding_box
+from radiometry.field_forecast import MAX_FIELD_FRAMES, bounding_box
 
 MAXIMISATIONS = 4
 """Maximum number of times that the prior is replaced by the albedo from the fields. They end if the first frame predicts its held-out
 pixels no better, or all frames together by less than a standard error."""
-
-MAX_FRAMES = 64
-"""Maximum number of frames whose fields are retrieved; 64 looks have a contrast of 0.125."""
 
 MIN_LIGHT = 0.1
 """Minimum mean of a frame in units of the median over the frames; darker frames are left out."""
@@ -149,9 +146,11 @@ def retrieve_fields(
 
 
 def bright_frames(capture: Capture) -> tuple[int, ...]:
-    """Return the numbers of the frames that are used: the first `MAX_FRAMES` whose mean exceeds `MIN_LIGHT` times the median mean."""
+    """Return the numbers of the frames that are used: the first `MAX_FIELD_FRAMES` whose mean exceeds `MIN_LIGHT` times the median mean."""
     means = np.array([float(np.mean(capture.frames[number])) for number in range(len(capture.frames))])
-    return tuple(int(number) for number in np.flatnonzero(means >= MIN_LIGHT * max(float(np.median(means)), 0.0))[:MAX_FRAMES])
+    return tuple(
+        int(number) for number in np.flatnonzero(means >= MIN_LIGHT * max(float(np.median(means)), 0.0))[:MAX_FIELD_FRAMES]
+    )
 
 
 def _choose_modes(retrieval: FrameRetrieval, progress: Progress) -> tuple[FrameRetrieval, Sequence[Outcome]]:

@@ -7,9 +7,12 @@ import pytest
 
 pytest.importorskip("mitsuba")
 
+import correlograph as cg
 from correlograph.commands.exposure_plan import main as plan
 from correlograph.commands.light_budget import main as account
 from correlograph.commands.noise_validation import main as validate
+from radiometry.exposure_planner import divide_for_fields
+from radiometry.prediction import predict
 from radiometry.validation.lab_noise import lab_floor
 from scenes import scene_path
 
@@ -106,6 +109,32 @@ def test_the_planned_optimum_is_the_rendered_one(command, tmp_path):
     code, _, err = command(plan, SCENE, "--budget-s", "0", "-o", tmp_path)
     assert code == 2
     assert "--budget-s" in err
+
+
+@pytest.mark.parametrize(("letter", "half_period_m"), [("F", 190e-6), ("7", 130e-6), ("R", 90e-6)])
+def test_a_plan_for_fields_takes_the_fewest_frames(letter, half_period_m):
+    """One frame fewer, or four per cent less light, would not do."""
+    geometry = cg.load("corner_letter", albedo=f"{letter}.png").geometry
+    found = divide_for_fields(geometry, half_period_m)
+    assert found.fields.suffices
+    assert found.fields.resolution_m <= half_period_m
+    prediction = predict(geometry.with_exposure(0.96 * found.exposure_s))
+    fewer = prediction.forecast_fields(found.frames - 1)
+    assert not fewer.suffices
+    assert fewer.resolution_m > half_period_m
+
+
+def test_a_plan_for_fields_by_the_command(command, tmp_path):
+    code, out, _ = command(plan, SCENE, "--fields-m", "150e-6", "-o", tmp_path)
+    assert code == 0
+    assert "suffice" in out
+    result = json.loads((tmp_path / "plan.json").read_text())
+    assert result["chosen"]["fields"]["resolution_m"] <= 150e-6
+    assert result["budget_s"] == pytest.approx(result["chosen"]["frames"] * result["chosen"]["exposure_s"])
+    for finer, words in (("1e-6", "or coarser"), ("-1", "--fields-m")):
+        code, out, err = command(plan, SCENE, "--fields-m", finer)
+        assert (code, out, err.count("\n")) == (2, "", 1)
+        assert words in err
 
 
 def test_lab_floor_falls_as_one_over_exposure(measured):

@@ -13,7 +13,6 @@ from invert.field.certificate import MAX_CANDIDATES, MAX_FALSE_ACCEPTANCE, MIN_G
 from invert.field.counts import FrameCounts
 from invert.field.despeckling import despeckle, smooth_by_total_variation
 from invert.field.reconstruction import FieldReconstruction
-from invert.field.resolution import fourier_ring_correlation, half_period
 
 
 def looks_of(albedo, looks, rng):
@@ -68,23 +67,6 @@ def test_confidence_is_the_correlation_of_the_mean_of_both_halves_with_their_exp
 def test_two_modes_of_one_frame_are_no_halves(rng):
     looks = torch.from_numpy(rng.exponential(1.0, (1, 2, 20, 30))).float()
     assert despeckle(looks).halves is None
-
-
-@pytest.mark.parametrize("side", [20, 28, 40, 90])
-def test_identical_halves_are_resolved_on_grids_of_any_size(rng, side):
-    image = rng.random((side, side + 3))
-    assert half_period(image, image, (1.0, 1.0)) == pytest.approx(1.0, rel=0.06)
-
-
-@pytest.mark.parametrize("cutoff", [0.1, 0.2, 0.3])
-def test_resolution_is_the_band_limit_of_the_shared_signal(rng, cutoff):
-    signal = np.fft.fft2(rng.standard_normal((160, 200)))
-    frequency = np.hypot(np.fft.fftfreq(160)[:, None], np.fft.fftfreq(200)[None])
-    shared = np.fft.ifft2(signal * (frequency < cutoff)).real
-    halves = [shared + 0.3 * rng.standard_normal(shared.shape) for _ in range(2)]
-    assert half_period(*halves, (2.0, 2.0)) == pytest.approx(1.0 / cutoff, rel=0.12)
-    frequencies, correlation = fourier_ring_correlation(*halves, (2.0, 2.0))
-    assert correlation[2.0 * frequencies < 0.8 * cutoff].min() > 0.5
 
 
 def test_the_certificate_accepts_chance_at_its_stated_rate(rng):
