@@ -14,7 +14,7 @@ import numpy as np
 
 from correlograph.errors import InputError, check_device
 from correlograph.files.capture import CameraMetadata, Capture
-from correlograph.files.captured_frames import check_frame, describe_pitch, read_capture, stray_light_of
+from correlograph.files.captured_frames import check_frame, describe_files, read_capture, stray_light_of
 from correlograph.files.corrections import Corrections
 from correlograph.files.file_frames import FileFrames
 from correlograph.files.images import check_symmetry
@@ -165,7 +165,7 @@ def reconstruct(
         field_notes = _suggest_fields(estimate, measurement, reconstruction)
     notes = preparation + describe_limits(reconstruction, measurement) + field_notes
     if isinstance(capture, Capture):
-        notes += describe_pitch(capture)
+        notes += describe_files(capture)
         warnings += stray_light_of(capture)
     return Result(estimate, measurement, reconstruction, settings, seconds, test, tuple(warnings), tuple(notes), fields)
 

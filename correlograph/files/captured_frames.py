@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import sys
@@ -17,7 +16,7 @@ from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.capture_folder import check_complete
 from correlograph.files.exr_frames import FrameHeader
-from correlograph.files.file_frames import FileFrames
+from correlograph.files.file_frames import FileFrames, frame_digest
 from correlograph.files.file_metadata import read_metadata, rendered_metadata
 from correlograph.files.images import FRAME_KINDS, MAX_PIXEL, read_image
 from correlograph.files.manifest import is_own
@@ -36,11 +35,11 @@ RESULT_NAMES = {
 MAX_KEPT_BYTES = 2**30
 """Size of the frames up to which they are kept in memory; larger captures are read again when they are needed."""
 
-DIGEST_ROWS = 32
-"""Number of rows of a frame that enter its digest."""
-
-OTHER_PICTURES = {".jpg", ".jpeg", ".bmp", ".gif", ".webp", ".jp2", ".dng"}
+OTHER_PICTURES = {".bmp", ".gif", ".webp", ".jp2", ".dng"}
 """Suffixes of image files that are not read; a message reports such files in a folder of frames."""
+
+JPEG_SUFFIXES = {suffix for suffix, kind in FRAME_KINDS.items() if kind == "JPEG"}
+"""Endings of files that are skipped beside frames of another type, because cameras write previews in them."""
 
 MAX_RECORD_BYTES = 2**22
 """Maximum size of a sim.json whose drawing is read."""
@@ -69,8 +68,9 @@ def find_frames(inputs: Sequence[str | Path]) -> list[Path]:
     return files
 
 
-def _name_other_pictures(folder: Path) -> None:
-    skipped = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in OTHER_PICTURES)
+def _name_other_pictures(folder: Path, kept: Sequence[Path]) -> None:
+    previews = JPEG_SUFFIXES - {path.suffix.lower() for path in kept}
+    skipped = sorted(path.name for path in folder.iterdir() if path.suffix.lower() in OTHER_PICTURES | previews)
     if skipped:
         others = f" and {len(skipped) - 1} more" if len(skipped) > 1 else ""
         print(f"skipped {skipped[0]}{others} in {folder}; frames are {', '.join(FRAME_KINDS)}", file=sys.stderr)
@@ -83,6 +83,8 @@ def frames_inside(folder: Path) -> list[Path]:
         raise InputError("frames", "files", f"a folder, a pipe or a link that leads nowhere: {odd[0]}", "move it elsewhere")
     inside = [path for path in named if not _is_result(path)]
     types = {FRAME_KINDS[path.suffix.lower()]: path for path in inside}
+    if len(types) > 1 and types.pop("JPEG", None):
+        inside = [path for path in inside if path.suffix.lower() not in JPEG_SUFFIXES]
     if len(types) > 1:
         found = f"{' and '.join(path.name for path in types.values())} in {folder}"
         raise InputError("frames", "files of one type", found, "name the frames one by one, or move the others")
@@ -104,12 +106,12 @@ def _is_result(path: Path) -> bool:
 def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture:
     """Read all frames as one capture; options (`known`) override file headers.
 
-    Raises InputError for damaged, colour, constant, non-finite or differently sized frames, for contradictory headers, and for a frame
+    Raises InputError for damaged, coloured, constant, non-finite or differently sized frames, for contradictory headers, and for a frame
     that is given twice.
     """
     files = find_frames(inputs)
     for folder in (path for path in map(Path, inputs) if path.is_dir() and not is_stack(path)):
-        _name_other_pictures(folder)
+        _name_other_pictures(folder, files)
     frames = FileFrames([open_stack(file) for file in files], _CaptureCheck())
     pixels, first = frames.read(0)
     given = {name: value for name, value in vars(known).items() if value is not None}
@@ -124,12 +126,19 @@ def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture
     return Capture(kept, metadata, names, record=_read_drawing(files[0], first), file_metadata=written)
 
 
-def describe_pitch(capture: Capture) -> list[str]:
-    """Return a note if the pixel pitch of a capture comes from the metadata of its first file."""
-    pitch_m = capture.file_metadata.pixel_pitch_m
-    if pitch_m is None or capture.camera.pixel_pitch_m != pitch_m:
-        return []
-    return [f"the pixel pitch of {pitch_m * 1e6:.4g} um comes from the metadata of {capture.names[0]}"]
+def describe_files(capture: Capture) -> list[str]:
+    """Return notes on the first file of a capture: a pixel pitch from its metadata, equal colour channels, lossy compression."""
+    written, name = capture.file_metadata, capture.names[0] if capture.names else ""
+    notes = []
+    if written.pixel_pitch_m is not None and capture.camera.pixel_pitch_m == written.pixel_pitch_m:
+        notes.append(f"the pixel pitch of {written.pixel_pitch_m * 1e6:.4g} um comes from the metadata of {name}")
+    if written.channels is not None:
+        notes.append(f"the {written.channels} channels of {name} are equal; one is used")
+    if Path(name).suffix.lower() in JPEG_SUFFIXES:
+        notes.append(
+            f"{name} is a JPEG file, whose compression and tone curve change the noise and the contrast; record TIFF or PNG"
+        )
+    return notes
 
 
 def stray_light_of(capture: Capture) -> list[str]:
@@ -156,7 +165,7 @@ class _CaptureCheck:
                 "give frames of one camera setting",
             )
         if pixels.any():
-            self._add(_digest(pixels), number, file)
+            self._add(frame_digest(pixels), number, file)
         if _capture_of(header) != _capture_of(first):
             raise InputError(
                 "frames",
@@ -174,13 +183,6 @@ class _CaptureCheck:
         """Raise InputError if a frame of another number has the same digest."""
         if self._places.setdefault(digest, (number, file))[0] != number:
             raise InputError("frames", "independent frames", f"{file.name} repeats an earlier frame", "leave the copy out")
-
-
-def _digest(pixels: np.ndarray) -> bytes:
-    """Return a digest of a frame: SHA-256 of some rows and of the sum of all pixels as integers, which is fast."""
-    words = np.ascontiguousarray(pixels).view(np.uint32)
-    rows = words[:: max(1, len(words) // DIGEST_ROWS)]
-    return hashlib.sha256(rows.tobytes() + np.sum(words, dtype=np.uint64).tobytes()).digest()
 
 
 def _read_drawing(file: Path, header: FrameHeader | None) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
@@ -13,6 +14,16 @@ import numpy as np
 
 from correlograph.files.exr_frames import FrameHeader
 from correlograph.files.stacks import Frame, Stack
+
+DIGEST_ROWS = 32
+"""Number of rows of a frame that enter its digest."""
+
+
+def frame_digest(pixels: np.ndarray) -> bytes:
+    """Return a digest of a frame: SHA-256 of some rows and of the sum of all pixels as integers, which is fast."""
+    words = np.ascontiguousarray(pixels, np.float32).view(np.uint32)
+    rows = words[:: max(1, len(words) // DIGEST_ROWS)]
+    return hashlib.sha256(rows.tobytes() + np.sum(words, dtype=np.uint64).tobytes()).digest()
 
 
 class FrameCheck(Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -33,6 +33,7 @@ class FileMetadata:
         gain_e: photoelectrons per count.
         bits: significant bits of a pixel.
         time: date and time of the first frame, as the file writes them.
+        channels: number of colour channels of a picture, None for a monochrome one.
     """
 
     exposure_s: float | None = None
@@ -40,6 +41,7 @@ class FileMetadata:
     gain_e: float | None = None
     bits: int | None = None
     time: str | None = None
+    channels: int | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the known values, for JSON."""
@@ -58,13 +60,15 @@ def read_metadata(path: Path) -> FileMetadata:
     try:
         if kind in (".tif", ".tiff"):
             return _read_tiff(file)
+        if kind in (".png", ".jpg", ".jpeg"):
+            return FileMetadata(channels=_channels_of(file))
         if kind in FITS_KINDS:
             return _read_fits(file)
         if kind in HDF5_KINDS:
             return _read_hdf5(file)
         if kind == RAW_KIND:
             described = read_description(file)
-            return _metadata(*(described.get(name) for name in FileMetadata.__dataclass_fields__))
+            return _metadata(*map(described.get, ("exposure_s", "pixel_pitch_m", "gain_e", "bits", "time")))
     except Exception:  # every decoder raises its own exceptions; the frames themselves can be read
         return FileMetadata()
     return FileMetadata()
@@ -74,15 +78,25 @@ def _metadata(exposure: Any = None, pitch: Any = None, gain: Any = None, bits: A
     """Return the metadata of values that may be missing or impossible."""
     depth = _positive(bits)
     return FileMetadata(
-        _positive(exposure), _positive(pitch), _positive(gain), None if depth is None else int(depth), time and f"{time:.40}"
+        _positive(exposure), _positive(pitch), _positive(gain), None if depth is None else int(depth), _text(time)
     )
+
+
+def _text(value: Any) -> str | None:
+    """Return at most 40 characters of a text, None for anything else."""
+    return value[:40] if isinstance(value, str) and value else None
+
+
+def _unit_of(units: Mapping[str, float], name: Any) -> float:
+    """Return a unit in SI units, NaN for an unknown one."""
+    return units.get(name, math.nan) if isinstance(name, str) else math.nan
 
 
 def _positive(value: Any, unit: float = 1.0) -> float | None:
     """Return a positive number in SI units, None for anything else."""
     try:
-        number = float(value) * unit
-    except (TypeError, ValueError):
+        number = math.nan if isinstance(value, bool) else float(value) * unit
+    except (TypeError, ValueError, OverflowError):
         return None
     return number if math.isfinite(number) and number > 0.0 else None
 
@@ -91,8 +105,10 @@ def _read_tiff(file: Path) -> FileMetadata:
     import tifffile
 
     with tifffile.TiffFile(file) as tiff:
+        samples = int(tiff.pages.first.samplesperpixel)
+        channels = samples if samples > 1 else None
         if tiff.ome_metadata and len(tiff.ome_metadata) <= MAX_XML_CHARACTERS:
-            return _read_ome(ElementTree.fromstring(tiff.ome_metadata))
+            return replace(_read_ome(ElementTree.fromstring(tiff.ome_metadata)), channels=channels)
         tag = tiff.pages.first.tags.get(_MICRO_MANAGER_TAG)
         if tag is not None and isinstance(tag.value, Mapping):
             page = tag.value
@@ -102,7 +118,15 @@ def _read_tiff(file: Path) -> FileMetadata:
                 bits=page.get("BitDepth"),
                 time=page.get("ReceivedTime") or page.get("Time"),
             )
-    return FileMetadata()
+    return FileMetadata(channels=channels)
+
+
+def _channels_of(file: Path) -> int | None:
+    from PIL import Image
+
+    with Image.open(file) as picture:
+        count = len(picture.getbands())
+    return count if count > 2 else None
 
 
 def _read_ome(root: ElementTree.Element) -> FileMetadata:
@@ -110,9 +134,9 @@ def _read_ome(root: ElementTree.Element) -> FileMetadata:
     exposure = pitch = bits = None
     if pixels is not None:
         bits = pixels.get("SignificantBits")
-        pitch = _positive(pixels.get("PhysicalSizeX"), _METRES.get(pixels.get("PhysicalSizeXUnit", "µm"), math.nan))
+        pitch = _positive(pixels.get("PhysicalSizeX"), _unit_of(_METRES, pixels.get("PhysicalSizeXUnit", "µm")))
     if plane is not None:
-        exposure = _positive(plane.get("ExposureTime"), _SECONDS.get(plane.get("ExposureTimeUnit", "s"), math.nan))
+        exposure = _positive(plane.get("ExposureTime"), _unit_of(_SECONDS, plane.get("ExposureTimeUnit", "s")))
     return _metadata(exposure, pitch, bits=bits, time=None if acquired is None else acquired.text)
 
 
@@ -137,7 +161,7 @@ def _read_hdf5(file: Path) -> FileMetadata:
         value = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()].item()
         if last in _EXPOSURES:
             unit = item.attrs.get("units", "s")
-            found.setdefault("exposure", _positive(value, _SECONDS.get(unit, math.nan)))
+            found.setdefault("exposure", _positive(value, _unit_of(_SECONDS, unit)))
         elif last == "start_time":
             found.setdefault("time", value)
 

@@ -22,6 +22,8 @@ FRAME_KINDS = {
     ".tif": "TIFF",
     ".tiff": "TIFF",
     ".png": "PNG",
+    ".jpg": "JPEG",
+    ".jpeg": "JPEG",
     ".npy": "NPY",
     ".npz": "NPZ",
     ".h5": "HDF5",
@@ -80,12 +82,12 @@ def _read_pixels(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
                 raise InputError("frame", "one array", f"an archive of several in {file.name}", "save it as .npy")
             _check_pixels(pixels.size, file)
             pixels = np.array(pixels)
-        elif kind == ".png":
-            pixels = _read_png(file)
+        elif kind in (".png", ".jpg", ".jpeg"):
+            pixels = one_of_equal_channels(_read_picture(file))
         elif kind in (".tif", ".tiff"):
-            pixels = _read_tiff(file)
+            pixels = one_of_equal_channels(_read_tiff(file))
         else:
-            raise InputError("picture", "an EXR, TIFF, PNG or NPY file", file.name, "convert it")
+            raise InputError("picture", "an EXR, TIFF, PNG, JPEG or NPY file", file.name, "convert it")
     except InputError:
         raise
     except Exception as error:  # every decoder raises its own exceptions
@@ -95,13 +97,25 @@ def _read_pixels(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
     return pixels, None
 
 
-def _read_png(file: Path) -> np.ndarray:
+def one_of_equal_channels(pixels: np.ndarray) -> np.ndarray:
+    """Return the first channel of a picture (rows, columns, 3 or 4) whose colour channels are equal, as programs write monochrome frames;
+    any other array unchanged.
+    """
+    is_colour = pixels.ndim == 3 and pixels.shape[-1] in (3, 4)
+    return pixels[..., 0] if is_colour and (pixels[..., :3] == pixels[..., :1]).all() else pixels
+
+
+def _read_picture(file: Path) -> np.ndarray:
     from PIL import Image
     from skimage import io
 
+    wanted = FRAME_KINDS[file.suffix.lower()]
     with Image.open(file) as picture:
-        if picture.format != "PNG":
-            raise InputError("frame", "a PNG file", f"{picture.format} in {file.name}", "correct the ending of its name")
+        if picture.format != wanted:
+            raise InputError("frame", f"a {wanted} file", f"{picture.format} in {file.name}", "correct the ending of its name")
+        _check_pixels(picture.width * picture.height, file)
+        if wanted == "JPEG":
+            return np.array(picture)  # decodes the whole file; a truncated one raises OSError
         picture.verify()  # checks all checksums and the end of the file; reading alone accepts truncated files
     return io.imread(file)
 

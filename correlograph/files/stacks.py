@@ -19,7 +19,14 @@ import numpy as np
 
 from correlograph.errors import InputError
 from correlograph.files.exr_frames import FrameHeader
-from correlograph.files.images import MAX_PIXELS, as_frame, check_tiff_page, decode_tiff_page, read_image
+from correlograph.files.images import (
+    MAX_PIXELS,
+    as_frame,
+    check_tiff_page,
+    decode_tiff_page,
+    one_of_equal_channels,
+    read_image,
+)
 from correlograph.files.raw_frames import RAW_KIND, RawFrames
 
 DATASET = "::"
@@ -123,7 +130,7 @@ def _open_tiff(file: Path, files: ExitStack) -> Stack:
     def read(number: int) -> Frame:
         page = tiff.pages[number]
         check_tiff_page(page.keyframe, file)
-        return as_frame(decode_tiff_page(page, file), Path(f"page {number} of {file.name}")), None
+        return as_frame(one_of_equal_channels(decode_tiff_page(page, file)), Path(f"page {number} of {file.name}")), None
 
     return Stack(file, pages, read)
 

@@ -46,6 +46,7 @@ def parser() -> ArgumentParser:
     p.add_argument("targets", help="dataset made by python -m data_gen")
     p.add_argument("--count", type=Range(20, 100_000), default=200, help="number of targets to reconstruct (200)")
     p.add_argument("--seed", type=SEED, default=0)
+    p.add_overwrite()
     return p
 
 
@@ -58,6 +59,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     _, held_out = load_targets(options.targets)
     batch = make_varied_batch(held_out, options.count, torch.Generator().manual_seed(options.seed))
     tensors, card = read_weights(options.weights)
+    claim(options.weights.parent, [options.weights.name], overwrite=options.overwrite)
     card["calibration"] = {}
     for quality in (FAST, BALANCED):
         observed = _observe(batch, options.weights, quality)
@@ -74,7 +76,6 @@ def main(argv: Sequence[str] | None = None) -> None:
             }
     # The calibration of `balanced` serves `best`: more starts, samples and rounds change little.
     card["calibration"][BEST.name] = card["calibration"][BALANCED.name]
-    claim(options.weights.parent, [options.weights.name], overwrite=True)  # this command changes the file that it reads
     save_weights(options.weights, tensors, card)
 
 

@@ -27,6 +27,7 @@ import torch
 from scipy.fft import next_fast_len
 
 from correlograph.errors import InputError
+from correlograph.files.file_frames import frame_digest
 from radiometry.autocorrelation import PatchGrid
 from radiometry.estimation.background import BackgroundRecord, MeanModel
 from radiometry.estimation.fixed_pattern import shared_lags, shift_between
@@ -108,7 +109,7 @@ class AutocorrelationEstimator:
         Several threads may call this method for frames after the first one. The tensors last until the next call in the same thread.
         """
         image = torch.as_tensor(frame, device=self.device).to(torch.float32)
-        sums = FrameSums()
+        sums = FrameSums(digests=[frame_digest(image.cpu().numpy())])
         if self.mean == "auto":
             image, sums.faults = repair(image)
         if number < MAX_FRAMES:

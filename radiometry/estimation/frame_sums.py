@@ -17,6 +17,7 @@ class FrameSums:
 
     Attributes:
         levels: mean of each frame.
+        digests: digest of each frame, by which saved sums are recognised (`correlograph.files.file_frames.frame_digest`).
         spectrum: sum of the spectra of the padded frames without their means, complex64 (rows, columns // 2 + 1); empty without frames.
         power: sum of their squared moduli, float32 of the same shape.
         narrow: spectra of the first frames of the capture, cropped to the lags (`third_moment.narrow`).
@@ -27,6 +28,7 @@ class FrameSums:
     """
 
     levels: list[float] = field(default_factory=list)
+    digests: list[bytes] = field(default_factory=list)
     spectrum: torch.Tensor = field(default_factory=lambda: torch.empty(0, dtype=torch.complex64))
     power: torch.Tensor = field(default_factory=lambda: torch.empty(0))
     narrow: list[torch.Tensor] = field(default_factory=list)
@@ -48,6 +50,7 @@ class FrameSums:
             self.spectrum.add_(following.spectrum)
             self.power.add_(following.power)
         self.levels += following.levels
+        self.digests += following.digests
         self.narrow += following.narrow
         self.noise += following.noise
         self.faults = PixelFaults(

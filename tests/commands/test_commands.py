@@ -200,7 +200,7 @@ def truncated(folder: Path, capture: Path) -> Path:
 
 
 def photograph(folder: Path) -> Path:
-    Image.fromarray(np.zeros((300, 300, 3), np.uint8) + 9).save(folder / "photo.png")
+    Image.fromarray(np.zeros((300, 300, 3), np.uint8) + np.array([9, 8, 7], np.uint8)).save(folder / "photo.png")
     return folder / "photo.png"
 
 

@@ -62,18 +62,17 @@ def test_parts_give_the_estimate_of_frames_one_by_one() -> None:
 
 
 @pytest.mark.parametrize("first", [2 * PART_FRAMES, 2 * PART_FRAMES + 3])
-def test_a_growing_capture_continues_from_its_sums(tmp_path: Path, first: int) -> None:
+def test_a_growing_capture_continues_from_its_sums(tmp_path: Path, first: int, monkeypatch: pytest.MonkeyPatch) -> None:
     frames, file = _frames(4 * PART_FRAMES), tmp_path / "sums.npz"
     _sums(frames[:first], SavedSums(file))
-    read: list[int] = []
-
-    class Counted(list):
-        def __getitem__(self, number):
-            read.append(number)
-            return super().__getitem__(number)
-
-    continued = _sums(Counted(frames), SavedSums(file))
-    assert set(read) == {*range(PART_FRAMES), *range(first - 1, len(frames))}  # the others were not read again
+    added: list[int] = []
+    add = AutocorrelationEstimator.sums_of
+    monkeypatch.setattr(
+        AutocorrelationEstimator, "sums_of", lambda self, frame, number: added.append(number) or add(self, frame, number)
+    )
+    continued = _sums(frames, SavedSums(file))
+    assert set(added) == {*range(PART_FRAMES), *range(first, len(frames))}  # the others are read for their digests only
+    monkeypatch.undo()
     expected = _sums(frames)
     np.testing.assert_allclose(continued.estimate(), expected.estimate(), atol=1e-6 * expected.estimate().max())
     assert continued.background.hot_pixels == expected.background.hot_pixels
@@ -89,7 +88,8 @@ def test_sums_of_other_frames_patches_or_damaged_ones_are_ignored(tmp_path: Path
     intact = file.read_bytes()
     others = _frames(2 * PART_FRAMES, seed=4)
     changed_last = [*frames[:-1], others[-1]]
-    for given in (others, changed_last, frames[:-1], frames[1:]):
+    changed_middle = [*frames[:PART_FRAMES], others[0], *frames[PART_FRAMES + 1 :]]
+    for given in (others, changed_last, changed_middle, frames[:-1], frames[1:]):
         file.write_bytes(intact)
         np.testing.assert_array_equal(_sums(given, SavedSums(tmp_path / "copy.npz")).estimate(), _sums(given).estimate())
         estimator = AutocorrelationEstimator(patch_grid(SHAPE, PATCH))
@@ -100,6 +100,15 @@ def test_sums_of_other_frames_patches_or_damaged_ones_are_ignored(tmp_path: Path
     estimator = AutocorrelationEstimator(patch_grid(SHAPE, 151))
     for number in range(PART_FRAMES):
         estimator.add(frames[number])
+    with np.load(file) as archive:
+        content = dict(archive)
+    for name, change in (("power", 2.0), ("power", np.nan), ("levels", 1.5), ("spectrum", np.nan)):
+        np.savez(file, **{**content, name: content[name] * change})
+        whole = AutocorrelationEstimator(patch_grid(SHAPE, PATCH))
+        for number in range(PART_FRAMES):
+            whole.add(frames[number])
+        SavedSums(file).continue_with(whole, frames)
+        assert whole.frames == PART_FRAMES, (name, change)
     for content in (intact, intact[: len(intact) // 2], b""):
         file.write_bytes(content)
         SavedSums(file).continue_with(estimator, frames)

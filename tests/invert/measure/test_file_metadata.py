@@ -7,9 +7,11 @@ import json
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image
 
 import correlograph as cg
 from correlograph.errors import InputError
+from correlograph.files.captured_frames import describe_files, read_capture
 from correlograph.files.file_metadata import FileMetadata, read_metadata
 
 SHAPE = (160, 210)
@@ -96,3 +98,50 @@ def test_the_pitch_of_a_file_sets_the_scale_where_no_option_does(tmp_path, frame
     np.save(tmp_path / "a.npy", frames)
     with pytest.raises(InputError, match="pixel_pitch_m"):
         cg.reconstruct(tmp_path / "a.npy", camera=cg.CameraMetadata(**camera), **settings)
+
+
+@pytest.mark.parametrize("bad", [7, [1], {"a": 1}, True, None, "x" * 1000, 1e999])
+@pytest.mark.parametrize("name", ["exposure_s", "gain_e", "bits", "time"])
+def test_one_bad_value_of_a_raw_description_leaves_the_others(tmp_path, rng, name, bad):
+    rng.integers(0, 4096, SHAPE).astype("<u2").tofile(tmp_path / "a.raw")
+    good = {"exposure_s": 0.1, "pixel_pitch_m": 6.9e-6, "gain_e": 0.5, "bits": 12, "time": "noon"}
+    size = {"width": SHAPE[1], "height": SHAPE[0], "pixel_format": "Mono12"}
+    (tmp_path / "a.raw.json").write_text(json.dumps(size | good | {name: bad}))
+    found = read_metadata(tmp_path / "a.raw").as_dict()
+    assert {key: value for key, value in found.items() if key != name} == {k: v for k, v in good.items() if k != name}
+
+
+@pytest.mark.parametrize(("name", "channels"), [("a.png", 3), ("a.png", 4), ("a.tif", 3), ("a.jpg", 3), ("a.jpeg", 1)])
+def test_pictures_with_equal_channels_are_read_with_a_note(tmp_path, rng, name, channels):
+    grey = rng.poisson(60.0, (300, 420)).clip(0, 255).astype(np.uint8)
+    picture = np.dstack([grey] * min(channels, 3) + [np.full_like(grey, 255)] * (channels == 4)).squeeze()
+    if name.endswith("tif"):
+        tifffile.imwrite(tmp_path / name, picture, photometric="rgb")
+    else:
+        Image.fromarray(picture).save(tmp_path / name, **({"quality": 100, "subsampling": 0} if "jp" in name else {}))
+    capture = read_capture([tmp_path / name], cg.CameraMetadata())
+    assert np.abs(capture.frames[0] - grey).max() <= (4 if "jp" in name else 0)
+    notes = " ".join(describe_files(capture))
+    assert (f"the {channels} channels of {name} are equal" in notes) == (channels > 1)
+    assert ("JPEG" in notes) == ("jp" in name)
+
+
+def test_coloured_pictures_and_damaged_jpeg_files_are_refused(tmp_path, rng):
+    coloured = rng.integers(0, 255, (300, 420, 3)).astype(np.uint8)
+    for name in ("a.png", "a.jpg", "a.tif"):
+        Image.fromarray(coloured).save(tmp_path / name)
+        with pytest.raises(InputError, match="monochrome"):
+            read_capture([tmp_path / name], cg.CameraMetadata())
+    content = (tmp_path / "a.jpg").read_bytes()
+    for damaged in (content[: len(content) // 2], b"", b"GIF89a" + content[6:]):
+        (tmp_path / "b.jpg").write_bytes(damaged)
+        with pytest.raises(InputError, match=r"b\.jpg"):
+            read_capture([tmp_path / "b.jpg"], cg.CameraMetadata())
+
+
+def test_jpeg_previews_beside_frames_are_skipped(tmp_path, rng, capsys):
+    for number in range(2):
+        tifffile.imwrite(tmp_path / f"{number}.tif", rng.poisson(60.0, (300, 420)).astype(np.uint16))
+        Image.fromarray(rng.poisson(60.0, (60, 84)).astype(np.uint8)).save(tmp_path / f"{number}.jpg")
+    assert len(read_capture([tmp_path], cg.CameraMetadata()).frames) == 2
+    assert capsys.readouterr().err.startswith("skipped 0.jpg and 1 more in ")
