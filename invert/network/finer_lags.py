@@ -42,6 +42,11 @@ def enlarge(albedos: torch.Tensor, side: int) -> torch.Tensor:
     return normalise_peak(larger.clamp_min(0.0))
 
 
+def finer_progress_steps(quality: Quality, samples: int) -> int:
+    """Return how many steps of progress `sample_on_finer_lags` reports: denoising steps of all samples, and ascents of each."""
+    return quality.finer_rounds * (Annealing(samples, 1).steps + samples)
+
+
 def sample_on_finer_lags(
     sampler: Sampler,
     measurement: Measurement,
@@ -68,7 +73,11 @@ def sample_on_finer_lags(
         centred = torch.stack([crop_centred(one) for one in zero_pad(likely)])
         samples, expected = run_annealing(sampler, observation, data, centred, options, rng, progress)
         denoised.append(normalise_peak(expected))
-        samples = torch.stack([refine_by_likelihood(one, measurement) for one in normalise_peak(samples)])
+        refined = []
+        for one in normalise_peak(samples):
+            refined.append(refine_by_likelihood(one, measurement))
+            progress()
+        samples = torch.stack(refined)
     together = consensus(zero_pad(samples), torch.arange(len(samples)), len(samples), 0.0)
     mean = normalise_peak(together.image)
     registered, _ = register_images(zero_pad(torch.cat(denoised[-2:])), mean)

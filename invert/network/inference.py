@@ -13,18 +13,19 @@ from typing import Any
 import numpy as np
 import torch
 from torch import nn
+from tqdm import tqdm
 
 from correlograph.errors import InputError
 from correlograph.lags import LAGS, OBJECT_SIDE
 from invert.albedo.registration import Consensus, consensus, crop_centred, normalise_peak, register_images, zero_pad
-from invert.choices import Quality
+from invert.choices import FAST, Quality
 from invert.measure.coarsen import coarsen, pad
 from invert.measure.lag_choice import SIDE_STEP
 from invert.measure.spectrum import Measurement, denoised_modulus, fourier_modulus
 from invert.network.annealing import INITIAL_SCHEDULE, Annealing, sample_posterior
 from invert.network.confidence import ConfidenceFeatures, logit_correlation_with_new_sample
 from invert.network.features import Observation
-from invert.network.finer_lags import enlarge, sample_on_finer_lags
+from invert.network.finer_lags import enlarge, finer_progress_steps, sample_on_finer_lags
 from invert.network.model import CorrelographyNet
 from invert.network.retrieval_summary import summarise_retrievals
 from invert.solvers.base import Candidates, Progress, no_progress
@@ -169,7 +170,7 @@ def reconstruct_by_network(
     output = _reconstruct_on_first_lags(network, coarsest, quality, seed, device, progress)
     for side in _finer_sides(target):
         finer = coarsen(measurement, side) if side < target else pad(measurement, side)
-        output = _continue_on_finer_lags(network, finer, output, quality, seed, device, progress)
+        output = _continue_on_finer_lags(network, finer, output, quality, seed, device)
     if output.samples is None or output.samples.shape[-1] == target:
         return output
     return replace(output, samples=torch.stack([crop_centred(one, target) for one in zero_pad(output.samples)]))
@@ -195,20 +196,22 @@ def _continue_on_finer_lags(
     quality: Quality,
     seed: int,
     device: str,
-    progress: Progress,
 ) -> NetworkOutput:
-    """Enlarge the samples of a coarser grid (without samples, its image), and continue to sample with them."""
+    """Enlarge the samples of a coarser grid (without samples, its image), and continue to sample with them; show the time left."""
     shown = crop_centred(coarse.image)[None] if coarse.samples is None else coarse.samples
     starts = enlarge(shown[: quality.finer_samples], measurement.lag_grid.object_side)
-    found = sample_on_finer_lags(
-        network.sampler,
-        measurement,
-        make_observation([measurement]).part(slice(None), device),
-        starts,
-        quality,
-        torch.Generator().manual_seed(seed),
-        lambda steps=1: progress(SAMPLER_STEP * steps),
-    )
+    hint = "" if quality == FAST else f"; --quality {FAST} is quicker"
+    title, total = f"{measurement.lag_grid.lags} lags{hint}", finer_progress_steps(quality, len(starts))
+    with tqdm(total=total, desc=title, unit="step", disable=None, leave=False) as bar:
+        found = sample_on_finer_lags(
+            network.sampler,
+            measurement,
+            make_observation([measurement]).part(slice(None), device),
+            starts,
+            quality,
+            torch.Generator().manual_seed(seed),
+            bar.update,
+        )
     if coarse.samples is None:
         return replace(coarse, image=found.image)
     agreement = logit_correlation_with_new_sample(found.together.agreement, len(starts))
