@@ -4,6 +4,7 @@
     rendering.py     render and wall_field
     scene_drawing.py drawing of a scene to scale
     scene_file.py    loading and checking of a scene file, digest of its content
+    coloured_bitmaps.py  notes on coloured albedos
     backend/         libLLVM and Mitsuba variant
     plugins/         laser, phase_screen, speckle_camera: the scene vocabulary (table.py lists its parameters)
     integrators/     speckle, throughput: frames and light budget by mi.render

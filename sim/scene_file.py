@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
@@ -13,6 +14,7 @@ import mitsuba as mi
 from correlograph.errors import InputError
 from scenes import scene_names, scene_path
 from sim.backend.variant import check_loadable
+from sim.coloured_bitmaps import describe_colours
 from sim.plugins import refusals
 
 MAX_ASSETS = 1000
@@ -50,12 +52,14 @@ def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -
     anything that Mitsuba or a plugin refuses.
     """
     path = find_scene(path)
-    given, digest = _inspect(path, definitions or {})
+    given, digest, assets = _inspect(path, definitions or {})
     refusals.clear()
     try:
         scene = mi.load_file(str(path), optimize=False, **given)
     except Exception as error:  # Mitsuba raises bare exceptions, and wraps those of plugins in its own
         raise refusals[0] if refusals else _as_input_error(error, path) from None
+    for note in describe_colours(assets):
+        print(f"note: {note}", file=sys.stderr)
     return scene, digest
 
 
@@ -64,8 +68,8 @@ def scene_digest(path: str | Path, definitions: Mapping[str, str]) -> str:
     return _inspect(find_scene(path), definitions)[1]
 
 
-def _inspect(path: Path, definitions: Mapping[str, str]) -> tuple[dict[str, str], str]:
-    """Check the XML and the definitions; return the definitions with resolved file names, and the digest."""
+def _inspect(path: Path, definitions: Mapping[str, str]) -> tuple[dict[str, str], str, list[Path]]:
+    """Check the XML and the definitions; return the definitions with resolved file names, the digest, and the files of the scene."""
     content = path.read_bytes()
     try:
         root = ElementTree.fromstring(content)
@@ -91,7 +95,8 @@ def _inspect(path: Path, definitions: Mapping[str, str]) -> tuple[dict[str, str]
             raise InputError(f"-D {key}", expected, f"no {given[key]}", "check the path")
     effective = {**defaults, **given}
     assets = _assets(root, path.parent, effective, (path.resolve(),))
-    return given, _digest(content, assets, {key: value for key, value in effective.items() if key not in names})
+    digest = _digest(content, assets, {key: value for key, value in effective.items() if key not in names})
+    return given, digest, assets
 
 
 def _file_parameters(root: ElementTree.Element, parameters: Mapping[str, str]) -> set[str]:

@@ -1,5 +1,7 @@
 """More than 64 lags: the command shows how much of the sampling is left."""
 
+from typing import ClassVar
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ from invert.pipeline import reconstruct
 class Bar:
     """Progress bar that remembers its title, its total and its steps."""
 
-    shown: list["Bar"] = []
+    shown: ClassVar[list["Bar"]] = []
 
     def __init__(self, total, desc, **_):
         self.total, self.title, self.done = total, desc, 0
