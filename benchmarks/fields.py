@@ -1,4 +1,4 @@
-"""`python -m benchmarks.fields -o FOLDER --sets pages letters light bars random`: what fields add to the autocorrelation.
+"""`python -m benchmarks.fields -o FOLDER --sets pages texts letters light bars random`: what fields add to the autocorrelation.
 
 Frames are rendered. Correlations compare the albedo with the scene's on pixels of 30 um, unsmoothed and smoothed by Gaussians of 75, 150
 and 300 um full width at half maximum. Pages are also read by `tesseract`. Figures and a table in JSON are written to the folder.
@@ -47,6 +47,15 @@ CORNER = 257
 """Side of the part of a frame that figures show, in pixels."""
 
 RANDOM_CAPTURES = 30
+
+RANDOM_PAGES = 6
+
+WORDS = (
+    *("above", "again", "beyond", "bright", "corner", "count", "distant", "early", "field", "glass", "hidden", "index"),
+    *("journey", "kitchen", "laser", "mirror", "night", "orange", "photon", "quiet", "river", "shadow", "table", "under"),
+    *("valley", "window", "xenon", "yellow", "zebra", "17", "365", "2048"),
+)
+"""Words of the random pages."""
 
 
 def correlations(albedo: np.ndarray, truth: np.ndarray, pitches_m: tuple[float, float]) -> list[float]:
@@ -110,13 +119,28 @@ def compare(
 def pages(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]]]:
     """Yield name, figures and images of each page of text."""
     for name, text, frames in PAGES:
-        Image.fromarray(page(text)).save(folder / "page.png")
-        scene = cg.load("corner_letter", albedo=str((folder / "page.png").resolve()), exposure=1.0)
-        row, images = compare(scene, cg.render(scene, frames=min(frames, MAX_PAGE_FRAMES), seed=5))
-        if shutil.which("tesseract"):
-            cells = row.get("cells_per_lag", 1)
-            row["errors"] = [round(100.0 * character_error_rate(text, read_text(one, cells)), 1) for one in images[1:]]
+        row, images = _read_page(folder, text, min(frames, MAX_PAGE_FRAMES), seed=5)
         yield name.split(",")[0] + f", {row['frames']} x 1 s", row, images
+
+
+def texts(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]]]:
+    """Yield the same of pages of random words, three to seven lines, ten frames of 1 s."""
+    for number in range(RANDOM_PAGES):
+        rng = np.random.default_rng(number)
+        lines = int(rng.integers(3, 8))
+        text = "\n".join(" ".join(rng.choice(WORDS, max(1, lines // 2 - 1), replace=False)) for _ in range(lines))
+        yield f"page {number}, {lines} lines", *_read_page(folder, text, MAX_PAGE_FRAMES, seed=100 + number)
+
+
+def _read_page(folder: Path, text: str, frames: int, seed: int) -> tuple[dict[str, Any], list[np.ndarray]]:
+    """Return the figures and images of a page, with the character errors of coarse albedo, fields and truth."""
+    Image.fromarray(page(text)).save(folder / "page.png")
+    scene = cg.load("corner_letter", albedo=str((folder / "page.png").resolve()), exposure=1.0)
+    row, images = compare(scene, cg.render(scene, frames=frames, seed=seed))
+    if shutil.which("tesseract"):
+        cells = row.get("cells_per_lag", 1)
+        row["errors"] = [round(100.0 * character_error_rate(text, read_text(one, cells)), 1) for one in images[1:]]
+    return row, images
 
 
 def letters(folder: Path, seeds: Sequence[int] = (1, 2, 3)) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]]]:
@@ -174,7 +198,7 @@ def random(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]
         yield f"random {number}: {drawn['object']}", drawn | row | forecast(scene, len(capture.frames)), images
 
 
-SETS = {"pages": pages, "letters": letters, "light": light, "bars": bars, "random": random}
+SETS = {"pages": pages, "texts": texts, "letters": letters, "light": light, "bars": bars, "random": random}
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -23,7 +23,7 @@ from correlograph.files.stacks import open_stack
 from correlograph.lags import LAG_SIDE
 from correlograph.ranges import LAG_COUNT, SEED
 from correlograph.workers import check_scheduler
-from invert.assess.reliability import assess_reliability, describe_limits, is_speckle
+from invert.assess.reliability import assess_reliability, describe_limits, has_shifted, is_speckle
 from invert.assess.speckle_test import speckle_test
 from invert.blur_fit import estimate_blur, likelihood_before_division
 from invert.choices import (
@@ -46,6 +46,7 @@ from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction, reconstruct_measurement
 from invert.output.result import Result, Settings
 from invert.solvers.base import Progress, no_progress
+from invert.tracking.travel import find_travel
 from radiometry.field_forecast import forecast_fields
 
 Source = Capture | Estimate | str | Path | Sequence[str | Path] | np.ndarray | Sequence[np.ndarray]
@@ -120,6 +121,9 @@ def reconstruct(
     if isinstance(capture, Capture):
         kept = None if sums_file is None else path_of("sums_file", sums_file)
         estimate = estimate_from_frames(capture, patch, device, mean_model, known_blur, lags, pitch_m, kept, scheduler)
+        if mean_model == "auto" and has_shifted(estimate.record) and (travel := find_travel(capture)):
+            preparation.append(travel.describe())
+            estimate = estimate_from_frames(capture, patch, device, "pooled", known_blur, lags, pitch_m, None, scheduler)
     else:
         estimate = capture
 

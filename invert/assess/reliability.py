@@ -152,6 +152,12 @@ def _check_samples(samples: Samples, likelihood: Likelihood) -> list[str]:
     ]
 
 
+def has_shifted(record: EstimateRecord | None) -> bool:
+    """Return whether the pattern that frames share moved between them."""
+    shift = (record and record.background.shift_pixels) or (0.0, 0.0)
+    return max(map(abs, shift)) > MAX_SHIFT_PIXELS
+
+
 def _describe_frames(record: EstimateRecord, measurement: Measurement) -> list[str]:
     """Describe the background and the sensor faults that the estimator found and corrected."""
     found = record.background
@@ -167,7 +173,7 @@ def _describe_frames(record: EstimateRecord, measurement: Measurement) -> list[s
         (bool(found.faulty_lines), f"{found.faulty_lines} defective rows or columns were replaced by their neighbours"),
         (bool(found.spectral_lines), f"{found.spectral_lines} periodic waves (fringes or lamp flicker) were subtracted"),
         (
-            max(map(abs, shift)) > MAX_SHIFT_PIXELS,
+            has_shifted(record),
             f"the camera shifted by {shift[0]:.1f} rows and {shift[1]:.1f} columns between frames; fix its mount",
         ),
         (

@@ -27,7 +27,7 @@ from invert.pipeline import Blur, reconstruct
 from invert.solvers.base import Progress, no_progress
 from radiometry.estimation.background import MeanModel
 
-REVISION = 16
+REVISION = 17
 """Revision of the results; to be raised whenever a code change alters the result of a request."""
 
 RESERVED_NAMES = {"table.md", "captures.json"}

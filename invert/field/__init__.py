@@ -10,7 +10,8 @@
     certificate.py      held-out pixels: whether a field predicts counts that it has not seen
     frame_retrieval.py  one frame: counts, search, refinement, certificate
     retrieval.py        all frames of a capture: passes, expectation maximisation, albedo
-    despeckling.py      albedo from the intensities of several fields
+    despeckling.py      albedo from the intensities of several fields: by a network, or by total variation
+    total_variation.py  total variation under the likelihood of the looks
     blending.py         blend with the coarse albedo at the scale of a lag
     reconstruction.py   fine albedo with resolution, standard deviation and certificate
     field.py            `Field`: intensity, refocusing, propagation to the wall

@@ -8,6 +8,7 @@ retrieval_summary.py  classical reconstructions as input of the fusion
 sampler.py            diffusion posterior sampler
 annealing.py          posterior sampling
 inference.py          reconstruction by the network
+despeckler.py         mean intensity of fields -> albedo
 confidence.py         features and calibration of the confidence
 checkpoints.py        weights files
 """

@@ -16,12 +16,22 @@ from torch import nn
 from correlograph.errors import InputError
 from correlograph.files.output import atomic
 from invert.network.confidence import is_calibration
+from invert.network.despeckler import Despeckler
 from invert.network.model import CorrelographyNet
 from invert.network.paper_unet import PaperModulusUnet, PaperUnet
 
-DEFAULT_WEIGHTS = Path(__file__).parents[1] / "weights" / "unet.safetensors"
+WEIGHTS = Path(__file__).parents[1] / "weights"
+DEFAULT_WEIGHTS, DESPECKLER_WEIGHTS = WEIGHTS / "unet.safetensors", WEIGHTS / "despeckler.safetensors"
 
-NETWORKS: dict[str, type[nn.Module]] = {"unet": CorrelographyNet, "paper": PaperUnet, "paper-modulus": PaperModulusUnet}
+NETWORKS: dict[str, type[nn.Module]] = {
+    "unet": CorrelographyNet,
+    "paper": PaperUnet,
+    "paper-modulus": PaperModulusUnet,
+    "despeckler": Despeckler,
+}
+
+RECONSTRUCTING = ("unet", "paper", "paper-modulus")
+"""Networks that reconstruct an estimate."""
 
 
 def save_weights(path: Path, tensors: dict[str, torch.Tensor], card: dict[str, Any]) -> None:
@@ -65,14 +75,14 @@ def _sha256(tensors: dict[str, torch.Tensor]) -> str:
 
 
 @lru_cache(maxsize=4)
-def load_network(path: Path, device: str = "cpu") -> tuple[nn.Module, dict[str, Any]]:
-    """Load a network and its metadata."""
+def load_network(path: Path, device: str = "cpu", kinds: tuple[str, ...] = RECONSTRUCTING) -> tuple[nn.Module, dict[str, Any]]:
+    """Load a network of one of some kinds, and its metadata."""
     tensors, card = read_weights(path)
     kind, width = card.get("network"), card.get("width")
-    if not isinstance(kind, str) or kind not in NETWORKS or type(width) is not int or not 8 <= width <= 512 or width % 8:
+    if not isinstance(kind, str) or kind not in kinds or type(width) is not int or not 8 <= width <= 512 or width % 8:
         raise InputError(
             "--weights",
-            f"a network of kind {', '.join(NETWORKS)} and a width divisible by 8",
+            f"a network of kind {', '.join(kinds)} and a width divisible by 8",
             f"{kind!r:.40} of width {width!r:.20} in {path}",
             "use other weights",
         )

@@ -2,4 +2,5 @@
 
 shifts.py   displacement between two frames, from their weighted cross-correlation
 track.py    path over all frames, with standard errors
+travel.py   whether frames show speckle that travels
 """

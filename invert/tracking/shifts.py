@@ -41,9 +41,10 @@ class Shift:
     significance: float
 
 
-def weights_of(power: torch.Tensor, frames: int) -> torch.Tensor:
-    """Return the weights of cross-spectra, (rows, columns // 2 + 1), from the mean power spectrum of a number of frames without their
-    means; zero outside the region around zero frequency in which the speckle exceeds the noise floor significantly.
+def weights_of(power: torch.Tensor, frames: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return the weights of cross-spectra, (rows, columns // 2 + 1), and the power of the speckle, from the mean power spectrum of a
+    number of frames without their means; zero outside the region around zero frequency in which the speckle exceeds the noise floor
+    significantly.
     """
     rows, columns = power.shape[0], power.shape[1]
     radius = torch.hypot(torch.fft.fftfreq(rows)[:, None], torch.linspace(0.0, 0.5, columns)[None]) / 0.5
@@ -57,8 +58,8 @@ def weights_of(power: torch.Tensor, frames: int) -> torch.Tensor:
         if middle := regions[rows // 2, 0]:
             signal = torch.where(torch.from_numpy(np.roll(regions == middle, -(rows // 2), 0)), excess, 0.0)
             signal[0, 0] = 0.0
-            return (signal / (signal + floor).square()).float()
-    return torch.zeros((rows, columns))
+            return (signal / (signal + floor).square()).float(), signal.float()
+    return torch.zeros((rows, columns)), torch.zeros((rows, columns))
 
 
 def spectrum_of(frame: np.ndarray, binning: int) -> torch.Tensor:

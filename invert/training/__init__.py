@@ -3,6 +3,7 @@
 train.py        the command: one run, from a dataset to weights
 training_loop.py state of a run, checkpoints that resume exactly
 data.py         noisy estimates of targets, sampled independently at every step
+speckle.py      speckled fields of targets, for the despeckler
 objectives.py   objective of each network part
 denoising.py    denoising task of the sampler: noised truths
 chains.py       denoising task of the sampler: its own trajectories

@@ -75,7 +75,7 @@ def make_varied_batch(targets: torch.Tensor, count: int, rng: torch.Generator) -
     truth = torch.where(chance(0.5), truth.flip(-1), truth)
     truth = torch.where(chance(0.5), truth.flip(-2), truth)
     truth = torch.where(chance(0.25), functional.max_pool2d(truth, 3, 1, 1), truth)  # thicker lines
-    truth = torch.where(chance(GREY_SHARE), _apply_shading(truth, rng), truth)
+    truth = torch.where(chance(GREY_SHARE), apply_shading(truth, rng), truth)
     truth = torch.where(chance(EMPTY_SHARE), torch.zeros(()), truth)
     floor = torch.exp(uniform(np.log(0.005), np.log(4.0)))
     dof = torch.exp(uniform(np.log(8.0), np.log(1e4)))
@@ -104,7 +104,7 @@ def make_varied_batch(targets: torch.Tensor, count: int, rng: torch.Generator) -
     return Batch(Observation.from_estimate(estimate, read_floor, read_dof), truth, signal)
 
 
-def _apply_shading(truth: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
+def apply_shading(truth: torch.Tensor, rng: torch.Generator) -> torch.Tensor:
     """Multiply albedos (n, 64, 64) by a random field, about 0.1 to 1; maximum 1 each.
 
     Its amplitude falls with spatial frequency by a power between 1, as in photographs (D. J. Field, J. Opt. Soc. Am. A 4, 2379, 1987,

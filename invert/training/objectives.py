@@ -7,6 +7,7 @@ from dataclasses import replace
 import torch
 from torch import nn
 
+from invert.network.despeckler import Despeckler
 from invert.network.inference import predict
 from invert.network.model import Denoiser, Fusion
 from invert.network.sampler import Sampler
@@ -14,6 +15,7 @@ from invert.training.chains import Chains, chain_loss
 from invert.training.data import Batch
 from invert.training.denoising import Task, denoising_loss, make_denoising_task
 from invert.training.losses import LOSSES, noise_left, registered_pearson
+from invert.training.speckle import Speckled
 
 CONFIDENCE_LOSS_WEIGHT = 0.5
 """Weight of the cross-entropy of the predicted correlation in the loss."""
@@ -39,6 +41,28 @@ class DenoisedLags:
 
     def measure_progress(self, module: nn.Module, batch: Batch) -> float:
         return float(self.loss(module, batch).exp())
+
+
+class DespeckledIntensity:
+    """Objective of the despeckler: the lowest squared error relative to the energy of the albedo."""
+
+    measure = "share of the albedo's energy missed"
+
+    def __init__(self) -> None:
+        self.state: dict[str, torch.Tensor] = {}
+
+    def restore(self, state: dict[str, torch.Tensor]) -> None:
+        """Ignore the checkpoint, because there is no state."""
+
+    def loss(self, module: nn.Module, batch: Speckled, _: torch.Generator | None = None) -> torch.Tensor:
+        error = (module(batch.intensity, batch.looks) - batch.truth).square().sum((-2, -1))
+        return (error / batch.truth.square().sum((-2, -1)).clamp_min(1e-6) + 1e-6).sqrt().mean()
+
+    def measure_progress(self, module: nn.Module, batch: Speckled) -> float:
+        answer = module(batch.intensity, batch.looks)
+        return float(
+            ((answer - batch.truth).square().sum((-2, -1)) / batch.truth.square().sum((-2, -1)).clamp_min(1e-6)).median()
+        )
 
 
 class Picture:
@@ -115,7 +139,7 @@ class DenoisedPicture:
         return make_denoising_task(module, batch.seen, batch.truth, batch.draws)
 
 
-def objective(part: nn.Module, loss: str) -> DenoisedLags | Picture | DenoisedPicture:
+def objective(part: nn.Module, loss: str) -> DenoisedLags | DespeckledIntensity | Picture | DenoisedPicture:
     """Return the objective of a network or of a part of the default one.
 
     Args:
@@ -123,4 +147,6 @@ def objective(part: nn.Module, loss: str) -> DenoisedLags | Picture | DenoisedPi
     """
     if isinstance(part, Denoiser):
         return DenoisedLags()
+    if isinstance(part, Despeckler):
+        return DespeckledIntensity()
     return DenoisedPicture() if isinstance(part, Sampler) else Picture(loss, isinstance(part, Fusion))

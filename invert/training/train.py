@@ -42,10 +42,12 @@ def parser() -> ArgumentParser:
         "--network",
         choices=tuple(NETWORKS),
         default="unet",
-        help="architecture to train (unet); paper and paper-modulus are those of Metzler et al. 2020",
+        help="architecture to train (unet); paper and paper-modulus are those of Metzler et al. 2020; despeckler is that of the fields",
     )
     p.add_argument(
-        "--width", type=Range(8, 512, 8), help="channels at full resolution (40; 64 for the networks of Metzler et al. 2020)"
+        "--width",
+        type=Range(8, 512, 8),
+        help="channels at full resolution (40; 64 for the networks of Metzler et al. 2020, 32 for the despeckler)",
     )
     p.add_argument(
         "--part",
@@ -127,7 +129,7 @@ def _join_processes(device: str) -> tuple[int, int]:
 def _check(options: Any) -> None:
     check_device(options.device)
     if options.width is None:
-        options.width = 40 if options.network == "unet" else 64
+        options.width = {"unet": 40, "despeckler": 32}.get(options.network, 64)
     wanted = options.batch * options.width * BYTES_PER_CHANNEL
     if wanted > memory_bytes():
         raise InputError(

@@ -16,15 +16,20 @@ from correlograph.errors import InputError
 from correlograph.files.output import save_json
 from correlograph.lags import OBJECT_SIDE
 from invert.network.checkpoints import NETWORKS, load_network, read_weights, save_weights
+from invert.network.despeckler import Despeckler
 from invert.network.model import CorrelographyNet, Fusion
 from invert.network.sampler import Sampler
 from invert.training.data import Batch, at_noise, hidden_in_noise, make_varied_batch, paper_noise, warm
 from invert.training.objectives import objective
 from invert.training.report import save_curve
+from invert.training.speckle import LEVELS, SIDE, Speckled, draw_speckled, speckled_at
 from invert.training.warm_starts import load_warm_starts, split_warm_starts
 
 VALIDATION = ((80 / 255, 256.0), (80 / 255, 64.0), (80 / 255, 16.0), (5 / 255, 1e4), (1.5, 64.0))
 """Pairs of floor (in units of the highest estimate except at zero lag) and K at which progress is measured."""
+
+VALIDATION_IMAGES = 64
+"""Number of held-out targets per level; fewer of larger targets."""
 
 WARM_UP = 200
 """Steps over which the learning rate rises linearly."""
@@ -76,6 +81,10 @@ class Training:
         self.cpu_seconds += time.process_time() - begin_cpu
         return float(loss.detach())
 
+    @property
+    def _despeckles(self) -> bool:
+        return isinstance(self.part, Despeckler)
+
     def _part_of(self, network: nn.Module) -> nn.Module:
         """Return the trained part of a network."""
         return getattr(network, self.options.part) if isinstance(network, CorrelographyNet) else network
@@ -85,10 +94,12 @@ class Training:
         part = self._part_of(network)
         return network if isinstance(part, Fusion) else part
 
-    def _draw(self, targets: torch.Tensor) -> Batch:
+    def _draw(self, targets: torch.Tensor) -> Batch | Speckled:
         """Return the batch of this step; larger targets make smaller batches of as many pixels."""
-        count = max(2, self.options.batch * OBJECT_SIDE**2 // targets.shape[-1] ** 2)
         rng = _rng(self.options.seed, self.step)
+        if self._despeckles:
+            return draw_speckled(targets, max(2, self.options.batch * OBJECT_SIDE**2 // SIDE**2), rng)
+        count = max(2, self.options.batch * OBJECT_SIDE**2 // targets.shape[-1] ** 2)
         if self.options.noise == "paper":
             return paper_noise(targets, count, rng)
         return self._make_batch_for_part(
@@ -98,20 +109,22 @@ class Training:
     def _make_batch_for_part(self, batch: Batch, rng: torch.Generator) -> Batch:
         return hidden_in_noise(batch, rng) if isinstance(self.part, Sampler) else batch
 
-    def validation(self, held_out: Sequence[torch.Tensor]) -> list[Batch]:
-        """Return held-out targets at the levels of `VALIDATION`, or held-out precomputed reconstructions at noise of
-        every level."""
+    def validation(self, held_out: Sequence[torch.Tensor]) -> Sequence[Batch | Speckled]:
+        """Return held-out targets at the levels of `VALIDATION` or, for the despeckler, `LEVELS`; or held-out precomputed
+        reconstructions at noise of every level."""
         rng = torch.Generator().manual_seed(self.options.seed)
+        if self._despeckles:
+            return [speckled_at(pool, VALIDATION_IMAGES, *level, rng) for pool in held_out for level in LEVELS]
         if self.warm_held_out is not None:
             return [warm(self.warm_held_out, 256, rng)]
         batches = []
         for pool in held_out:
-            count = 64 * OBJECT_SIDE**2 // pool.shape[-1] ** 2
+            count = VALIDATION_IMAGES * OBJECT_SIDE**2 // pool.shape[-1] ** 2
             chosen = pool[torch.randperm(len(pool), generator=rng)[:count]].float() / 255.0
             batches += [self._make_batch_for_part(at_noise(chosen, floor, dof, rng), rng) for floor, dof in VALIDATION]
         return batches
 
-    def note(self, loss: float, validation: list[Batch]) -> None:
+    def note(self, loss: float, validation: Sequence[Batch | Speckled]) -> None:
         """Measure the averaged network and add a point to the curve."""
         averaged = self._answering(self.average.module).eval()
         with torch.no_grad():
@@ -133,7 +146,11 @@ class Training:
         if self.options.warm:
             return ["warm starts, every level"]
         several = len(self.options.dataset) > 1
-        levels = [f"floor {255 * floor:.0f}/255, K {dof:g}" for floor, dof in VALIDATION]
+        levels = (
+            [f"{looks} looks, {photons:g} photons" for looks, photons in LEVELS]
+            if self._despeckles
+            else [f"floor {255 * floor:.0f}/255, K {dof:g}" for floor, dof in VALIDATION]
+        )
         return [f"{name}: {level}" if several else level for name in self.options.dataset for level in levels]
 
     @property
@@ -189,7 +206,7 @@ class Training:
 
     def start_from(self, path: Path) -> None:
         """Start with the weights of an earlier run of the same kind of network."""
-        earlier, self.earlier = load_network(path)
+        earlier, self.earlier = load_network(path, kinds=tuple(NETWORKS))
         if self.earlier["network"] != self.options.network or self.earlier["width"] != self.options.width:
             raise InputError(
                 "--start-from",
@@ -215,7 +232,7 @@ class Training:
             "seconds": round(self.seconds),
             "cpu_seconds": round(self.cpu_seconds),
             "dataset": dataset,
-            "levels": "warm starts" if self.options.warm else [list(level) for level in VALIDATION],
+            "levels": self._labels,
             "measure": self.objective.measure,
             "validation": self.curve[-1]["validation"],
             "torch": torch.__version__,

@@ -11,8 +11,9 @@ from scipy.stats import norm
 from invert.field.blending import blend_with_coarse
 from invert.field.certificate import MAX_CANDIDATES, MAX_FALSE_ACCEPTANCE, MIN_GAIN_SIGMA, Certificate, predict_held_out
 from invert.field.counts import FrameCounts
-from invert.field.despeckling import despeckle, smooth_by_total_variation
+from invert.field.despeckling import despeckle
 from invert.field.reconstruction import FieldReconstruction
+from invert.field.total_variation import smooth_by_total_variation
 
 
 def looks_of(albedo, looks, rng):
