@@ -1,0 +1,57 @@
+"""Speckle that travels is told from a camera that moves over static light."""
+
+import numpy as np
+import pytest
+
+import correlograph as cg
+from invert.tracking.travel import find_travel
+from tests.invert.field.speckle import expected_frame, letter
+
+SHAPE, PATCH, FRAMES = (330, 390), 128, 6
+
+
+def travelling(rng, light, step):
+    """Return frames of one speckle pattern that moves by `step` pixels from frame to frame."""
+    reach = [abs(one) * FRAMES for one in step]
+    wide = light * expected_frame(letter(), (SHAPE[0] + reach[0], SHAPE[1] + reach[1]), PATCH, rng)
+    starts = [[(FRAMES - n if one > 0 else n) * abs(one) for one in step] for n in range(FRAMES)]
+    return [rng.poisson(wide[a : a + SHAPE[0], b : b + SHAPE[1]]).astype(np.float32) for a, b in starts]
+
+
+def shaking(rng, light, step, texture):
+    """Return frames of independent speckle over a static texture, which the camera's shift moves."""
+    wide = expected_frame(letter(), (SHAPE[0] + 60, SHAPE[1] + 60), 64, rng)
+    frames = []
+    for n in range(FRAMES):
+        a, b = (30 - one * (n % 2) for one in step)
+        static = texture * wide[a : a + SHAPE[0], b : b + SHAPE[1]]
+        frames.append(rng.poisson(light * (expected_frame(letter(), SHAPE, PATCH, rng) + static)).astype(np.float32))
+    return frames
+
+
+@pytest.mark.parametrize(("light", "step"), [(0.1, (3, -5)), (2.0, (-1, 4)), (20.0, (2, 2))])
+def test_travelling_speckle_is_found_and_pooled(rng, light, step):
+    capture = cg.Capture(travelling(rng, light, step))
+    assert find_travel(capture).step_pixels == pytest.approx(step, abs=0.1 if light < 10.0 else 1.0)  # see docs/tracking.md
+    result = cg.reconstruct(capture, quality="fast", patch=PATCH, blur_pixels=0.0)
+    said = " ".join((*result.notes, *result.warnings))
+    assert "the speckle travels by about" in said
+    assert "camera" not in said
+    assert "static pattern" not in said
+    assert result.object_found
+    assert result.compare(letter()).pearson > 0.8
+
+
+@pytest.mark.parametrize(("light", "texture"), [(2.0, 1.0), (20.0, 0.5)])
+def test_a_shaking_camera_is_still_named(rng, light, texture):
+    capture = cg.Capture(shaking(rng, light, (4, -3), texture))
+    assert find_travel(capture) is None
+    result = cg.reconstruct(capture, quality="fast", patch=PATCH, blur_pixels=0.0)
+    assert any("camera shifted" in warning for warning in result.warnings)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_independent_speckle_does_not_travel(seed):
+    rng = np.random.default_rng(seed)
+    frames = [rng.poisson(2.0 * expected_frame(letter(), SHAPE, PATCH, rng)).astype(np.float32) for _ in range(FRAMES)]
+    assert find_travel(cg.Capture(frames)) is None
