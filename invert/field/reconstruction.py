@@ -24,8 +24,9 @@ class FieldReconstruction:
         looks: number of fields: frames times polarisation modes.
         frames: number of frames whose fields were retrieved.
         weight: weight of the fields at the scale of a lag (`invert.field.blending`); the rest is the coarse albedo.
-        resolution_lags: half of the finest period that two halves of the frames share, in lags; None for one frame.
-        agreement: correlation of the albedos from two halves of the frames; None for one look.
+        resolution_lags: half of the finest period that two halves of the frames share, in lags; None for one frame, and if the fields
+            with the coarse albedo as prior were not accepted.
+        agreement: correlation of the albedos from two halves of the frames; None like the resolution.
         photons_per_grain: expected photoelectrons per frame and speckle grain of the object's bounding box.
         background_fraction: fraction of the light that does not come from the object.
         deviation: standard deviation of the albedo, from halves of the frames, like `albedo`; None for one frame.
@@ -49,7 +50,7 @@ class FieldReconstruction:
 
     @property
     def confidence(self) -> float | None:
-        """Predicted correlation of the albedo with the truth on its own pixels; None for one frame.
+        """Predicted correlation of the albedo with the truth on its own pixels; None like the resolution.
 
         If two halves correlate by a, their mean correlates with its expectation by sqrt(2 a / (1 + a)) (Spearman and Brown;
         Rosenthal and Henderson, doi:10.1016/j.jmb.2003.07.013, Eq. 14).

@@ -110,6 +110,7 @@ def retrieve_fields(
             return Pass.of([*done, *_in_threads(retrieval.retrieve, jobs, bar.update)])
 
         best = run_pass(prior, [None] * len(numbers), done)
+        coarse_is_certified = best.certificate.is_accepted
         for _ in range(MAXIMISATIONS):
             candidates, starts = priors_from_albedo(best.albedo.albedo), [one.field for one in best.outcomes]
             trials = list(_in_threads(retrieval.retrieve, [(one, numbers[0], starts[0]) for one in candidates], bar.update))
@@ -135,8 +136,9 @@ def retrieve_fields(
         looks,
         len(numbers),
         weight,
-        fine.resolution(grid.cell_lags),
-        fine.agreement,
+        # Halves that share a wrong prior agree with each other and not with the object.
+        fine.resolution(grid.cell_lags) if coarse_is_certified else None,
+        fine.agreement if coarse_is_certified else None,
         retrieval.photons_per_grain,
         retrieval.background_fraction,
         None if fine.deviation is None else window.image(fine.deviation) / top,

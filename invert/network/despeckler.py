@@ -18,7 +18,7 @@ CELLS = 2
 LEVELS = 4
 """Levels, each half as fine as the one before."""
 
-FAINTEST = 1e-2
+MIN_INTENSITY = 1e-2
 """Intensity, in units of the scale, below which the logarithm levels off."""
 
 
@@ -56,7 +56,7 @@ class Despeckler(nn.Module):
         scale = (scale / (1.0 + 1.0 / looks)).clamp_min(1e-30)[:, None, None]
         unit = CELLS * 2 ** (LEVELS - 1)
         seen = functional.pad(intensity / scale, (0, -columns % unit, 0, -rows % unit))
-        shown = torch.stack((seen.sqrt(), (seen + FAINTEST).log()), 1)
+        shown = torch.stack((seen.sqrt(), (seen + MIN_INTENSITY).log()), 1)
         x = functional.pixel_unshuffle(shown, CELLS)
         level = self.stem(torch.cat((x, looks.rsqrt()[:, None, None, None].expand(-1, 1, *x.shape[-2:])), 1))
         levels = []

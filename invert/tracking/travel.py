@@ -32,8 +32,8 @@ class Travel:
         """Return a note for a result."""
         rows, columns = self.step_pixels
         return (
-            f"the speckle travels by about {rows:.1f} rows and {columns:.1f} columns from frame to frame, as if the object moved and the laser "
-            "did not; frames were pooled without subtraction of what they share; python -m invert.track shows the path"
+            f"the speckle travels by about {rows:.1f} rows and {columns:.1f} columns from frame to frame, as if the object moved and the "
+            "laser did not; frames were pooled without subtraction of what they share; python -m invert.track shows the path"
         )
 
 

@@ -21,7 +21,7 @@ SIDE = 96
 FINE = 2
 """Points per cell along each axis at which scatter is drawn."""
 
-MOST_LOOKS = 12
+MAX_LOOKS = 12
 """Maximum number of looks; the contrast of more hardly differs."""
 
 ZOOM = (1.0, 10.0)
@@ -57,7 +57,7 @@ class Speckled:
 
 def draw_speckled(targets: torch.Tensor, count: int, rng: torch.Generator) -> Speckled:
     """Return random targets (uint8 pool (N, side, side)), turned, cropped and zoomed, with speckle of every kind."""
-    looks = round(math.exp(float(torch.rand(1, generator=rng)) * math.log(MOST_LOOKS + 0.5)))
+    looks = round(math.exp(float(torch.rand(1, generator=rng)) * math.log(MAX_LOOKS + 0.5)))
     photons = _spread(count, PHOTONS, rng)
     exact = torch.rand(count, generator=rng) >= RETRIEVED_SHARE
     return _speckle(_draw_albedos(targets, count, rng), looks, torch.where(exact, torch.inf, photons), rng)
@@ -106,7 +106,7 @@ def _speckle(albedo: torch.Tensor, looks: int, photons: torch.Tensor, rng: torch
     band = (frequency < edge[:, None]).float()
     band = band[:, :, None] * band[:, None]
     noise = (truth.mean((-2, -1)) / photons)[:, None, None]
-    prior = _blurred(truth, float(10.0 * torch.rand(1, generator=rng) ** 2), rng)
+    prior = _smooth_with_floor(truth, float(10.0 * torch.rand(1, generator=rng) ** 2), rng)
     share = torch.where(torch.isinf(photons)[:, None, None], torch.ones(()), prior / (prior + noise))
     total = torch.zeros_like(truth)
     for _ in range(looks):
@@ -130,13 +130,13 @@ def _through_window(field: torch.Tensor, kept: int) -> torch.Tensor:
     return torch.fft.ifft2(torch.fft.ifftshift(seen, (-2, -1)), norm="ortho")
 
 
-def _blurred(image: torch.Tensor, sigma: float, rng: torch.Generator) -> torch.Tensor:
+def _smooth_with_floor(image: torch.Tensor, sigma: float, rng: torch.Generator) -> torch.Tensor:
     """Return images (n, side, side) smoothed by a Gaussian, with a floor."""
     frequency = torch.fft.fftfreq(image.shape[-1])
-    smooth = torch.exp(-2.0 * (math.pi * sigma) ** 2 * (frequency[:, None] ** 2 + frequency[None] ** 2))
-    blurred = torch.fft.ifft2(torch.fft.fft2(image) * smooth).real.clamp_min(0.0)
+    kernel = torch.exp(-2.0 * (math.pi * sigma) ** 2 * (frequency[:, None] ** 2 + frequency[None] ** 2))
+    smooth = torch.fft.ifft2(torch.fft.fft2(image) * kernel).real.clamp_min(0.0)
     floor = _spread(len(image), (1e-3, 3e-2), rng)[:, None, None]
-    return torch.maximum(blurred, floor * blurred.amax((-2, -1), keepdim=True).clamp_min(1e-6))
+    return torch.maximum(smooth, floor * smooth.amax((-2, -1), keepdim=True).clamp_min(1e-6))
 
 
 def _complex_normal(shape: torch.Size, rng: torch.Generator) -> torch.Tensor:

@@ -11,6 +11,7 @@ import correlograph as cg
 from correlograph.errors import InputError
 from invert.__main__ import main as invert
 from invert.field.frame_retrieval import search_steps
+from invert.field.retrieval import retrieve_fields
 from invert.output.result_files import expected_files
 from tests.invert.field.speckle import expected_frame, letter
 
@@ -144,3 +145,13 @@ def test_dim_frames_get_more_steps():
     assert search_steps(1.0) == 800
     assert 150 < search_steps(8.0) < 800
     assert torch.get_num_threads() >= 1
+
+
+def test_without_a_certified_coarse_prior_neither_resolution_nor_confidence_is_stated(bright, monkeypatch):
+    monkeypatch.setattr("invert.field.certificate.MIN_GAIN_SIGMA", 1e9)
+    capture = cg.Capture(capture_of(letter(), 2.0, 2, 11))
+    found = retrieve_fields(capture, bright.estimate, bright.measurement, bright.reconstruction, 0)
+    assert (found.agreement, found.confidence, found.resolution_lags) == (None, None, None)
+    assert found.as_dict((300e-6, 300e-6))["resolution_m"] is None
+    assert "resolution" not in found.describe((300e-6, 300e-6))
+    assert bright.fields.confidence > 0.95

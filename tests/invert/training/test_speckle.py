@@ -60,7 +60,7 @@ def test_batches_depend_on_the_seed_only_and_are_finite():
 
 
 @pytest.mark.parametrize("shape", [(16, 16), (37, 91), (130, 75)])
-def test_the_network_accepts_any_size_and_any_unit(rng, shape):
+def test_the_network_accepts_any_size_and_unit(rng, shape):
     network, _ = load_network(DESPECKLER_WEIGHTS, kinds=("despeckler",))
     seen, looks = torch.from_numpy(rng.exponential(1.0, (2, *shape))).float(), torch.tensor([1.0, 3.0])
     with torch.inference_mode():
