@@ -55,7 +55,11 @@ def test_samples_of_other_packages_are_read_exactly_or_refused_in_one_line() -> 
         pytest.skip(f"the packages ship only {len(samples)} samples")
     for file, found in samples.items():
         if found is not None:
-            expected = _read_by_owner(file).reshape(found.shape).astype(np.float32)
+            expected = _read_by_owner(file)
+            if expected.size != found.size:  # colour with equal channels
+                assert (expected[..., :3] == expected[..., :1]).all(), file
+                expected = expected[..., 0]
+            expected = expected.reshape(found.shape).astype(np.float32)
             np.testing.assert_array_equal(found, expected, err_msg=str(file))
     read = sum(found is not None for found in samples.values())
     assert read >= 15
