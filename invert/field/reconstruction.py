@@ -68,7 +68,7 @@ class FieldReconstruction:
         """Return resolution, number of looks and certificate in a few words."""
         resolution = self.resolution_m(lag_pitches_m)
         parts = [] if resolution is None else [f"resolution {resolution * 1e6:.0f} um"]
-        parts += [] if self.confidence is None else [f"confidence at this resolution {self.confidence:.2f}"]
+        parts += [] if self.confidence is None else [f"confidence at this resolution {self.confidence:.3f}"]
         looks = "1 look" if self.looks == 1 else f"{self.looks} looks"
         return ", ".join([*parts, looks, f"held-out pixels predicted at {self.certificate.gain_sigma:.0f} sigma"])
 
