@@ -166,5 +166,5 @@ def _predict_one(
         # Speckle of one polarisation has an exponential histogram.
         math.exp(-full_well / mean) if full_well and mean > 0.0 else 0.0,
         None if fields_s is None else fields_s * frames,
-        None if (forecast := prediction.forecast_fields(frames)) is None else forecast.cells_m,
+        None if (forecast := prediction.forecast_light(frames)) is None else forecast.cells_m,
     )

@@ -52,18 +52,11 @@ def divide(
     """
     check_positive("--budget-s", budget_s)
     prediction = _predict_at_resolution(geometry, resolution_m)
-    grid, gate, divisions = prediction.grid, geometry.electronics.gate, []
+    gate, divisions = geometry.electronics.gate, []
     for frames in counts:
         if budget_s / frames < gate:
             break
-        divided = prediction.at_exposure(budget_s / frames)
-        floor, error = divided.floor_over_peak(frames), divided.error(frames)
-        if floor is None or error is None:
-            raise InputError("scene", "light from the hidden object", "none", "raise power or albedo")
-        dof, fields = divided.dof(frames), divided.forecast_fields(frames)
-        divisions.append(
-            Division(frames, budget_s / frames, grid.size, grid.count, prediction.pitch_m, floor, dof, error, fields)
-        )
+        divisions.append(_division(prediction, frames, budget_s / frames))
     if not divisions:
         raise InputError("--budget-s", f"at least {counts[0]} gates of {gate:g} s", budget_s, "raise the budget")
     return divisions
@@ -84,7 +77,6 @@ def divide_for_fields(geometry: Any, resolution_m: float) -> Division:
             "none or too little",
             "see python -m sim --plan",
         )
-    prediction = prediction.at_exposure(exposure_s)
     resolved = {frames: prediction.speckled.half_period_m(frames) for frames in range(1, MAX_FIELD_FRAMES + 1)}
     frames = next((frames for frames, half_period_m in resolved.items() if half_period_m <= resolution_m), None)
     if frames is None:
@@ -92,10 +84,16 @@ def divide_for_fields(geometry: Any, resolution_m: float) -> Division:
         raise InputError(
             "--fields-m", f"{finest_m:.3g} m or coarser in this scene", resolution_m, "increase it or widen the frame"
         )
-    floor, error, grid = prediction.floor_over_peak(frames), prediction.error(frames), prediction.grid
-    assert floor is not None
-    assert error is not None
-    dof, fields = prediction.dof(frames), prediction.forecast_fields(frames)
+    return _division(prediction, frames, exposure_s)
+
+
+def _division(prediction: Prediction, frames: int, exposure_s: float) -> Division:
+    """Predict a division of the exposure. Raises InputError for a scene without light."""
+    divided, grid = prediction.at_exposure(exposure_s), prediction.grid
+    floor, error = divided.floor_over_peak(frames), divided.error(frames)
+    if floor is None or error is None:
+        raise InputError("scene", "light from the hidden object", "none", "raise power or albedo")
+    dof, fields = divided.dof(frames), divided.forecast_fields(frames)
     return Division(frames, exposure_s, grid.size, grid.count, prediction.pitch_m, floor, dof, error, fields)
 
 

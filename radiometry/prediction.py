@@ -167,17 +167,23 @@ class Prediction:
         """Return the shortest exposure of each frame with an error of the estimate; None if no exposure suffices."""
         return self._shortest_exposure_s(lambda other: error / (other.error(frames) or math.inf))
 
-    def forecast_fields(self, frames: int) -> FieldForecast | None:
-        """Return the forecast of `--method field`; None without light, and for an object wider than the lags."""
+    def forecast_light(self, frames: int) -> FieldForecast | None:
+        """Return the forecast of `--method field` without the resolution, which costs a sampling of the object; None without light, and
+        for an object wider than the lags.
+        """
         floor, grid = self.terms.floor_over_peak(), self.grid
-        found = forecast_fields(self.cells, floor, frames, grid.frame_shape, grid.patch_shape, self.pitches_m)
+        return forecast_fields(self.cells, floor, frames, grid.frame_shape, grid.patch_shape, self.pitches_m)
+
+    def forecast_fields(self, frames: int) -> FieldForecast | None:
+        """Return the forecast of `--method field`; None like `forecast_light`."""
+        found = self.forecast_light(frames)
         return None if found is None else replace(found, resolution_m=self.speckled.half_period_m(found.looks))
 
     def fields_exposure_s(self) -> float | None:
         """Return the shortest exposure at which the field of a frame can be retrieved; None if no exposure suffices."""
 
         def excess(other: Prediction) -> float:
-            forecast = other.forecast_fields(1)
+            forecast = other.forecast_light(1)
             return 0.0 if forecast is None else forecast.photons_per_grain / forecast.needed_photons_per_grain
 
         return self._shortest_exposure_s(excess)

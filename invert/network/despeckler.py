@@ -42,7 +42,7 @@ class Despeckler(nn.Module):
 
     def __init__(self, width: int = 32) -> None:
         super().__init__()
-        widths = [width, 2 * width, 3 * width, 4 * width][:LEVELS]
+        widths = [width * (level + 1) for level in range(LEVELS)]
         self.stem = nn.Conv2d(2 * CELLS**2 + 1, width, 3, padding=1)
         self.down = nn.ModuleList(nn.Sequential(PlainBlock(one), PlainBlock(one)) for one in widths)
         self.pool = nn.ModuleList(nn.Conv2d(fine, coarse, 2, stride=2) for fine, coarse in pairwise(widths))

@@ -150,8 +150,8 @@ def track(
     if len(capture.frames) < 3:
         raise InputError("frames", "three or more for a path", len(capture.frames), "provide more frames")
     shape = (capture.frames[0].shape[0] // binning, capture.frames[0].shape[1] // binning)
-    weights, _ = weights_of(mean_power(capture, binning), min(len(capture.frames), FRAMES_FOR_WEIGHTS))
-    common = find_shift(cross_correlation(summed_cross_spectrum(capture, binning), weights, shape))
+    weights, _, correlation = correlate_consecutive(capture, binning)
+    common = find_shift(correlation)
     if common.significance < MIN_SIGNIFICANCE:
         found = (
             f"{common.significance:.1f} standard deviations of the summed cross-correlation, {MIN_SIGNIFICANCE:g} are needed"
@@ -174,13 +174,21 @@ def track(
     )
 
 
-def mean_power(capture: Capture, binning: int) -> torch.Tensor:
-    """Return the mean power spectrum of the first frames."""
+def correlate_consecutive(capture: Capture, binning: int) -> tuple[torch.Tensor, torch.Tensor, np.ndarray]:
+    """Return the weights of cross-spectra and the power of the speckle (see `weights_of`), and the sum of the weighted
+    cross-correlations of consecutive frames (rows, columns).
+    """
+    shape = (capture.frames[0].shape[0] // binning, capture.frames[0].shape[1] // binning)
+    weights, signal = weights_of(_mean_power(capture, binning), min(len(capture.frames), FRAMES_FOR_WEIGHTS))
+    return weights, signal, cross_correlation(_summed_cross_spectrum(capture, binning), weights, shape)
+
+
+def _mean_power(capture: Capture, binning: int) -> torch.Tensor:
     first = capture.frames[:FRAMES_FOR_WEIGHTS]
     return torch.stack([spectrum_of(frame, binning).abs().square() for frame in first]).mean(0)
 
 
-def summed_cross_spectrum(capture: Capture, binning: int) -> torch.Tensor:
+def _summed_cross_spectrum(capture: Capture, binning: int) -> torch.Tensor:
     """Return the sum of the cross-spectra of consecutive frames."""
     total, before = torch.zeros(()), None
     for frame in capture.frames:

@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
 from correlograph.files.capture import Capture
-from invert.tracking.shifts import cross_correlation, find_shift, weights_of
-from invert.tracking.track import FRAMES_FOR_WEIGHTS, MIN_SIGNIFICANCE, mean_power, summed_cross_spectrum
+from invert.tracking.shifts import cross_correlation, find_shift
+from invert.tracking.track import FRAMES_FOR_WEIGHTS, MIN_SIGNIFICANCE, correlate_consecutive
 
 MIN_SHARE = 0.5
 """Share of the speckle in common above which it counts as one speckle that travels; the rest could be static light."""
@@ -40,12 +39,9 @@ class Travel:
 def find_travel(capture: Capture) -> Travel | None:
     """Return how the speckle of a capture travels; None if consecutive frames have less than `MIN_SHARE` of it in common."""
     first = replace(capture, frames=capture.frames[:FRAMES_FOR_WEIGHTS], headers=(), names=())
-    shape = (first.frames[0].shape[0], first.frames[0].shape[1])
-    weights, signal = weights_of(mean_power(first, 1), len(first.frames))
-    pairs = len(first.frames) - 1
-    correlation = cross_correlation(summed_cross_spectrum(first, 1), weights, shape) / pairs
-    common = find_shift(correlation)
-    whole = float(torch.fft.irfft2(signal * weights, s=shape)[0, 0])
+    weights, signal, correlation = correlate_consecutive(first, 1)
+    common, shape = find_shift(correlation), correlation.shape
+    whole = (len(first.frames) - 1) * float(cross_correlation(signal, weights, shape)[0, 0])
     place = tuple(np.round(common.pixels).astype(int))
     share = float(correlation[place]) / whole if whole > 0.0 else 0.0
     overlap = np.prod(1.0 - np.abs(common.pixels) / np.array(shape))

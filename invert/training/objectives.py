@@ -24,16 +24,20 @@ VALIDATION_SIGMA = 0.7
 """Noise level at which the progress of the sampler is measured."""
 
 
-class DenoisedLags:
-    """Objective of the denoiser: the lowest remaining noise."""
-
-    measure = "share of the noise left"
+class Stateless:
+    """Objective without a state of its own."""
 
     def __init__(self) -> None:
         self.state: dict[str, torch.Tensor] = {}
 
     def restore(self, state: dict[str, torch.Tensor]) -> None:
         """Ignore the checkpoint, because there is no state."""
+
+
+class DenoisedLags(Stateless):
+    """Objective of the denoiser: the lowest remaining noise."""
+
+    measure = "share of the noise left"
 
     def loss(self, module: nn.Module, batch: Batch, _: torch.Generator | None = None) -> torch.Tensor:
         measured = batch.seen.estimate - batch.seen.floor[:, None, None]
@@ -43,40 +47,32 @@ class DenoisedLags:
         return float(self.loss(module, batch).exp())
 
 
-class DespeckledIntensity:
+class DespeckledIntensity(Stateless):
     """Objective of the despeckler: the lowest squared error relative to the energy of the albedo."""
 
     measure = "share of the albedo's energy missed"
 
-    def __init__(self) -> None:
-        self.state: dict[str, torch.Tensor] = {}
-
-    def restore(self, state: dict[str, torch.Tensor]) -> None:
-        """Ignore the checkpoint, because there is no state."""
-
     def loss(self, module: nn.Module, batch: Speckled, _: torch.Generator | None = None) -> torch.Tensor:
-        error = (module(batch.intensity, batch.looks) - batch.truth).square().sum((-2, -1))
-        return (error / batch.truth.square().sum((-2, -1)).clamp_min(1e-6) + 1e-6).sqrt().mean()
+        return (self._relative_error(module, batch) + 1e-6).sqrt().mean()
 
     def measure_progress(self, module: nn.Module, batch: Speckled) -> float:
-        answer = module(batch.intensity, batch.looks)
-        return float(
-            ((answer - batch.truth).square().sum((-2, -1)) / batch.truth.square().sum((-2, -1)).clamp_min(1e-6)).median()
-        )
+        return float(self._relative_error(module, batch).median())
+
+    def _relative_error(self, module: nn.Module, batch: Speckled) -> torch.Tensor:
+        """Return the squared error of each albedo over its energy, (n,)."""
+        error = (module(batch.intensity, batch.looks) - batch.truth).square().sum((-2, -1))
+        return error / batch.truth.square().sum((-2, -1)).clamp_min(1e-6)
 
 
-class Picture:
+class Picture(Stateless):
     """Objective of a network that reconstructs the object, up to shift and twin image; the fusion also predicts its
     correlation."""
 
     measure = "registered correlation"
 
     def __init__(self, loss: str, judged: bool) -> None:
+        super().__init__()
         self._loss, self._judged = LOSSES[loss], judged
-        self.state: dict[str, torch.Tensor] = {}
-
-    def restore(self, state: dict[str, torch.Tensor]) -> None:
-        """Ignore the checkpoint, because there is no state."""
 
     def loss(self, module: nn.Module, batch: Batch, _: torch.Generator) -> torch.Tensor:
         output = predict(module, batch.seen)  # the sketch returns albedos alone

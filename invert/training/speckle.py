@@ -107,7 +107,7 @@ def _speckle(albedo: torch.Tensor, looks: int, photons: torch.Tensor, rng: torch
     band = band[:, :, None] * band[:, None]
     noise = (truth.mean((-2, -1)) / photons)[:, None, None]
     prior = _smooth_with_floor(truth, float(10.0 * torch.rand(1, generator=rng) ** 2), rng)
-    share = torch.where(torch.isinf(photons)[:, None, None], torch.ones(()), prior / (prior + noise))
+    share = prior / (prior + noise)
     total = torch.zeros_like(truth)
     for _ in range(looks):
         light = torch.fft.ifft2(torch.fft.fft2(_complex_normal(albedo.shape, rng)) * band)
