@@ -67,7 +67,7 @@ def crossing(seconds: list[float], values: list[float], level: float) -> float:
 
 
 def measure_detection(capture: cg.Capture, truth: cg.Truth, quality: str, seed: int) -> float:
-    return read_measurement(estimate_from_frames(capture, None, "cpu").lags).detection
+    return read_measurement(estimate_from_frames(capture).lags).detection
 
 
 def measure_correlation(capture: cg.Capture, truth: cg.Truth, quality: str, seed: int) -> float:

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import torch
 
-from invert.solvers.hio import HioOptions, hio
+from invert.solvers.base import PhaseProblem, solve
+from invert.solvers.hio import Hio
 
 STARTS, ITERATIONS, PAIRS, REPEATS = 16, 2000, 64_000, 3
 
@@ -31,7 +32,7 @@ def retrieval() -> float:
     image[14:47, 20:25], image[14:19, 20:42] = 1.0, 0.6
     modulus = torch.fft.rfft2(image).abs()
     begin = time.perf_counter()
-    hio(modulus, 40, torch.Generator().manual_seed(0), HioOptions(iterations=ITERATIONS, starts=STARTS))
+    solve(Hio(iterations=ITERATIONS, starts=STARTS), PhaseProblem(modulus, 40), torch.Generator().manual_seed(0))
     return time.perf_counter() - begin
 
 
@@ -44,13 +45,13 @@ def draw(path: Path) -> None:
     def microseconds(side: int, starts: int) -> float:
         image = torch.zeros(side, side)
         image[side // 8 : side // 3, side // 6 : side // 5] = 1.0
-        options = HioOptions(iterations=100, starts=starts, shrink_every=0)
+        solver = Hio(iterations=100, starts=starts, shrink_every=0)
         times = []
         for _ in range(3):
             begin = time.perf_counter()
-            hio(torch.fft.rfft2(image).abs(), side // 2, torch.Generator().manual_seed(0), options)
+            solve(solver, PhaseProblem(torch.fft.rfft2(image).abs(), side // 2), torch.Generator().manual_seed(0))
             times.append(time.perf_counter() - begin)
-        return min(times) / options.iterations / starts * 1e6
+        return min(times) / solver.iterations / starts * 1e6
 
     figure = Figure(figsize=(8, 3.4), layout="constrained")
     over_starts, over_grids = figure.subplots(1, 2)

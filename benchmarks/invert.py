@@ -17,13 +17,15 @@ import numpy as np
 import torch
 
 from correlograph.files.capture import CameraMetadata, Capture
+from invert.choices import DEFAULT_WEIGHTS
 from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import fourier_modulus, read_measurement
-from invert.network.checkpoints import DEFAULT_WEIGHTS, load_network
+from invert.network.checkpoints import load_network
 from invert.network.inference import denoise, fuse, make_observation, predict
 from invert.network.paper_unet import PaperUnet
 from invert.pipeline import reconstruct
-from invert.solvers.hio import HioOptions, hio
+from invert.solvers.base import PhaseProblem, solve
+from invert.solvers.hio import Hio
 from scenes import scene_path
 from sim.frame import Simulation
 from sim.scene_file import load_scene
@@ -71,7 +73,7 @@ def main() -> None:
         *geometry.seen_pitch_m,
     )
     capture = Capture(frames, camera)
-    estimate = estimate_from_frames(capture, None, "cpu")
+    estimate = estimate_from_frames(capture)
     measurement = read_measurement(estimate.lags, transfer=estimate.transfer)
     network, _ = load_network(DEFAULT_WEIGHTS)
     paper = load_network(paper_weights)[0] if paper_weights else PaperUnet().to(memory_format=torch.channels_last).eval()
@@ -83,7 +85,7 @@ def main() -> None:
 
     modulus = fourier_modulus(measurement)
     rows = [
-        ("autocorrelation of two frames", lambda: estimate_from_frames(capture, None, "cpu")),
+        ("autocorrelation of two frames", lambda: estimate_from_frames(capture)),
         ("noise level", lambda: read_measurement(estimate.lags, transfer=estimate.transfer)),
         ("denoiser, sketch and fusion, batch 1", lambda: (denoise(network, seen, 1), fuse(network, seen, seen.classical, 1))),
         ("two frames to albedo, fast", lambda: reconstruct(capture, quality="fast")),
@@ -93,7 +95,7 @@ def main() -> None:
         ("U-net of Metzler et al. 2020, batch 1", paper_look),
         (
             "HIO, 2000 iterations, one start",
-            lambda: hio(modulus, 64, torch.Generator().manual_seed(0), HioOptions(starts=1, shrink_every=0)),
+            lambda: solve(Hio(starts=1, shrink_every=0), PhaseProblem(modulus, 64), torch.Generator().manual_seed(0)),
         ),
     ]
     print("| | ms |\n|---|---|")

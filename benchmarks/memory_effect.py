@@ -16,7 +16,8 @@ import invert
 import sim
 from invert.albedo.metrics import aligned_pearson
 from invert.albedo.registration import consensus, crop_centred
-from invert.solvers.hio import HioOptions, hio
+from invert.solvers.base import PhaseProblem, solve
+from invert.solvers.hio import Hio
 from radiometry.prediction import predict
 from sim.memory_effect import MemoryEffect, autocovariance
 from sim.rendering import render_geometry
@@ -37,7 +38,7 @@ def by_memory_effect(memory: MemoryEffect, seconds: float) -> np.ndarray:
     padded[:127, :127] = (lags - lags[window].min()) * window
     power = np.fft.rfft2(np.roll(padded, (-63, -63), (0, 1))).real
     modulus = torch.from_numpy(np.sqrt(np.maximum(power, 0.0)).astype(np.float32))
-    found = hio(modulus / modulus.max(), 48, torch.Generator().manual_seed(0), HioOptions(starts=16))
+    found = solve(Hio(), PhaseProblem(modulus / modulus.max(), 48), torch.Generator().manual_seed(0))
     return crop_centred(consensus(found.images, found.residual).image.clamp_min(0.0)).numpy()
 
 

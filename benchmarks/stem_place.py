@@ -87,7 +87,7 @@ def render_estimates(floor: float, count: int) -> Iterator[Estimate]:
 
     exposure_s = 10.0 ** brentq(excess, -6.0, 1.0)
     for seed in range(count):
-        yield estimate_from_frames(render_geometry(geometry.with_exposure(exposure_s), 2, seed), None, "cpu")
+        yield estimate_from_frames(render_geometry(geometry.with_exposure(exposure_s), 2, seed))
 
 
 def place_shares(candidates: torch.Tensor, samples: np.ndarray) -> np.ndarray:

@@ -25,6 +25,7 @@ from correlograph.files.stacks import open_stack
 from correlograph.live.session import LiveSession
 from correlograph.live.threads import Acquisition
 from invert.measure.estimate import estimate_from_frames
+from invert.request import Request
 from radiometry.autocorrelation import patch_grid
 from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator
 from sim.rendering import render_geometry
@@ -82,7 +83,7 @@ def stream_frames(frames_in_all: int) -> None:
         reference, reference_cpu = time.perf_counter() - begin, time.process_time() - cpu
 
         begin, cpu = time.perf_counter(), time.process_time()
-        estimate_from_frames(read_capture([file], CameraMetadata()), PATCH, "cpu")
+        estimate_from_frames(read_capture([file], CameraMetadata()), Request(patch=PATCH))
         found, found_cpu = time.perf_counter() - begin, time.process_time() - cpu
     print(f"{frames_in_all} frames of {SHAPE[0]} x {SHAPE[1]} pixels")
     print(f"reading and FFT: {reference:.1f} s, {reference_cpu:.1f} CPU s")

@@ -19,6 +19,7 @@ The foundation, which every other package imports:
     command.py      argument parsing, exit codes, interruption
     ranges.py       ranges of numbers, for options and arguments
     lags.py         the lag grid
+    progress.py     how long work reports its progress
     files/          captures, frames, images, stores, output files
     workers.py      parallel tasks: processes, or a Dask cluster
     lazy.py         public names that are imported when they are used

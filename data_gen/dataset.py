@@ -28,8 +28,8 @@ def dataset_schema_of(address: str) -> Schema:
     return dataset_schema(found if found in ("noise-model", "render") else "none", lags if LAG_COUNT.holds(lags) else LAGS)
 
 
-class Samples(torch.utils.data.Dataset):
-    """Samples of one split as dicts of float32 tensors: albedo (64, 64), 0 to 1, and the measurement if there is one."""
+class DatasetSplit(torch.utils.data.Dataset):
+    """Samples of one split, as dicts of float32 tensors: albedo (64, 64), 0 to 1, and the measurement if there is one."""
 
     def __init__(self, address: str, *, validation: bool = False) -> None:
         self._group = open_dataset(address)

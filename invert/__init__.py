@@ -1,6 +1,8 @@
 """Reconstruction: speckle frames, or their autocorrelation, to the albedo of the hidden object.
 
     pipeline.py      the one path from a source to a result: `reconstruct`
+    request.py       options of a reconstruction, checked once
+    sources.py       files, arrays, captures and estimates as sources
     choices.py       methods and qualities
     methods.py       reconstruction of a measurement by one method
     blur_fit.py      blind estimation of defocus and motion blur

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from invert.choices import FIELD, METHODS, QUALITIES, UNET, retrieves_fields
 from radiometry.estimation.background import MEAN_MODELS
 
 if TYPE_CHECKING:
-    from invert.batch.captures import Captures, Request
+    from invert.batch.captures import Captures, Job
 
 
 def parser() -> ArgumentParser:
@@ -81,24 +82,25 @@ def main(argv: Sequence[str] | None = None) -> None:
     workers = _check(options)
     from invert.batch.captures import find_captures
 
-    request = _request(options)
+    job = _job(options)
     captures = find_captures(options.inputs, options.autocorrelation)
     if "" in captures:
-        _invert_one(request, captures[""], options)
+        _invert_one(job, captures[""], options)
     else:
-        _invert_many(request, captures, options, workers)
+        _invert_many(job, captures, options, workers)
 
 
-def _invert_one(request: Request, files: Sequence[Path], options: Any) -> None:
+def _invert_one(job: Job, files: Sequence[Path], options: Any) -> None:
     from tqdm import tqdm
 
-    from invert.batch.captures import invert_capture
-    from invert.methods import progress_steps
+    from invert.methods import reconstructor
 
     begin, output, overwrite = time.perf_counter(), Path(options.output), options.overwrite
-    total = progress_steps(request.method, request.quality)
-    with tqdm(total=total, desc=f"{request.method}:{request.quality}", unit="step", disable=None, leave=False) as bar:
-        result, summary = invert_capture(request, files, output, bar.update, overwrite=overwrite, scheduler=options.scheduler)
+    method, quality = job.request.method, job.request.quality
+    steps = reconstructor(method, quality).steps
+    with tqdm(total=steps, desc=f"{method}:{quality}", unit="step", disable=None, leave=False) as bar:
+        shown = replace(job, request=replace(job.request, progress=bar.update, scheduler=options.scheduler))
+        result, summary = shown.run(files, output, overwrite=overwrite)
     for warning in result.warnings:
         print(f"warning: {warning}", file=sys.stderr)
     for note in result.notes:
@@ -109,7 +111,7 @@ def _invert_one(request: Request, files: Sequence[Path], options: Any) -> None:
     print(f"{', '.join(parts)}, {time.perf_counter() - begin:.1f} s: {output / 'report.png'}")
 
 
-def _invert_many(request: Request, captures: Captures, options: Any, workers: int) -> None:
+def _invert_many(job: Job, captures: Captures, options: Any, workers: int) -> None:
     from correlograph.files.output import output_folder, sole_writer
     from invert.batch.captures import skipped_folders
     from invert.batch.many_captures import invert_captures
@@ -118,18 +120,19 @@ def _invert_many(request: Request, captures: Captures, options: Any, workers: in
         print(f"warning: {folder} is left out, because it holds no frames", file=sys.stderr)
     output = output_folder(options.output)
     with sole_writer(output):
-        invert_captures(request, captures, output, workers, options.scheduler, overwrite=options.overwrite)
+        invert_captures(job, captures, output, workers, options.scheduler, overwrite=options.overwrite)
     print(f"{len(captures)} captures: {output / 'table.md'}")
 
 
-def _request(options: Any) -> Request:
+def _job(options: Any) -> Job:
     from correlograph.files.capture import CameraMetadata
     from correlograph.files.corrections import Corrections
-    from invert.batch.captures import Request
+    from invert.batch.captures import Job
+    from invert.request import Request
 
     named = (options.dark, options.flat, options.mask, options.weights, options.truth)
     dark, flat, mask, weights, truth = (path and path.resolve() for path in named)
-    return Request(
+    request = Request(
         autocorrelation=options.autocorrelation,
         camera=CameraMetadata(options.wavelength_m, options.pixel_pitch_m, options.distance_m),
         corrections=Corrections(dark, flat, mask),
@@ -141,12 +144,10 @@ def _request(options: Any) -> Request:
         method=METHODS[options.method],
         quality=QUALITIES[options.quality],
         weights=weights,
-        truth=truth,
-        truth_pitch_m=options.truth_pitch_m,
         seed=options.seed,
         device=options.device,
-        save_fields=options.save_fields,
     )
+    return Job(request, truth, options.truth_pitch_m, options.save_fields)
 
 
 def _check(options: Any) -> int:
@@ -162,7 +163,7 @@ def _check(options: Any) -> int:
     if options.scheduler is not None:
         check_scheduler(options.scheduler)
     method = METHODS[options.method]
-    if options.weights is not None and not method.is_network:
+    if options.weights is not None and method.weights is None:
         expected = f"--method {UNET} or {FIELD}"
         raise InputError("--weights", expected, f"--method {method}", f"select --method {UNET} or remove --weights")
     if options.save_fields and not retrieves_fields(method, QUALITIES[options.quality]):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeVar
 
 from correlograph.errors import InputError
@@ -12,22 +13,22 @@ from radiometry.estimation.background import MEAN_MODELS, MeanModel
 T = TypeVar("T")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Method:
-    """A way to reconstruct an albedo from a measurement.
+    """A way to reconstruct an albedo from a measurement; `invert.methods` runs it.
 
     Attributes:
-        is_network: whether a trained network is used; the solvers of the other methods are in `invert.solvers.registry`.
+        weights: file of the trained network that it runs; None without a network.
     """
 
     name: str
-    is_network: bool = False
+    weights: Path | None = None
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return self.name
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Quality:
     """A trade of time for accuracy.
 
@@ -55,12 +56,14 @@ class Quality:
     finer_samples: int = 1
     finer_rounds: int = 1
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return self.name
 
 
-UNET = Method("unet", is_network=True)
-FIELD = Method("field", is_network=True)
+DEFAULT_WEIGHTS = Path(__file__).parent / "weights" / "unet.safetensors"
+
+UNET = Method("unet", DEFAULT_WEIGHTS)
+FIELD = Method("field", DEFAULT_WEIGHTS)
 CLASSICAL = Method("classical")
 METHODS = {
     method.name: method

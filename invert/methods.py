@@ -1,25 +1,27 @@
-"""Reconstruction of an albedo from a measurement by one method."""
+"""Reconstruction of an albedo from a measurement by one method: a network or a solver."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 import torch
 
 from correlograph.lags import LAGS
+from correlograph.progress import Progress, no_progress
 from correlograph.workers import one_torch_thread
 from invert.albedo.posterior import Samples, register_samples
 from invert.albedo.registration import consensus, crop_centred, normalise_peak
 from invert.choices import CLASSICAL, FAST, Method, Quality
 from invert.likelihood.refinement import refine_by_likelihood
-from invert.measure.spectrum import Measurement
-from invert.network.checkpoints import DEFAULT_WEIGHTS, load_network
+from invert.measure.spectrum import Measurement, fourier_modulus
+from invert.network.checkpoints import load_network
 from invert.network.confidence import DEFAULT_COEFFICIENTS, ConfidenceFeatures, confidence
 from invert.network.inference import network_progress_steps, reconstruct_by_network
-from invert.solvers.base import Progress, no_progress
-from invert.solvers.registry import solve, solver_options
+from invert.solvers.base import PhaseProblem, Solver, solve
+from invert.solvers.registry import SOLVERS
 
 BACKGROUND = 0.01
 """Albedo subtracted from the mean of many albedos, as a fraction of the maximum, because each contributes noise. Evidence:
@@ -63,54 +65,94 @@ def empty_reconstruction(side: int) -> Reconstruction:
     return Reconstruction(np.zeros((side, side), np.float32), False, 0.0, None)
 
 
-def progress_steps(method: Method, quality: Quality) -> int:
-    """Return how many steps of progress a reconstruction reports."""
-    return network_progress_steps(quality) if method.is_network else solver_options(method, quality).iterations
+class Reconstructor(Protocol):
+    """A method at one quality.
+
+    Attributes:
+        steps: number of steps of progress that it reports.
+    """
+
+    @property
+    def steps(self) -> int: ...
+
+    def run(self, measurement: Measurement, seed: int = 0, progress: Progress = no_progress) -> Reconstruction:
+        """Reconstruct a measurement on one thread; without a detectable signal the reconstruction is empty."""
+        ...
 
 
-@one_torch_thread()
-def reconstruct_measurement(
-    measurement: Measurement,
-    method: Method,
-    quality: Quality,
-    seed: int,
-    device: str,
-    progress: Progress = no_progress,
-    weights: Path | None = None,
-) -> Reconstruction:
-    """Reconstruct a measurement on one thread; without a detectable signal the reconstruction is empty.
+def reconstructor(method: Method, quality: Quality, device: str = "cpu", weights: Path | None = None) -> Reconstructor:
+    """Return what runs a method.
 
     Args:
-        weights: file of weights for `unet` instead of those that ship.
+        weights: file of weights of the network instead of those that ship.
     """
-    if not measurement.detectable:
-        return empty_reconstruction(measurement.lag_grid.object_side)
-    if method.is_network:
-        return _reconstruct_by_network(measurement, quality, seed, device, progress, weights or DEFAULT_WEIGHTS)
-    found = solve(measurement, method, quality, seed, device, progress)
-    together = consensus(found.images, found.residual)
-    image = together.image if method == CLASSICAL else found.images[found.residual.argmin()]
-    albedo = _crop_to_window(image, measurement.lag_grid.object_side)
-    residual = float(found.residual.min())
-    return Reconstruction(albedo.numpy(), bool(albedo.any()), together.agreement, residual, together.transfer)
+    if method.weights is not None:
+        return NetworkReconstructor(quality, device, weights or method.weights)
+    solver = SOLVERS[method.name]
+    options = {"starts": quality.solver_starts, "iterations": round(quality.solver_iterations * solver.iterations)}
+    return SolverReconstructor(replace(solver, **options), device, averages=method == CLASSICAL)
 
 
-def _reconstruct_by_network(
-    measurement: Measurement, quality: Quality, seed: int, device: str, progress: Progress, weights: Path
-) -> Reconstruction:
-    network, metadata = load_network(weights, device)
-    output = reconstruct_by_network(network, measurement, quality, seed, device, progress)
-    calibration = metadata.get("calibration", {})
-    predicted = float(confidence(calibration.get(quality.name, DEFAULT_COEFFICIENTS), output.features))
-    predicted = min(predicted, output.most_confident)
-    albedo = _postprocess_image(output.image, measurement, quality)
-    samples = None
-    if output.samples is not None and albedo.any():
-        samples = register_samples(output.samples.cpu(), albedo, calibration.get("sizes"))
-    found = Reconstruction(
-        albedo.numpy(), bool(albedo.any()), predicted, None, output.transfer, posterior=samples, features=output.features
-    )
-    return found if predicted >= MIN_NETWORK_CONFIDENCE else _reject(found)
+@dataclass(frozen=True)
+class SolverReconstructor:
+    """A classical method.
+
+    Attributes:
+        averages: whether the support is derived from the signal extent and the result is the mean of the starts with the lowest
+            residuals; otherwise the support is the window, and the result is the start of the lowest residual.
+    """
+
+    solver: Solver[Any]
+    device: str
+    averages: bool
+
+    @property
+    def steps(self) -> int:
+        return self.solver.iterations
+
+    @one_torch_thread()
+    def run(self, measurement: Measurement, seed: int = 0, progress: Progress = no_progress) -> Reconstruction:
+        side = measurement.lag_grid.object_side
+        if not measurement.detectable:
+            return empty_reconstruction(side)
+        problem = PhaseProblem(fourier_modulus(measurement).to(self.device), measurement.box if self.averages else side)
+        found = solve(self.solver, problem, torch.Generator(device=self.device).manual_seed(seed), progress)
+        together = consensus(found.images, found.residual)
+        image = together.image if self.averages else found.images[found.residual.argmin()]
+        albedo = _crop_to_window(image, side)
+        residual = float(found.residual.min())
+        return Reconstruction(albedo.numpy(), bool(albedo.any()), together.agreement, residual, together.transfer)
+
+
+@dataclass(frozen=True)
+class NetworkReconstructor:
+    """A trained network, and the calibration of its confidence."""
+
+    quality: Quality
+    device: str
+    weights: Path
+
+    @property
+    def steps(self) -> int:
+        return network_progress_steps(self.quality)
+
+    @one_torch_thread()
+    def run(self, measurement: Measurement, seed: int = 0, progress: Progress = no_progress) -> Reconstruction:
+        if not measurement.detectable:
+            return empty_reconstruction(measurement.lag_grid.object_side)
+        network, metadata = load_network(self.weights, self.device)
+        output = reconstruct_by_network(network, measurement, self.quality, seed, self.device, progress)
+        calibration = metadata.get("calibration", {})
+        predicted = float(confidence(calibration.get(self.quality.name, DEFAULT_COEFFICIENTS), output.features))
+        predicted = min(predicted, output.most_confident)
+        albedo = _postprocess_image(output.image, measurement, self.quality)
+        samples = None
+        if output.samples is not None and albedo.any():
+            samples = register_samples(output.samples.cpu(), albedo, calibration.get("sizes"))
+        found = Reconstruction(
+            albedo.numpy(), bool(albedo.any()), predicted, None, output.transfer, posterior=samples, features=output.features
+        )
+        return found if predicted >= MIN_NETWORK_CONFIDENCE else _reject(found)
 
 
 def _reject(found: Reconstruction) -> Reconstruction:

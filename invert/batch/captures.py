@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from correlograph.errors import InputError
-from correlograph.files.capture import CameraMetadata
 from correlograph.files.capture_folder import check_complete
 from correlograph.files.captured_frames import CONTACT_SHEET, find_frames, frames_inside, printable
 from correlograph.files.corrections import Corrections
@@ -17,18 +16,15 @@ from correlograph.files.output import output_folder, sole_writer
 from correlograph.files.raw_frames import description_of
 from correlograph.files.stacks import file_of, is_stack
 from correlograph.version import version
-from invert.choices import BALANCED, UNET, Method, Quality
-from invert.measure.estimate import Patch
-from invert.network.checkpoints import DEFAULT_WEIGHTS, load_network
+from invert.network.checkpoints import load_network
 from invert.output.result import Result
 from invert.output.result_files import RESULT_FILES
 from invert.output.truth import Truth
-from invert.pipeline import Blur, reconstruct
-from invert.solvers.base import Progress, no_progress
-from radiometry.estimation.background import MeanModel
+from invert.pipeline import fulfil
+from invert.request import Request
 
 REVISION = 17
-"""Revision of the results; to be raised whenever a code change alters the result of a request."""
+"""Revision of the results; to be raised whenever a code change alters the result of a job."""
 
 RESERVED_NAMES = {"table.md", "captures.json"}
 """Names of output files next to the folders of results."""
@@ -36,69 +32,71 @@ RESERVED_NAMES = {"table.md", "captures.json"}
 SUMS_FILE = "frame_sums.npz"
 """File in the folder of results that keeps the sums over the frames of a capture above 1 GB."""
 
+_NO_PART_OF_A_RESULT = {"corrections", "weights", "device", "sums_file", "scheduler", "progress"}
+"""Options that do not enter the digest of a job: files, whose content does, and where and how the work is done."""
+
 Captures = dict[str, tuple[Path, ...]]
 """Files of each capture by the name of its folder of results; the name is empty for a single capture."""
 
 
 @dataclass(frozen=True)
-class Request:
-    """Options of `python -m invert` that a result depends on."""
+class Job:
+    """What `python -m invert` does with each capture.
 
-    autocorrelation: bool = False
-    camera: CameraMetadata = field(default_factory=CameraMetadata)
-    corrections: Corrections = field(default_factory=Corrections)
-    patch: Patch = None
-    lags: int | None = None
-    pitch_m: float | None = None
-    mean_model: MeanModel = "auto"
-    blur_pixels: Blur = None
-    method: Method = UNET
-    quality: Quality = BALANCED
-    weights: Path | None = None
+    Attributes:
+        request: options of the reconstruction.
+        truth, truth_pitch_m: file of a known albedo, and its pixel pitch.
+        save_fields: whether the field of each frame is written as well.
+    """
+
+    request: Request
     truth: Path | None = None
     truth_pitch_m: float | None = None
-    seed: int = 0
-    device: str = "cpu"
     save_fields: bool = False
 
     def sha256(self, files: Sequence[Path]) -> str:
         """Return the digest of the version, the options, and the bytes of all files that a result depends on."""
-        corrections = self.corrections
-        weights = self.weights or DEFAULT_WEIGHTS if self.method.is_network else None
+        request, corrections = self.request, self.request.corrections or Corrections()
         content = hashlib.sha256()
         descriptions = [path for file in files if (path := description_of(file)) is not None]
+        weights = request.weights or request.method.weights
         for file in (*files, *descriptions, *corrections.files, weights, self.truth):
             content.update(bytes.fromhex(digest_of(file_of(file))) if file else b"none")
-        options = replace(self, corrections=Corrections(), weights=None, truth=None, device="any")
+        options = {name: value for name, value in vars(request).items() if name not in _NO_PART_OF_A_RESULT}
         datasets = [str(file).removeprefix(str(file_of(file))) for file in files]
-        text = ", ".join(f"{name}={value}" for name, value in vars(options).items())
+        text = f"{options} {self.truth_pitch_m} {self.save_fields}"
         return hashlib.sha256(f"{version()} {REVISION} {text} {datasets}".encode() + content.digest()).hexdigest()
 
-    def reconstruct(
-        self, files: Sequence[Path], folder: Path | None = None, scheduler: str | None = None, progress: Progress = no_progress
-    ) -> Result:
-        """Reconstruct one capture. If it is large, `folder` keeps the sums over its frames, and the workers of a Dask
-        scheduler, if one is given, add them.
+    def read_truth(self) -> Truth | None:
+        """Return the known albedo, if there is one."""
+        return Truth.read(self.truth, self.truth_pitch_m) if self.truth else None
+
+    def check(self) -> None:
+        """Refuse unusable files that options name, before any capture is read."""
+        if self.request.weights:
+            load_network(self.request.weights, "cpu")
+        for name, file in vars(self.request.corrections or Corrections()).items():
+            if file and not (file.is_file() or (file.is_dir() and name != "mask")):
+                several = "" if name == "mask" else ", or a stack or a folder of them"
+                raise InputError(f"--{name}", f"an image of the frames' size{several}", f"no {file}", "check the path")
+        self.read_truth()
+
+    def run(self, files: Sequence[Path], folder: Path, *, overwrite: bool = False) -> tuple[Result, dict[str, object]]:
+        """Reconstruct one capture into a folder; return the result and the content of result.json.
+
+        Args:
+            overwrite: whether to replace existing files of the same names that this program did not write.
         """
-        return reconstruct(
-            files,
-            method=self.method,
-            quality=self.quality,
-            patch=self.patch,
-            lags=self.lags,
-            pitch_m=self.pitch_m,
-            camera=self.camera,
-            corrections=self.corrections,
-            blur_pixels=self.blur_pixels,
-            mean_model=self.mean_model,
-            weights=self.weights,
-            seed=self.seed,
-            device=self.device,
-            autocorrelation=self.autocorrelation,
-            sums_file=None if folder is None else folder / SUMS_FILE,
-            scheduler=scheduler,
-            progress=progress,
-        )
+        self.check()
+        truth, digest, is_new = self.read_truth(), self.sha256(find_frames(files)), not folder.exists()
+        try:
+            with sole_writer(output_folder(folder)):
+                claim(folder, (*RESULT_FILES, SUMS_FILE), overwrite=overwrite)
+                result = fulfil(replace(self.request, sums_file=folder / SUMS_FILE), files)
+                return result, result.save(folder, truth, digest, fields=self.save_fields)
+        finally:
+            if is_new and folder.is_dir() and not any(folder.iterdir()):
+                folder.rmdir()  # nothing was reconstructed
 
 
 def find_captures(inputs: Sequence[str], autocorrelation: bool) -> Captures:
@@ -170,44 +168,3 @@ def _check_names(found: Iterable[tuple[str, tuple[Path, ...]]]) -> Captures:
             )
         captures[printable(name)] = files
     return captures
-
-
-def check_request(request: Request) -> None:
-    """Refuse unusable files that options name, before any capture is read."""
-    if request.weights:
-        load_network(request.weights, "cpu")
-    for name, file in vars(request.corrections).items():
-        if file and not (file.is_file() or (file.is_dir() and name != "mask")):
-            several = "" if name == "mask" else ", or a stack or a folder of them"
-            raise InputError(f"--{name}", f"an image of the frames' size{several}", f"no {file}", "check the path")
-    if request.truth:
-        Truth.read(request.truth, request.truth_pitch_m)
-
-
-def invert_capture(
-    request: Request,
-    files: Sequence[Path],
-    folder: Path,
-    progress: Progress = no_progress,
-    *,
-    overwrite: bool = False,
-    scheduler: str | None = None,
-) -> tuple[Result, dict[str, object]]:
-    """Reconstruct one capture into a folder; return the result and the content of result.json.
-
-    Args:
-        overwrite: whether to replace existing files of the same names that this program did not write.
-        scheduler: address of a running Dask scheduler, whose workers add the frames of a large capture.
-    """
-    check_request(request)
-    truth = Truth.read(request.truth, request.truth_pitch_m) if request.truth else None
-    digest = request.sha256(find_frames(files))
-    is_new = not folder.exists()
-    try:
-        with sole_writer(output_folder(folder)):
-            claim(folder, (*RESULT_FILES, SUMS_FILE), overwrite=overwrite)
-            result = request.reconstruct(files, folder, scheduler, progress)
-            return result, result.save(folder, truth, digest, fields=request.save_fields)
-    finally:
-        if is_new and folder.is_dir() and not any(folder.iterdir()):
-            folder.rmdir()  # nothing was reconstructed

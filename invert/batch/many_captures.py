@@ -19,7 +19,7 @@ from correlograph.files.manifest import are_intact, claim, own_files
 from correlograph.files.output import atomic, save_json
 from correlograph.workers import WorkerDeath, run_tasks
 from invert.albedo.metrics import aligned_pearson
-from invert.batch.captures import Captures, Request, check_request, invert_capture
+from invert.batch.captures import Captures, Job
 from invert.output.report import save_contact_sheet
 from invert.output.result_files import RESULT_FILES, expected_files
 from invert.output.truth import Truth
@@ -29,20 +29,20 @@ SHEET_CAPACITY = 60
 
 
 def invert_captures(
-    request: Request, captures: Captures, output: Path, workers: int, scheduler: str | None, *, overwrite: bool = False
+    job: Job, captures: Captures, output: Path, workers: int, scheduler: str | None, *, overwrite: bool = False
 ) -> None:
     """Reconstruct each capture into a folder of its name; then write table.md, captures.json and the contact sheets.
 
     Results do not depend on the number of workers. Raises InputError at the end if captures failed.
     """
-    check_request(request)
+    job.check()
     _claim(captures, output, overwrite=overwrite)
-    truth = Truth.read(request.truth, request.truth_pitch_m) if request.truth else None
-    known = {name: _known(request, files, output / name) for name, files in captures.items()}
+    truth = job.read_truth()
+    known = {name: _known(job, files, output / name) for name, files in captures.items()}
     rows = {name: {"name": name, **row} for name, row in known.items() if row is not None}
     missing = [name for name in captures if name not in rows]
     if missing:
-        task = partial(_in_worker, request, output.resolve(), overwrite)
+        task = partial(_in_worker, job, output.resolve(), overwrite)
         rows |= _invert_missing(task, captures, missing, min(workers, len(missing)), scheduler)
     ordered = [rows[name] for name in captures]
     _write_table(output / "table.md", ordered)
@@ -76,11 +76,11 @@ def _sheet_name(number: int) -> str:
     return f"{CONTACT_SHEET}{f'_{number + 1}' if number else ''}.png"
 
 
-def _known(request: Request, files: Sequence[Path], folder: Path) -> dict[str, Any] | None:
+def _known(job: Job, files: Sequence[Path], folder: Path) -> dict[str, Any] | None:
     """Return the table row of an earlier result with the same options and files; None if there is none."""
     try:
         summary = json.loads((folder / "result.json").read_text())
-        if are_intact(folder, expected_files(summary)) and summary["request_sha256"] == request.sha256(find_frames(files)):
+        if are_intact(folder, expected_files(summary)) and summary["request_sha256"] == job.sha256(find_frames(files)):
             return _row(summary)
     except (OSError, ValueError, KeyError, TypeError, EOFError):
         pass
@@ -101,11 +101,11 @@ def _invert_missing(
     return rows
 
 
-def _in_worker(request: Request, output: Path, overwrite: bool, item: tuple[str, Sequence[Path]]) -> dict[str, Any]:
+def _in_worker(job: Job, output: Path, overwrite: bool, item: tuple[str, Sequence[Path]]) -> dict[str, Any]:
     name, files = item
     torch.set_num_threads(1)  # captures run in parallel processes, and sums depend on the number of threads
     try:
-        return _row(invert_capture(request, files, output / name, overwrite=overwrite)[1])
+        return _row(job.run(files, output / name, overwrite=overwrite)[1])
     except (InputError, OSError, MemoryError, RuntimeError) as error:  # a failed capture must not stop the others
         return {"error": " ".join(str(error).split())[:300] or type(error).__name__}
 

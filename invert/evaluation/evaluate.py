@@ -169,10 +169,9 @@ def _digest(level: Any, settings: dict[str, Any]) -> str:
         whole.update(case.estimate.lags.tobytes() + case.truth.tobytes())
         for measurement in case.others:
             whole.update(measurement.estimate.tobytes())
-    if settings["method"].is_network:
-        from invert.network.checkpoints import DEFAULT_WEIGHTS
-
-        whole.update(settings.get("weights", DEFAULT_WEIGHTS).read_bytes())
+    weights = settings.get("weights") or settings["method"].weights
+    if weights is not None:
+        whole.update(weights.read_bytes())
     return whole.hexdigest()
 
 

@@ -17,6 +17,7 @@ from invert.evaluation.unusual import KINDS, draw_unusual
 from invert.measure.estimate import Estimate, estimate_from_frames, published_estimate
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.pipeline import reconstruct
+from invert.request import Request
 from invert.training.data import at_noise
 from radiometry.estimation.background import MeanModel
 
@@ -195,7 +196,7 @@ def _rendered_levels(
         for seed in seeds:
             capture = render_geometry(geometry.with_exposure(exposure_s), frames, seed)
             for mean_model in mean_models:
-                estimate = estimate_from_frames(capture, None, "cpu", mean_model, lags=LAGS)  # as many as the truth has
+                estimate = estimate_from_frames(capture, Request(mean_model=mean_model, lags=LAGS))  # as many as the truth has
                 cases[mean_model].append(Case(case, replace(estimate, frame=None), truth))
     for mean_model in mean_models:
         yield Level(_rendered_name(name, frames, mean_model), f"1/{1.0 / exposure_s:.0f} s", cases[mean_model])

@@ -19,6 +19,7 @@ from scipy import ndimage
 from tqdm import tqdm
 
 from correlograph.files.capture import Capture
+from correlograph.progress import Progress
 from correlograph.ranges import CELLS_PER_LAG
 from correlograph.workers import one_torch_thread
 from invert.field.blending import blend_with_coarse
@@ -34,7 +35,6 @@ from invert.field.reconstruction import FieldReconstruction
 from invert.measure.estimate import Estimate
 from invert.measure.spectrum import Measurement
 from invert.methods import Reconstruction
-from invert.solvers.base import Progress
 from radiometry.field_forecast import MAX_FIELD_FRAMES, bounding_box
 
 MAXIMISATIONS = 4

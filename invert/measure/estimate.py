@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from correlograph.errors import InputError, check_positive
+from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.captured_frames import printable
 from correlograph.files.drawing import SceneDrawing
@@ -20,21 +20,18 @@ from correlograph.files.file_frames import FileFrames
 from correlograph.files.file_metadata import FileMetadata
 from correlograph.files.images import read_autocorrelation
 from correlograph.lags import LAGS, LagGrid, lag_grid_of
-from correlograph.ranges import BLUR, LAG_COUNT, PATCH
 from invert.measure.lag_choice import choose_lags
 from invert.measure.patch_fit import choose_patch_grid
 from invert.measure.spectrum import read_measurement
+from invert.request import Request
 from radiometry.autocorrelation import PITCH_M, PatchGrid, automatic_patch_size, patch_grid
 from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator, estimator_of
-from radiometry.estimation.background import BackgroundRecord, MeanModel
+from radiometry.estimation.background import BackgroundRecord
 from radiometry.estimation.parallel_frames import PART_FRAMES, add_frames
 from radiometry.estimation.published import PublishedEstimator
 from radiometry.estimation.saved_sums import SavedSums
 from radiometry.estimation.third_moment import FilteredFrames
 from radiometry.transfer import gaussian_transfer, lag_transfer
-
-Patch = int | Literal["fit"] | None
-"""Patch size in pixels, or the rule that chooses it; see `estimate_from_frames`."""
 
 FRAMES_FOR_CHOICE = 32
 """Number of frames for which pitch and number of lags are chosen, of a capture that is not kept in memory."""
@@ -146,41 +143,15 @@ def check_power(lags: np.ndarray, name: str) -> None:
 _Run = tuple[AutocorrelationEstimator | PublishedEstimator, np.ndarray]
 
 
-def estimate_from_frames(
-    capture: Capture,
-    patch: Patch,
-    device: str,
-    mean_model: MeanModel = "auto",
-    blur_pixels: float | None = None,
-    lags: int | None = None,
-    pitch_m: float | None = None,
-    sums_file: Path | None = None,
-    scheduler: str | None = None,
-) -> Estimate:
-    """Estimate r*r from frames.
-
-    Args:
-        patch: patch size in pixels. None derives it from the lag pitch, or takes an eighth of the frame if the camera is
-            unknown. "fit" starts there and adapts the size to the object (`invert.measure.patch_fit`).
-        mean_model: background model; see `radiometry.estimation.autocorrelation_estimator`.
-        blur_pixels: standard deviation of a known Gaussian blur in addition to pupil and pixel; 0 for no blur.
-        lags, pitch_m: largest lag on either side of zero, and lag pitch. Without patch, lags and pitch, both are adapted to
-            the object (`invert.measure.lag_choice`); if only some are given, the others are 63 and 300 um.
-        sums_file: file (.npz) of the sums over the frames of a capture above 1 GB. A later call with more frames continues from it.
-        scheduler: address of a running Dask scheduler, whose workers add the frames of such a capture.
-    """
-    if blur_pixels is not None:
-        BLUR.check("blur_pixels", blur_pixels)
+def estimate_from_frames(capture: Capture, request: Request | None = None) -> Estimate:
+    """Estimate r*r from frames, with the patch, lags, background model and known blur of a request."""
+    request = request or Request()
+    patch, device, mean_model = request.patch, request.device, request.mean_model
     begin = time.perf_counter()
     geometry = capture.camera.lag_geometry
     shape = (capture.frames[0].shape[0], capture.frames[0].shape[1])
-    is_automatic = patch is None or patch == "fit"
-    most = LAGS if lags is None else LAG_COUNT.check("lags", lags)
-    if is_automatic:
-        wanted = PITCH_M if pitch_m is None else check_positive("pitch_m", pitch_m)
-        size = automatic_patch_size(shape, geometry, wanted, most)
-    else:
-        size = int(PATCH.check("patch", patch))
+    most = request.lags or LAGS
+    size = automatic_patch_size(shape, geometry, request.pitch_m or PITCH_M, most) if patch in (None, "fit") else patch
     grid, reason = patch_grid(shape, size, most), "chosen by the user"
 
     few = capture.frames[:FRAMES_FOR_CHOICE] if isinstance(capture.frames, FileFrames) else capture.frames
@@ -189,9 +160,9 @@ def estimate_from_frames(
         estimator = estimator_of(tried, mean_model, device)
         with tqdm(total=len(frames), unit="frame", disable=None if frames is not few else True, leave=False) as bar:
             if isinstance(estimator, AutocorrelationEstimator) and len(frames) > PART_FRAMES and device == "cpu":
-                is_kept = sums_file is not None and frames is not few
-                saved = SavedSums(sums_file) if is_kept else None
-                add_frames(estimator, frames, bar.update, saved, scheduler=None if frames is few else scheduler)
+                kept = None if frames is few else request.sums_file
+                saved = None if kept is None else SavedSums(kept)
+                add_frames(estimator, frames, bar.update, saved, scheduler=None if frames is few else request.scheduler)
             else:
                 for frame in frames:
                     estimator.add(frame)
@@ -204,7 +175,7 @@ def estimate_from_frames(
 
     if patch == "fit":
         grid = choose_patch_grid(grid, lambda tried: read_measurement(run_estimator(tried)[1]))
-    elif (patch, lags, pitch_m) == (None, None, None):
+    elif (patch, request.lags, request.pitch_m) == (None, None, None):
         choice = choose_lags(grid, lambda tried: read_measurement(run_estimator(tried)[1]))
         grid, reason = choice.grid, choice.reason
     estimator, lags = run_estimator(grid) if few is capture.frames else run_over(capture.frames, grid)
@@ -217,7 +188,8 @@ def estimate_from_frames(
         drawing=SceneDrawing.from_json(capture.record.get("drawing")),
         seconds=time.perf_counter() - begin,
     )
-    return estimate if blur_pixels is None else apply_blur_transfer(estimate, (blur_pixels, blur_pixels))
+    blur = request.known_blur
+    return estimate if blur is None else apply_blur_transfer(estimate, (blur, blur))
 
 
 def estimate_of(

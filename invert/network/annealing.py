@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 import torch
 
 from correlograph.lags import lag_grid_of
+from correlograph.progress import Progress, no_progress
 from invert.albedo.registration import crop_centred, normalise_peak, register_images, zero_pad
 from invert.choices import Quality
 from invert.likelihood.data_consistency import MAX_ALBEDO, run_data_consistency_steps
 from invert.network.features import Observation, fill_zero_lag_by_neighbours, mean_near_zero_lag
 from invert.network.sampler import Sampler, posterior_variance
-from invert.solvers.base import Progress, no_progress
 
 
 @dataclass(frozen=True)

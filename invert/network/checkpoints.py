@@ -20,8 +20,7 @@ from invert.network.despeckler import Despeckler
 from invert.network.model import CorrelographyNet
 from invert.network.paper_unet import PaperModulusUnet, PaperUnet
 
-WEIGHTS = Path(__file__).parents[1] / "weights"
-DEFAULT_WEIGHTS, DESPECKLER_WEIGHTS = WEIGHTS / "unet.safetensors", WEIGHTS / "despeckler.safetensors"
+DESPECKLER_WEIGHTS = Path(__file__).parents[1] / "weights" / "despeckler.safetensors"
 
 NETWORKS: dict[str, type[nn.Module]] = {
     "unet": CorrelographyNet,

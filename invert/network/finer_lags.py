@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch.nn import functional
 
+from correlograph.progress import Progress
 from invert.albedo.registration import Consensus, consensus, crop_centred, normalise_peak, register_images, zero_pad
 from invert.choices import Quality
 from invert.likelihood.refinement import refine_by_likelihood
@@ -18,7 +19,7 @@ from invert.measure.spectrum import RESOLUTION_LAGS, Measurement
 from invert.network.annealing import Annealing, replace_unlikely_samples, run_annealing
 from invert.network.features import Observation
 from invert.network.sampler import Sampler
-from invert.solvers.base import Progress, gaussian_blur
+from invert.solvers.base import gaussian_blur
 
 LATE_FIRST_SIGMA = 0.4
 """Highest noise level of the second half of the rounds, which correct smaller errors."""

@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from correlograph.errors import InputError
 from correlograph.lags import LAGS, OBJECT_SIDE
+from correlograph.progress import Progress, no_progress
 from invert.albedo.registration import Consensus, consensus, crop_centred, normalise_peak, register_images, zero_pad
 from invert.choices import FAST, Quality
 from invert.measure.coarsen import coarsen, pad
@@ -28,8 +29,8 @@ from invert.network.features import Observation
 from invert.network.finer_lags import enlarge, finer_progress_steps, sample_on_finer_lags
 from invert.network.model import CorrelographyNet
 from invert.network.retrieval_summary import summarise_retrievals
-from invert.solvers.base import Candidates, Progress, no_progress
-from invert.solvers.hio import HioOptions, hio
+from invert.solvers.base import Candidates, PhaseProblem, solve
+from invert.solvers.hio import Hio
 
 Transform = Callable[[torch.Tensor], torch.Tensor]
 
@@ -42,9 +43,7 @@ AUGMENTATIONS: tuple[tuple[Transform, Transform], ...] = (
 """Test-time augmentation: mirrors and quarter turns, each with its inverse. A rotation by 180 degrees maps an autocorrelation
 onto itself and is not among them."""
 
-RETRIEVAL = HioOptions(
-    iterations=300, error_reduction=50, shrink_from=100, shrink_every=30, shrink_threshold=(0.03, 0.06, 0.1, 0.18)
-)
+RETRIEVAL = Hio(iterations=300, error_reduction=50, shrink_from=100, shrink_every=30, shrink_threshold=(0.03, 0.06, 0.1, 0.18))
 """Options of the phase retrieval before the fusion. A low threshold of shrink-wrap keeps faint structure; a high one keeps noise
 out of the support."""
 
@@ -127,7 +126,7 @@ def run_phase_retrieval(
     """
     moduli = torch.stack((fourier_modulus(measurement), denoised_modulus(denoised.cpu().numpy(), measurement)))
     rng = torch.Generator(device=device).manual_seed(seed)
-    return hio(moduli.to(device), measurement.box, rng, replace(RETRIEVAL, starts=starts), progress)
+    return solve(replace(RETRIEVAL, starts=starts), PhaseProblem(moduli.to(device), measurement.box), rng, progress)
 
 
 @torch.no_grad()

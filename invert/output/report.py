@@ -16,14 +16,13 @@ from correlograph.files.figures import add_scale_bar, save_figure
 from correlograph.files.output import atomic
 from invert.albedo.posterior import Samples
 from invert.albedo.registration import register_groups
+from invert.field.reconstruction import FieldReconstruction
+from invert.output.outcome import Outcome
+from invert.output.truth import Comparison
 from radiometry.noise.measured_noise import dim_zero_lag
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
-
-    from invert.field.reconstruction import FieldReconstruction
-    from invert.output.result import Result
-    from invert.output.truth import Comparison
 
 
 CLUSTERS_SHOWN = 2
@@ -59,7 +58,7 @@ def save_image(path: Path, image: np.ndarray, scale: int = 8) -> None:
         Image.fromarray(np.kron(grey, np.ones((scale, scale), np.uint8))).save(partial, format="PNG")
 
 
-def draw_report(result: Result, comparison: Comparison | None = None) -> Figure:
+def draw_report(result: Outcome, comparison: Comparison | None = None) -> Figure:
     """Plot the panels of a result, the posterior in a second row, and its numbers and warnings below.
 
     Args:
@@ -106,7 +105,7 @@ def _draw_panel(figure: SubFigure, axes, panel: _Panel) -> None:  # type: ignore
         add_scale_bar(axes, panel.pitch_m, panel.image.shape[1], panel.image.shape[0])
 
 
-def _result_panels(result: Result, albedo: np.ndarray, truth: np.ndarray | None, pitch_m: float | None) -> list[_Panel]:
+def _result_panels(result: Outcome, albedo: np.ndarray, truth: np.ndarray | None, pitch_m: float | None) -> list[_Panel]:
     estimate, panels = result.estimate, []
     if estimate.frame is not None:
         corner = estimate.frame[:FRAME_CORNER, :FRAME_CORNER]
@@ -173,7 +172,7 @@ def _albedo_panel(title: str, albedo: np.ndarray, pitch_m: float | None) -> _Pan
     return _Panel(title, albedo, 0.0, float(albedo.max()) or 1.0, pitch_m)
 
 
-def report_lines(result: Result, pearson: float | None) -> list[str]:
+def report_lines(result: Outcome, pearson: float | None) -> list[str]:
     """Return the lines of text of a report: input, finding, numbers, every warning."""
     measurement, settings = result.measurement, result.settings
     found = "object found" if result.object_found else "NO OBJECT FOUND"

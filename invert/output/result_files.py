@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,14 +11,11 @@ from correlograph.files.figures import save_figure
 from correlograph.files.output import replace_files, save_array, save_json, staging_folder
 from invert.albedo.posterior import SIZES, Samples
 from invert.measure.estimate import Estimate
+from invert.output.outcome import Outcome
 from invert.output.report import draw_report, save_image
 from invert.output.truth import Comparison, Truth
 from radiometry.autocorrelation import autocorrelate, peak_of_cell_means, smooth_by_window
 from radiometry.noise.measured_noise import fit_known_signal
-
-if TYPE_CHECKING:
-    from invert.output.result import Result
-
 
 FIELD_FILES = ("albedo_coarse.npy", "deviation.npy", "fields.npz")
 """Files of a result with fields; fields.npz is written on request."""
@@ -40,7 +37,7 @@ def expected_files(summary: dict[str, Any]) -> list[str]:
 
 
 def write_result(
-    folder: Path, result: Result, truth: Truth | np.ndarray | None, request_sha256: str | None, *, fields: bool = False
+    folder: Path, result: Outcome, truth: Truth | np.ndarray | None, request_sha256: str | None, *, fields: bool = False
 ) -> dict[str, Any]:
     """Write the arrays, the figures and result.json, which replace an earlier result as a whole; return the content of result.json.
 
@@ -69,7 +66,7 @@ def write_result(
 
 
 def summarise(
-    result: Result,
+    result: Outcome,
     truth: Truth | np.ndarray | None = None,
     request_sha256: str | None = None,
     comparison: Comparison | None = None,

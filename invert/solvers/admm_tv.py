@@ -8,22 +8,11 @@ each term, and a quadratic step for x that one FFT solves. Boyd et al., doi:10.1
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 
-from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, no_progress, random_starts, to_modulus
-
-
-@dataclass(frozen=True)
-class AdmmTvOptions:
-    """`weight` of the prior in units of the image mean over its support; `coupling`: penalty weight of the gradient splitting."""
-
-    iterations: int = 1000
-    starts: int = 16
-    weight: float = 0.02
-    coupling: float = 1.0
-    error_reduction: int = 100
+from invert.solvers.base import Images, PhaseProblem, Solver, to_modulus
 
 
 def gradients(image: torch.Tensor) -> torch.Tensor:
@@ -43,34 +32,55 @@ def shrink_gradients(field: torch.Tensor, threshold: torch.Tensor) -> torch.Tens
     return field * (1.0 - threshold / length.clamp_min(1e-30)).clamp_min(0.0)
 
 
-def admm_tv(
-    modulus: torch.Tensor,
-    box: int,
-    rng: torch.Generator,
-    options: AdmmTvOptions | None = None,
-    progress: Progress = no_progress,
-) -> Candidates:
-    """Retrieve non-negative images; arguments as in `hio`."""
-    options = options or AdmmTvOptions()
-    target, support = modulus.unsqueeze(-3), box_support(modulus, box)
-    side = modulus.shape[-2]
-    wave = 2.0 - 2.0 * torch.cos(2.0 * torch.pi * torch.fft.fftfreq(side, device=modulus.device))
-    laplacian = wave[:, None] + wave[None, : side // 2 + 1]
-    image = random_starts(modulus, support, options.starts, rng)
-    threshold = options.weight / options.coupling * (target[..., :1, :1] / support.sum()).unsqueeze(-3)
-    dual_modulus, dual_support = torch.zeros_like(image), torch.zeros_like(image)
-    dual_gradient = torch.zeros_like(gradients(image))
-    for _ in range(options.iterations - options.error_reduction):
-        seen = to_modulus(image + dual_modulus, target)
-        kept = (image + dual_support).clamp_min(0.0) * support
-        edges = shrink_gradients(gradients(image) + dual_gradient, threshold)
-        right = (seen - dual_modulus) + (kept - dual_support) - options.coupling * divergence(edges - dual_gradient)
-        image = torch.fft.irfft2(torch.fft.rfft2(right) / (2.0 + options.coupling * laplacian), s=(side, side))
-        dual_modulus += image - seen
-        dual_support += image - kept
-        dual_gradient += gradients(image) - edges
-        progress()
-    for _ in range(options.error_reduction):
-        image = to_modulus(image, target).clamp_min_(0.0).mul_(support)
-        progress()
-    return Candidates(image, modulus_residual(image, target))
+@dataclass(frozen=True)
+class AdmmTvState(Images):
+    """Images, and the scaled dual variables of modulus, support and gradient."""
+
+    dual_modulus: torch.Tensor
+    dual_support: torch.Tensor
+    dual_gradient: torch.Tensor
+
+
+@dataclass(frozen=True)
+class AdmmTv(Solver[AdmmTvState]):
+    """Retrieve non-negative images.
+
+    Attributes:
+        weight: weight of the prior in units of the image mean over its support.
+        coupling: penalty weight of the gradient splitting.
+        error_reduction: number of last iterations that are plain error reduction.
+    """
+
+    weight: float = 0.02
+    coupling: float = 1.0
+    error_reduction: int = 100
+
+    def init(self, problem: PhaseProblem, rng: torch.Generator) -> AdmmTvState:
+        image = problem.random_starts(self.starts, rng)
+        return AdmmTvState(image, torch.zeros_like(image), torch.zeros_like(image), torch.zeros_like(gradients(image)))
+
+    def step(self, problem: PhaseProblem, state: AdmmTvState, number: int) -> AdmmTvState:
+        image, target, support = state.image, problem.target, problem.support
+        if number >= self.iterations - self.error_reduction:
+            return replace(state, image=to_modulus(image, target).clamp_min_(0.0).mul_(support))
+        threshold = self.weight / self.coupling * (target[..., :1, :1] / support.sum()).unsqueeze(-3)
+        seen = to_modulus(image + state.dual_modulus, target)
+        kept = (image + state.dual_support).clamp_min(0.0) * support
+        edges = shrink_gradients(gradients(image) + state.dual_gradient, threshold)
+        right = (seen - state.dual_modulus) + (kept - state.dual_support)
+        right = right - self.coupling * divergence(edges - state.dual_gradient)
+        quadratic = 2.0 + self.coupling * _laplacian(problem)
+        image = torch.fft.irfft2(torch.fft.rfft2(right) / quadratic, s=support.shape)
+        return AdmmTvState(
+            image,
+            state.dual_modulus.add_(image - seen),
+            state.dual_support.add_(image - kept),
+            state.dual_gradient.add_(gradients(image) - edges),
+        )
+
+
+def _laplacian(problem: PhaseProblem) -> torch.Tensor:
+    """Return the negative periodic Laplacian in the half Fourier plane, (n, n // 2 + 1)."""
+    side = problem.modulus.shape[-2]
+    wave = 2.0 - 2.0 * torch.cos(2.0 * torch.pi * torch.fft.fftfreq(side, device=problem.modulus.device))
+    return wave[:, None] + wave[None, : side // 2 + 1]

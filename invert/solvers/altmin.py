@@ -9,29 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import torch
-
-from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, no_progress, random_starts, to_modulus
+from invert.solvers.base import Images, PhaseProblem, Solver, to_modulus
 
 
 @dataclass(frozen=True)
-class AltMinOptions:
-    iterations: int = 1000
-    starts: int = 16
+class AltMin(Solver[Images]):
+    """Retrieve real images of either sign."""
 
-
-def altmin(
-    modulus: torch.Tensor,
-    box: int,
-    rng: torch.Generator,
-    options: AltMinOptions | None = None,
-    progress: Progress = no_progress,
-) -> Candidates:
-    """Retrieve real images of either sign; arguments as in `hio`."""
-    options = options or AltMinOptions()
-    target, support = modulus.unsqueeze(-3), box_support(modulus, box)
-    image = random_starts(modulus, support, options.starts, rng)
-    for _ in range(options.iterations):
-        image = to_modulus(image, target).mul_(support)
-        progress()
-    return Candidates(image, modulus_residual(image, target))
+    def step(self, problem: PhaseProblem, state: Images, number: int) -> Images:
+        return Images(to_modulus(state.image, problem.target).mul_(problem.support))

@@ -1,18 +1,15 @@
-"""Common parts of the phase retrieval methods: projections, residual, support, random starts."""
+"""Common parts of the classical methods: the problem, the loop, projections, residual, random starts."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Generic, TypeVar
 
 import torch
 
-Progress = Callable[..., object]
-"""Called with the number of steps done since the last call; 1 if it is left out."""
-
-
-def no_progress(steps: int = 1) -> None:
-    """Ignore progress."""
+from correlograph.progress import Progress, no_progress
 
 
 @dataclass(frozen=True)
@@ -24,6 +21,87 @@ class Candidates:
 
     images: torch.Tensor
     residual: torch.Tensor
+
+
+@dataclass(frozen=True)
+class PhaseProblem:
+    """Fourier moduli without their phases, and the square that holds the object.
+
+    Attributes:
+        modulus: (..., n, n // 2 + 1), leading dimensions are images.
+        box: side of the square in pixels, at most n / 2.
+    """
+
+    modulus: torch.Tensor
+    box: int
+
+    @property
+    def target(self) -> torch.Tensor:
+        """Moduli with a dimension for the starts, (..., 1, n, n // 2 + 1)."""
+        return self.modulus.unsqueeze(-3)
+
+    @cached_property
+    def support(self) -> torch.Tensor:
+        """1 in the square, which lies at the corner of the grid, 0 elsewhere, (n, n)."""
+        side = self.modulus.shape[-2]
+        support = torch.zeros(side, side, device=self.modulus.device)
+        support[: self.box, : self.box] = 1.0
+        return support
+
+    @cached_property
+    def intensity(self) -> torch.Tensor:
+        """Squared moduli on the whole Fourier plane, (..., 1, n, n), from the half plane of a real image."""
+        side = self.modulus.shape[-2]
+        tail = torch.roll(self.modulus.flip(-2), 1, -2)[..., 1 : side - self.modulus.shape[-1] + 1].flip(-1)
+        return torch.cat((self.modulus, tail), -1).square().unsqueeze(-3)
+
+    def random_starts(self, starts: int, rng: torch.Generator) -> torch.Tensor:
+        """Return uniform random images inside the support, (..., starts, n, n), equal for every image of a batch, so that a
+        result does not depend on the rest of the batch.
+        """
+        side = self.modulus.shape[-2]
+        images = torch.rand(starts, side, side, generator=rng, device=self.modulus.device) * self.support
+        return images.expand(*self.modulus.shape[:-2], starts, side, side).clone()
+
+
+@dataclass(frozen=True)
+class Images:
+    """State of a solver: its images (..., starts, n, n). Solvers that remember more extend it."""
+
+    image: torch.Tensor
+
+
+State = TypeVar("State", bound=Images)
+
+
+@dataclass(frozen=True)
+class Solver(ABC, Generic[State]):
+    """A method of phase retrieval: its options, its first state, and its update rule.
+
+    Attributes:
+        iterations: number of steps.
+        starts: number of random starting images.
+    """
+
+    iterations: int = 1000
+    starts: int = 16
+
+    def init(self, problem: PhaseProblem, rng: torch.Generator) -> Any:
+        """Return the first state, with images drawn by `rng` (on the device of the problem)."""
+        return Images(problem.random_starts(self.starts, rng))
+
+    @abstractmethod
+    def step(self, problem: PhaseProblem, state: State, number: int) -> State:
+        """Return the state after step `number`, counted from zero. The arrays of the former state may be overwritten."""
+
+
+def solve(solver: Solver[Any], problem: PhaseProblem, rng: torch.Generator, progress: Progress = no_progress) -> Candidates:
+    """Run a solver. `progress` is called once per step."""
+    state = solver.init(problem, rng)
+    for number in range(solver.iterations):
+        state = solver.step(problem, state, number)
+        progress()
+    return Candidates(state.image, modulus_residual(state.image, problem.target))
 
 
 def to_modulus(image: torch.Tensor, modulus: torch.Tensor) -> torch.Tensor:
@@ -50,19 +128,3 @@ def gaussian_blur(image: torch.Tensor, deviation: float) -> torch.Tensor:
     column = torch.fft.rfftfreq(side, device=image.device)
     transfer = torch.exp(-2.0 * (torch.pi * deviation) ** 2 * (row.square() + column.square()))
     return torch.fft.irfft2(torch.fft.rfft2(image) * transfer, s=image.shape[-2:])
-
-
-def box_support(modulus: torch.Tensor, box: int) -> torch.Tensor:
-    """Return a mask, 1 in a square of `box` pixels at the corner of the grid, 0 elsewhere, (n, n)."""
-    side = modulus.shape[-2]
-    support = torch.zeros(side, side, device=modulus.device)
-    support[:box, :box] = 1.0
-    return support
-
-
-def random_starts(modulus: torch.Tensor, support: torch.Tensor, starts: int, rng: torch.Generator) -> torch.Tensor:
-    """Return uniform random images inside the support, (..., starts, n, n), equal for every image of a batch, so that a
-    result does not depend on the rest of the batch."""
-    side = modulus.shape[-2]
-    images = torch.rand(starts, side, side, generator=rng, device=modulus.device) * support
-    return images.expand(*modulus.shape[:-2], starts, side, side).clone()

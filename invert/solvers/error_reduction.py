@@ -7,29 +7,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import torch
-
-from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, no_progress, random_starts, to_modulus
+from invert.solvers.base import Images, PhaseProblem, Solver, to_modulus
 
 
 @dataclass(frozen=True)
-class ErrorReductionOptions:
+class ErrorReduction(Solver[Images]):
+    """Retrieve non-negative images. The residual never rises."""
+
     iterations: int = 2000
-    starts: int = 16
 
-
-def error_reduction(
-    modulus: torch.Tensor,
-    box: int,
-    rng: torch.Generator,
-    options: ErrorReductionOptions | None = None,
-    progress: Progress = no_progress,
-) -> Candidates:
-    """Retrieve non-negative images; arguments as in `hio`. The residual never rises."""
-    options = options or ErrorReductionOptions()
-    target, support = modulus.unsqueeze(-3), box_support(modulus, box)
-    image = random_starts(modulus, support, options.starts, rng)
-    for _ in range(options.iterations):
-        image = to_modulus(image, target).clamp_min_(0.0).mul_(support)
-        progress()
-    return Candidates(image, modulus_residual(image, target))
+    def step(self, problem: PhaseProblem, state: Images, number: int) -> Images:
+        return Images(to_modulus(state.image, problem.target).clamp_min_(0.0).mul_(problem.support))

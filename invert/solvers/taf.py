@@ -11,18 +11,8 @@ from dataclasses import dataclass
 
 import torch
 
-from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, no_progress
-from invert.solvers.twf import full_intensity, start_at_scale
-
-
-@dataclass(frozen=True)
-class TafOptions:
-    """Options. `gamma`: exclude frequencies whose modulus |a z| is below the measured psi / (1 + gamma); `step`: step size."""
-
-    iterations: int = 1000
-    starts: int = 16
-    step: float = 0.6
-    gamma: float = 0.7
+from invert.solvers.base import Images, PhaseProblem, Solver
+from invert.solvers.twf import start_at_scale
 
 
 def amplitude_gradient(spectrum: torch.Tensor, amplitude: torch.Tensor, kept: torch.Tensor) -> torch.Tensor:
@@ -31,16 +21,22 @@ def amplitude_gradient(spectrum: torch.Tensor, amplitude: torch.Tensor, kept: to
     return torch.fft.ifft2(spectrum * (scale * kept)).real
 
 
-def taf(
-    modulus: torch.Tensor, box: int, rng: torch.Generator, options: TafOptions | None = None, progress: Progress = no_progress
-) -> Candidates:
-    """Retrieve real images of either sign; arguments as in `hio`."""
-    options = options or TafOptions()
-    support, amplitude = box_support(modulus, box), full_intensity(modulus).sqrt()
-    image = start_at_scale(modulus, support, options.starts, rng)
-    for _ in range(options.iterations):
-        spectrum = torch.fft.fft2(image)
-        kept = spectrum.abs() * (1.0 + options.gamma) >= amplitude
-        image = image - options.step * amplitude_gradient(spectrum, amplitude, kept) * support
-        progress()
-    return Candidates(image, modulus_residual(image, modulus.unsqueeze(-3)))
+@dataclass(frozen=True)
+class Taf(Solver[Images]):
+    """Retrieve real images of either sign.
+
+    Attributes:
+        step_size: step along the gradient.
+        gamma: frequencies whose modulus |a z| is below the measured psi / (1 + gamma) are excluded.
+    """
+
+    step_size: float = 0.6
+    gamma: float = 0.7
+
+    def init(self, problem: PhaseProblem, rng: torch.Generator) -> Images:
+        return start_at_scale(problem, self.starts, rng)
+
+    def step(self, problem: PhaseProblem, state: Images, number: int) -> Images:
+        spectrum, amplitude = torch.fft.fft2(state.image), problem.intensity.sqrt()
+        kept = spectrum.abs() * (1.0 + self.gamma) >= amplitude
+        return Images(state.image - self.step_size * amplitude_gradient(spectrum, amplitude, kept) * problem.support)

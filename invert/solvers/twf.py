@@ -6,26 +6,11 @@ with its published constants. The starts are random, because the spectral start 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 
-from invert.solvers.base import Candidates, Progress, box_support, modulus_residual, no_progress, random_starts
-
-
-@dataclass(frozen=True)
-class TwfOptions:
-    """`lower`, `upper`: limits of |a z| / |z|; `spread`: limit of the intensity error in multiples of the typical error;
-    `step`: step size.
-    """
-
-    iterations: int = 1000
-    starts: int = 16
-    step: float = 0.2
-    lower: float = 0.3
-    upper: float = 5.0
-    spread: float = 5.0
+from invert.solvers.base import Images, PhaseProblem, Solver
 
 
 def poisson_gradient(spectrum: torch.Tensor, intensity: torch.Tensor, kept: torch.Tensor) -> torch.Tensor:
@@ -39,56 +24,41 @@ def poisson_gradient(spectrum: torch.Tensor, intensity: torch.Tensor, kept: torc
     return 2.0 * torch.fft.ifft2(weighted).real
 
 
-def full_intensity(modulus: torch.Tensor) -> torch.Tensor:
-    """|F|^2 on the whole Fourier plane, (..., 1, n, n), from the half plane of a real image."""
-    side = modulus.shape[-2]
-    tail = torch.roll(modulus.flip(-2), 1, -2)[..., 1 : side - modulus.shape[-1] + 1].flip(-1)
-    return torch.cat((modulus, tail), -1).square().unsqueeze(-3)
-
-
-def start_at_scale(modulus: torch.Tensor, support: torch.Tensor, starts: int, rng: torch.Generator) -> torch.Tensor:
+def start_at_scale(problem: PhaseProblem, starts: int, rng: torch.Generator) -> Images:
     """Return random starts whose energy is the mean intensity of the measurements."""
-    image = random_starts(modulus, support, starts, rng)
-    energy = full_intensity(modulus).mean((-2, -1), keepdim=True)
-    return image * (energy / image.square().sum((-2, -1), keepdim=True).clamp_min(1e-30)).sqrt()
+    image = problem.random_starts(starts, rng)
+    energy = problem.intensity.mean((-2, -1), keepdim=True)
+    return Images(image * (energy / image.square().sum((-2, -1), keepdim=True).clamp_min(1e-30)).sqrt())
 
 
-def within(magnitude: torch.Tensor, norm: torch.Tensor, lower: float, upper: float) -> torch.Tensor:
-    """First truncation rule: |a z| between `lower` and `upper` times |z|."""
-    return (magnitude >= lower * norm) & (magnitude <= upper * norm)
+@dataclass(frozen=True)
+class Twf(Solver[Images]):
+    """Retrieve real images of either sign from the measurements that satisfy both truncation rules.
 
-
-def truncated_flow(
-    modulus: torch.Tensor,
-    box: int,
-    rng: torch.Generator,
-    options: TwfOptions,
-    typical: Callable[[torch.Tensor], torch.Tensor],
-    progress: Progress,
-) -> Candidates:
-    """Descend the Poisson likelihood over measurements that satisfy both truncation rules.
-
-    Args:
-        typical: typical intensity error of each image, (..., n, n) to (..., 1, 1); `options.spread` multiplies it.
+    Attributes:
+        step_size: step along the gradient.
+        lower, upper: limits of |a z| / |z|.
+        spread: limit of the intensity error in multiples of the typical error.
     """
-    support, intensity = box_support(modulus, box), full_intensity(modulus)
-    image = start_at_scale(modulus, support, options.starts, rng)
-    for _ in range(options.iterations):
+
+    step_size: float = 0.2
+    lower: float = 0.3
+    upper: float = 5.0
+    spread: float = 5.0
+
+    def typical(self, error: torch.Tensor) -> torch.Tensor:
+        """Return the typical intensity error of each image, (..., n, n) to (..., 1, 1): the mean."""
+        return error.mean((-2, -1), keepdim=True)
+
+    def init(self, problem: PhaseProblem, rng: torch.Generator) -> Images:
+        return start_at_scale(problem, self.starts, rng)
+
+    def step(self, problem: PhaseProblem, state: Images, number: int) -> Images:
+        image, intensity = state.image, problem.intensity
         spectrum = torch.fft.fft2(image)
         magnitude = spectrum.abs()
         norm = image.square().sum((-2, -1), keepdim=True).sqrt().clamp_min(1e-30)
         error = (intensity - magnitude.square()).abs()
-        near = error <= options.spread * typical(error) * magnitude / norm
-        kept = within(magnitude, norm, options.lower, options.upper) & near
-        image = image - options.step * poisson_gradient(spectrum, intensity, kept) * support
-        progress()
-    return Candidates(image, modulus_residual(image, modulus.unsqueeze(-3)))
-
-
-def twf(
-    modulus: torch.Tensor, box: int, rng: torch.Generator, options: TwfOptions | None = None, progress: Progress = no_progress
-) -> Candidates:
-    """Retrieve real images of either sign; arguments as in `hio`. The typical error is the mean."""
-    return truncated_flow(
-        modulus, box, rng, options or TwfOptions(), lambda error: error.mean((-2, -1), keepdim=True), progress
-    )
+        near = error <= self.spread * self.typical(error) * magnitude / norm
+        kept = (magnitude >= self.lower * norm) & (magnitude <= self.upper * norm) & near
+        return Images(image - self.step_size * poisson_gradient(spectrum, intensity, kept) * problem.support)

@@ -8,7 +8,7 @@ import numpy as np
 
 from sim.propagation.option import Visibility
 from sim.transport.hidden_object import HiddenObject
-from sim.transport.ray_grid import Samples
+from sim.transport.ray_grid import VisibleSurface
 
 
 class FlatObject:
@@ -33,7 +33,7 @@ class FlatObject:
             2.0 * pitch * float(np.abs(span).max(initial=0.5)) for span, pitch in zip(spans, pitch_m, strict=True)
         )
 
-    def sample(self, pitch_m: tuple[float, float], shape: tuple[int, int]) -> Samples:
+    def sample(self, pitch_m: tuple[float, float], shape: tuple[int, int]) -> VisibleSurface:
         """Sample at the cell centres of a grid (rows, columns) centred on the object."""
         places = [
             np.floor((np.arange(n) - 0.5 * (n - 1)) * step / own + 0.5 * len(self._cells)).astype(int)
@@ -42,7 +42,7 @@ class FlatObject:
         inside = [(place >= 0) & (place < len(self._cells)) for place in places]
         albedo = np.zeros(shape, np.float32)
         albedo[np.ix_(*inside)] = self._cells[np.ix_(*(place[held] for place, held in zip(places, inside, strict=True)))]
-        return Samples(albedo.astype(np.float64), albedo, np.zeros(shape))
+        return VisibleSurface(albedo.astype(np.float64), albedo, np.zeros(shape))
 
     throughput = 0.0
 

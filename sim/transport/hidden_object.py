@@ -16,7 +16,7 @@ from sim.plugins.phase_screen import PhaseScreen
 from sim.propagation.option import Visibility
 from sim.transport.footprint import LagAxes
 from sim.transport.light_transport import CarriedLight, LightTransport
-from sim.transport.ray_grid import GridRays, Samples, cell_sums, cells, centre_in, points
+from sim.transport.ray_grid import GridRays, VisibleSurface, cell_sums, cells, centre_in, points
 from sim.transport.surfaces import check_energy, has_masks, is_one_of, layers, transmittance
 
 RAYS = 768
@@ -100,7 +100,7 @@ class HiddenObject:
         )
         """Lowest surface roughness; a BSDF other than phase_screen counts as rough."""
 
-    def sample(self, pitch_m: tuple[float, float], shape: tuple[int, int]) -> Samples:
+    def sample(self, pitch_m: tuple[float, float], shape: tuple[int, int]) -> VisibleSurface:
         """Sample on a grid (rows, columns) of cells `pitch_m` along the axes, centred on the object."""
         inner = tuple(min(n, cells(extent, pitch, n)) for n, extent, pitch in zip(shape, self.extent_m, pitch_m, strict=True))
         weight, depth = np.zeros(inner), np.zeros(inner)
@@ -118,7 +118,7 @@ class HiddenObject:
         angle = cell_sums(rays.angle, inner, fineness)
         mean_depth = np.divide(depth, weight, out=np.zeros(inner), where=weight > 0.0)
         albedo = weight / angle * self._measured.albedo_over_radiance
-        return Samples(*(centre_in(part, shape) for part in (weight, albedo.astype(np.float32), mean_depth)))
+        return VisibleSurface(*(centre_in(part, shape) for part in (weight, albedo.astype(np.float32), mean_depth)))
 
     def cell_means(self, pitch_m: float | tuple[float, float], side: int) -> np.ndarray:
         """Return the effective albedo averaged over each cell of a square grid, float32 (side, side); its sum times the cell

@@ -11,7 +11,7 @@ from sim.transport.footprint import LagAxes
 
 
 @dataclass(frozen=True)
-class Samples:
+class VisibleSurface:
     """Visible surface on a grid, each array (rows, columns).
 
     Attributes:

@@ -188,9 +188,9 @@ def test_split_is_by_origin(reference):
 
 
 def test_torch_dataset(reference):
-    from data_gen.dataset import Samples, load_targets
+    from data_gen.dataset import DatasetSplit, load_targets
 
-    training, validation = Samples(str(reference)), Samples(str(reference), validation=True)
+    training, validation = DatasetSplit(str(reference)), DatasetSplit(str(reference), validation=True)
     assert len(training) + len(validation) == COUNT
     sample = validation[5]
     assert sample["albedo"].shape == (64, 64)

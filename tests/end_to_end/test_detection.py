@@ -9,6 +9,7 @@ pytest.importorskip("mitsuba")
 
 from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import read_measurement
+from invert.request import Request
 from radiometry.noise.detection import DETECTION_LIMIT
 from radiometry.prediction import predict
 from scenes import scene_path
@@ -28,7 +29,7 @@ def test_the_significance_of_rendered_frames_is_the_predicted_one(exposure_s, re
     prediction = predict(geometry)
     seen = []
     for seed in range(4):
-        estimate = estimate_from_frames(render_geometry(geometry, frames, seed), prediction.grid.size, "cpu", lags=63)
+        estimate = estimate_from_frames(render_geometry(geometry, frames, seed), Request(patch=prediction.grid.size, lags=63))
         seen.append(read_measurement(estimate.lags).detection)
     assert np.mean(seen) == pytest.approx(prediction.detection(frames), rel=0.25, abs=1.5)
 

@@ -11,7 +11,7 @@ from correlograph.lags import LAGS, lag_grid
 from invert.choices import FAST, UNET
 from invert.evaluation.identification import identify
 from invert.measure.spectrum import read_measurement
-from invert.methods import reconstruct_measurement
+from invert.methods import reconstructor
 from radiometry.noise.measured_noise import read_noise_level
 from radiometry.noise.model import autocorrelate_windowed, log_likelihood
 
@@ -46,7 +46,7 @@ def test_the_lab_has_a_pedestal(measured, letter):
     """Over the floor and the drawn object's r*r there is an excess some 30 lags wide, 1 to 6 % high, not a mere offset."""
     shown = read_measurement(*read_autocorrelation(measured / f"{letter}_n50_corr_x100_nzero1.png"))
     # As the fusion draws it: samples and likelihood ascent add a faint background that explains a part of the pedestal.
-    albedo = torch.from_numpy(reconstruct_measurement(shown, UNET, FAST, 0, "cpu").albedo).double()
+    albedo = torch.from_numpy(reconstructor(UNET, FAST).run(shown).albedo).double()
     used, lag = torch.from_numpy(RING > 1), torch.arange(-63, 64).double()
     estimate = torch.from_numpy(shown.estimate).double().where(used, 1.0)
     signal = autocorrelate_windowed(albedo) / autocorrelate_windowed(albedo)[used].max()

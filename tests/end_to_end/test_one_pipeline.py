@@ -9,11 +9,12 @@ import torch
 
 import correlograph as cg
 from invert.__main__ import main as invert
-from invert.batch.captures import Request
 from invert.choices import FAST, UNET
 from invert.evaluation.evaluate import _score_case
 from invert.evaluation.sets import Case, Level
 from invert.measure.estimate import Estimate, published_estimate
+from invert.pipeline import fulfil
+from invert.request import Request
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
 
 
@@ -41,7 +42,7 @@ def test_command_python_batch_evaluation_and_estimates_agree(tmp_path, command, 
 
     estimate = published_estimate(estimate_file)
     by_python = cg.reconstruct(estimate_file, quality="fast", seed=5)
-    by_request = Request(autocorrelation=True, method=UNET, quality=FAST, seed=5).reconstruct([estimate_file])
+    by_request = fulfil(Request(autocorrelation=True, method=UNET, quality=FAST, seed=5), [estimate_file])
     by_estimate = cg.reconstruct(Estimate("another name", estimate.lags), quality=FAST, seed=5)
     level = Level("shapes", "one", [Case("0", estimate, albedo)])
     options = Namespace(seed=5, device="cpu")

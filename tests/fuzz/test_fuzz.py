@@ -22,7 +22,8 @@ from correlograph.errors import InputError
 from data_gen.__main__ import main as data_gen
 from data_gen.dataset import load_targets
 from data_gen.preview import main as preview
-from invert.network.checkpoints import DEFAULT_WEIGHTS, load_network
+from invert.choices import DEFAULT_WEIGHTS
+from invert.network.checkpoints import load_network
 from invert.training.train import main as train
 from scenes import scene_path
 from sim.__main__ import main as sim

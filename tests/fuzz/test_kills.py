@@ -21,7 +21,8 @@ pytest.importorskip("mitsuba")
 from correlograph.files.exr_frames import read_frame
 from correlograph.files.manifest import MANIFEST
 from correlograph.files.output import LOCK, PARTIAL
-from invert.network.checkpoints import DEFAULT_WEIGHTS, read_weights
+from invert.choices import DEFAULT_WEIGHTS
+from invert.network.checkpoints import read_weights
 
 ROOT = Path(__file__).parents[2]
 STOPS = int(os.environ.get("FUZZ_KILLS", "2"))

@@ -8,9 +8,9 @@ from correlograph.lags import LAGS, lag_grid
 from invert.albedo.metrics import aligned_pearson
 from invert.choices import BALANCED, CLASSICAL, FAST
 from invert.measure.spectrum import fourier_modulus, read_measurement
-from invert.methods import reconstruct_measurement
-from invert.solvers.base import modulus_residual, to_modulus
-from invert.solvers.hio import HioOptions, hio
+from invert.methods import reconstructor
+from invert.solvers.base import PhaseProblem, modulus_residual, solve, to_modulus
+from invert.solvers.hio import Hio
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
 
 GRID = lag_grid(LAGS).padded_side
@@ -48,7 +48,7 @@ def test_noise_free_objects_are_found():
     rng = np.random.default_rng(3)
     images = [stroke_object(rng) for _ in range(4)]
     moduli = torch.stack([exact_modulus(image) for image in images])
-    found = hio(moduli, 40, torch.Generator().manual_seed(0), HioOptions(starts=8))
+    found = solve(Hio(starts=8), PhaseProblem(moduli, 40), torch.Generator().manual_seed(0))
     best = found.residual.argmin(-1)
     for index, image in enumerate(images):
         result = found.images[index, best[index]]
@@ -60,8 +60,8 @@ def test_starts_take_turns_at_thresholds(rng):
     modulus = exact_modulus(stroke_object(rng))
 
     def images(*thresholds: float) -> torch.Tensor:
-        options = HioOptions(iterations=450, starts=3, shrink_threshold=thresholds)
-        return hio(modulus, 40, torch.Generator().manual_seed(0), options).images
+        solver = Hio(iterations=450, starts=3, shrink_threshold=thresholds)
+        return solve(solver, PhaseProblem(modulus, 40), torch.Generator().manual_seed(0)).images
 
     low, high, both = images(0.03), images(0.3), images(0.03, 0.3)
     torch.testing.assert_close(both, torch.stack((low[0], high[1], low[2])))
@@ -79,7 +79,7 @@ def measured_from(image: np.ndarray, floor: float, dof: float, rng) -> np.ndarra
 def test_a_noisy_f_is_recovered_and_not_mirrored(rng, floor, dof, wanted):
     image = np.zeros((64, 64), np.float32)
     image[14:48, 20:25], image[14:19, 20:42], image[28:33, 20:37] = 1.0, 1.0, 1.0
-    result = reconstruct_measurement(read_measurement(measured_from(image, floor, dof, rng)), CLASSICAL, BALANCED, 0, "cpu")
+    result = reconstructor(CLASSICAL, BALANCED).run(read_measurement(measured_from(image, floor, dof, rng)))
     assert result.object_found
     pearson, _ = aligned_pearson(result.albedo, image)
     assert pearson > wanted
@@ -109,7 +109,7 @@ def test_noise_alone_is_no_object(rng, kind):
     if kind == "column line":
         estimate[:, LAGS] *= 5.0
     measurement = read_measurement(estimate)
-    result = reconstruct_measurement(measurement, CLASSICAL, FAST, 0, "cpu")
+    result = reconstructor(CLASSICAL, FAST).run(measurement)
     assert not result.object_found
     assert not result.albedo.any()
     assert (measurement.interpolated != ()) == ("line" in kind)

@@ -1,6 +1,7 @@
 """Every retrieval method: gradients, fixed points, independence of the batch, sizes, and noise-free recovery."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,23 +13,18 @@ from invert.albedo.metrics import aligned_pearson
 from invert.albedo.registration import crop_centred, register_images
 from invert.choices import BALANCED, BEST, CLASSICAL, FAST, METHODS, QUALITIES
 from invert.measure.spectrum import read_measurement
-from invert.methods import reconstruct_measurement
+from invert.methods import SolverReconstructor, reconstructor
 from invert.solvers.admm_tv import divergence, gradients, shrink_gradients
-from invert.solvers.base import box_support, modulus_residual
-from invert.solvers.error_reduction import ErrorReductionOptions, error_reduction
-from invert.solvers.registry import solver_of, solver_options
+from invert.solvers.base import PhaseProblem, modulus_residual, solve
+from invert.solvers.error_reduction import ErrorReduction
+from invert.solvers.registry import SOLVERS
 from invert.solvers.taf import amplitude_gradient
-from invert.solvers.twf import full_intensity, poisson_gradient
+from invert.solvers.twf import poisson_gradient
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
 
 HALF_PLANE = lag_grid(LAGS).half_plane
 
-SOLVERS = {
-    name: (solver_of(method), solver_options(method, BALANCED))
-    for name, method in METHODS.items()
-    if not method.is_network and method != CLASSICAL
-}
-CLASSICAL_METHODS = [name for name, method in METHODS.items() if not method.is_network]
+PUBLISHED = [name for name in SOLVERS if name != CLASSICAL.name]
 
 
 def strokes(rng: np.random.Generator, side: int = 64) -> np.ndarray:
@@ -58,7 +54,7 @@ def test_full_intensity_is_the_whole_plane(rng):
     image = rng.random((6, 6))
     whole = np.abs(np.fft.fft2(image, s=(12, 12))) ** 2
     half = torch.from_numpy(np.abs(np.fft.rfft2(image, s=(12, 12))))
-    np.testing.assert_allclose(full_intensity(half)[0], whole, rtol=1e-10)
+    np.testing.assert_allclose(PhaseProblem(half, 6).intensity[0], whole, rtol=1e-10)
 
 
 @pytest.mark.parametrize("flow", ["poisson", "amplitude"])
@@ -99,41 +95,38 @@ def test_shrinking_is_the_proximal_map(rng):
 def test_error_reduction_never_raises_the_residual(rng):
     modulus = modulus_of(strokes(rng))
     residuals = [
-        float(error_reduction(modulus, 64, torch_rng(), ErrorReductionOptions(iterations=n, starts=1)).residual[0])
+        float(solve(ErrorReduction(iterations=n, starts=1), PhaseProblem(modulus, 64), torch_rng()).residual[0])
         for n in (1, 3, 10, 30, 100)
     ]
     assert residuals == sorted(residuals, reverse=True)
 
 
-@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("name", PUBLISHED)
 def test_results_do_not_depend_on_the_batch(rng, name):
-    solve, options = SOLVERS[name]
-    options = replace(options, iterations=120, starts=2)
+    solver = replace(SOLVERS[name], iterations=120, starts=2)
     moduli = torch.stack([modulus_of(strokes(rng)) for _ in range(3)])
-    together = solve(moduli, 64, torch_rng(), options)
-    alone = solve(moduli[1], 64, torch_rng(), options)
+    together = solve(solver, PhaseProblem(moduli, 64), torch_rng())
+    alone = solve(solver, PhaseProblem(moduli[1], 64), torch_rng())
     assert together.images.shape == (3, 2, 128, 128)
     np.testing.assert_allclose(together.images[1], alone.images, atol=1e-3 * float(alone.images.abs().max()))
     np.testing.assert_allclose(alone.residual, modulus_residual(alone.images, moduli[1]), rtol=1e-4)
 
 
-@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("name", PUBLISHED)
 @pytest.mark.parametrize("side", [8, 96])
 def test_any_size_keeps_its_support(rng, name, side):
-    solve, options = SOLVERS[name]
-    modulus = modulus_of(strokes(rng, side))
-    found = solve(modulus, side, torch_rng(), replace(options, iterations=110, starts=2))
-    outside = found.images * (1.0 - box_support(modulus, side))
+    problem = PhaseProblem(modulus_of(strokes(rng, side)), side)
+    found = solve(replace(SOLVERS[name], iterations=110, starts=2), problem, torch_rng())
+    outside = found.images * (1.0 - problem.support)
     assert torch.isfinite(found.images).all()
     assert not outside.any()
 
 
-@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize("name", PUBLISHED)
 @pytest.mark.parametrize("scale", [0.0, 1e-12, 1e12])
 def test_scale_and_darkness(rng, name, scale):
-    solve, options = SOLVERS[name]
-    options = replace(options, iterations=110, starts=1)
-    found = solve(scale * modulus_of(strokes(rng, 16)), 16, torch_rng(), options).images
+    solver = replace(SOLVERS[name], iterations=110, starts=1)
+    found = solve(solver, PhaseProblem(scale * modulus_of(strokes(rng, 16)), 16), torch_rng()).images
     assert torch.isfinite(found).all()
 
 
@@ -141,8 +134,8 @@ def test_scale_and_darkness(rng, name, scale):
 def test_exact_moduli_are_solved(name):
     rng = np.random.default_rng(11)
     images = [strokes(rng) for _ in range(3)]
-    solve, options = SOLVERS[name]
-    found = solve(torch.stack([modulus_of(image) for image in images]), 64, torch_rng(), replace(options, starts=8))
+    problem = PhaseProblem(torch.stack([modulus_of(image) for image in images]), 64)
+    found = solve(replace(SOLVERS[name], starts=8), problem, torch_rng())
     for index, image in enumerate(images):
         best = found.images[index, found.residual[index].argmin()]
         assert aligned_pearson(crop_centred(best).numpy(), image)[0] > 0.98
@@ -162,9 +155,7 @@ def test_twenty_windowed_estimates_of_k_1e6(name, wanted):
         lags = np.roll(np.fft.ifft2(spectrum).real, (63, 63), (0, 1))[:127, :127]
         noise = rng.normal(1.0, 1e-3, lags.shape)
         noise = np.where(np.tri(127, 127, -1), noise, noise[::-1, ::-1])
-        result = reconstruct_measurement(
-            read_measurement((lags.clip(0.0) * noise).astype(np.float32)), METHODS[name], BALANCED, 0, "cpu"
-        )
+        result = reconstructor(METHODS[name], BALANCED).run(read_measurement((lags.clip(0.0) * noise).astype(np.float32)))
         pearson.append(aligned_pearson(result.albedo, image)[0])
     assert np.mean(np.array(pearson) >= wanted) >= 0.95, np.round(pearson, 3)
 
@@ -174,7 +165,7 @@ def gamma_estimate(rng: np.random.Generator, signal: np.ndarray, dof: float) -> 
     return (signal * np.where(HALF_PLANE, noise, noise[::-1, ::-1])).astype(np.float32)
 
 
-@pytest.mark.parametrize("name", CLASSICAL_METHODS)
+@pytest.mark.parametrize("name", SOLVERS)
 def test_extremes(rng, name):
     """Nothing, a delta, nothing above the floor, K of 1, and any unit: a finite picture, or none, never a wrong number."""
     zero = np.zeros((127, 127), np.float32)
@@ -183,20 +174,18 @@ def test_extremes(rng, name):
     below = gamma_estimate(rng, np.ones((127, 127)), 64.0)
     below[40:87, 40:87] *= 0.5
     for estimate in (zero, delta, zero + 1.0, below):
-        result = reconstruct_measurement(read_measurement(estimate), METHODS[name], FAST, 0, "cpu")
+        result = reconstructor(METHODS[name], FAST).run(read_measurement(estimate))
         assert not result.object_found
         assert not result.albedo.any()
     signal = smooth_by_window(autocorrelate(strokes(rng)))
-    one = reconstruct_measurement(
-        read_measurement(gamma_estimate(rng, signal / signal.max() + 0.02, 1.0)), METHODS[name], FAST, 0, "cpu"
-    )
+    one = reconstructor(METHODS[name], FAST).run(read_measurement(gamma_estimate(rng, signal / signal.max() + 0.02, 1.0)))
     assert np.isfinite(one.albedo).all()
     estimate = gamma_estimate(rng, signal / signal.max() + 0.02, 64.0)
-    reference = reconstruct_measurement(read_measurement(estimate), METHODS[name], FAST, 0, "cpu")
+    reference = reconstructor(METHODS[name], FAST).run(read_measurement(estimate))
     assert reference.object_found
     # rounding grows along a chaotic iteration: the same object, not the same bits; powers of two round nothing
     for scale, limit in ((1e-30, 0.9), (1e30, 0.9), (2.0**-100, 0.99), (2.0**100, 0.99)):
-        scaled = reconstruct_measurement(read_measurement(estimate * np.float32(scale)), METHODS[name], FAST, 0, "cpu")
+        scaled = reconstructor(METHODS[name], FAST).run(read_measurement(estimate * np.float32(scale)))
         assert aligned_pearson(scaled.albedo, reference.albedo)[0] > limit, scale
 
 
@@ -204,9 +193,9 @@ def test_extremes(rng, name):
 @pytest.mark.parametrize("side", [8, 256])
 def test_grids_of_16_and_512(rng, name, side):
     """Recovered where there is a picture to recover, whatever the grid."""
-    solve, options = solver_of(METHODS[name]), solver_options(METHODS[name], BALANCED)
     image = strokes(rng, side) if side > 8 else np.pad([[1.0, 0.2], [0.5, 0.9]], 3).astype(np.float32)
-    found = solve(modulus_of(image), side, torch_rng(), replace(options, iterations=400, starts=4))
+    solver = replace(SOLVERS[name], iterations=400, starts=4)
+    found = solve(solver, PhaseProblem(modulus_of(image), side), torch_rng())
     best = found.images[found.residual.argmin()]
     assert best.shape == (2 * side, 2 * side)
     aligned_image, correlation = register_images(
@@ -221,8 +210,16 @@ def test_the_command_offers_every_method_and_quality():
     assert (offered["method"], offered["quality"]) == (tuple(METHODS), tuple(QUALITIES))
 
 
-def test_qualities_scale_every_method():
-    for name in CLASSICAL_METHODS:
-        fast, best = (solver_options(METHODS[name], quality) for quality in (FAST, BEST))
-        assert (fast.starts, best.starts) == (FAST.solver_starts, BEST.solver_starts)
-        assert fast.iterations < best.iterations
+def test_choices_registry_and_documentation_list_the_same_methods():
+    assert {name for name, method in METHODS.items() if method.weights is None} == set(SOLVERS)
+    described = (Path(__file__).parents[2] / "docs" / "commands.md").read_text()
+    for name in METHODS:
+        assert f"`{name}`" in described, name
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_qualities_scale_every_method(name):
+    fast, best = (reconstructor(METHODS[name], quality) for quality in (FAST, BEST))
+    assert fast.steps < best.steps
+    if isinstance(fast, SolverReconstructor) and isinstance(best, SolverReconstructor):
+        assert (fast.solver.starts, best.solver.starts) == (FAST.solver_starts, BEST.solver_starts)

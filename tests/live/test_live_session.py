@@ -19,6 +19,7 @@ from correlograph.live.sources import GrowingFiles
 from correlograph.live.threads import WAITING, Acquisition
 from invert.assess.speckle_test import SpeckleTest
 from invert.measure.estimate import estimate_from_frames
+from invert.request import Request
 from tests.light import speckle
 
 CAMERA = cg.CameraMetadata(532e-9, 7e-6, 1.0)
@@ -51,7 +52,7 @@ def test_the_estimate_is_that_of_the_same_frames_in_a_capture():
     live = session.estimate()
     capture = cg.Capture(frames, CAMERA, ("a", "b", "c"))
     size = live.record.grid.size
-    np.testing.assert_array_equal(live.lags, estimate_from_frames(capture, size, "cpu", lags=63).lags)
+    np.testing.assert_array_equal(live.lags, estimate_from_frames(capture, Request(patch=size, lags=63)).lags)
     report = session.report(live)
     assert report.frames == 3
     assert report.detection > 6.0

@@ -13,6 +13,7 @@ from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.captured_frames import read_capture
 from correlograph.files.corrections import Corrections
 from invert.measure.estimate import estimate_from_frames
+from invert.request import Request
 from radiometry.autocorrelation import patch_grid
 from radiometry.estimation import parallel_frames
 from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator, estimate_autocorrelation
@@ -121,9 +122,9 @@ def test_a_stack_that_grows_gives_the_estimate_of_its_frames_in_memory(tmp_path:
     monkeypatch.setattr(capture_module, "MAX_KEPT_BYTES", 0)
     for count in (PART_FRAMES + 5, len(frames)):
         np.save(stack, frames[:count].astype(np.uint16))
-        found = estimate_from_frames(read_capture([stack], CameraMetadata()), PATCH, "cpu", lags=63, sums_file=sums)
+        found = estimate_from_frames(read_capture([stack], CameraMetadata()), Request(patch=PATCH, lags=63, sums_file=sums))
         assert sums.is_file()
-        expected = estimate_from_frames(Capture(list(frames[:count])), PATCH, "cpu", lags=63)
+        expected = estimate_from_frames(Capture(list(frames[:count])), Request(patch=PATCH, lags=63))
         np.testing.assert_allclose(found.lags, expected.lags, atol=1e-6 * expected.lags.max())
 
 
@@ -152,8 +153,8 @@ def test_a_cluster_gives_the_sums_of_this_machine(tmp_path: Path, scheduler: str
     monkeypatch.setattr(parallel_frames, "BLOCK_FRAMES", PART_FRAMES + 3)
     (tmp_path / "capture").mkdir()
     capture = _capture_in_files(tmp_path / "capture", _frames(4 * PART_FRAMES + 1))
-    here = estimate_from_frames(capture, PATCH, "cpu", lags=63)
-    there = estimate_from_frames(capture, PATCH, "cpu", lags=63, scheduler=scheduler)
+    here = estimate_from_frames(capture, Request(patch=PATCH, lags=63))
+    there = estimate_from_frames(capture, Request(patch=PATCH, lags=63, scheduler=scheduler))
     np.testing.assert_array_equal(there.lags, here.lags)
     assert there.record == here.record
 
@@ -166,7 +167,7 @@ def test_a_cluster_finds_a_copy_of_a_frame(tmp_path: Path, scheduler: str, monke
     (tmp_path / "capture").mkdir()
     capture = _capture_in_files(tmp_path / "capture", frames)
     with pytest.raises(InputError, match="repeats an earlier frame"):
-        estimate_from_frames(capture, PATCH, "cpu", lags=63, scheduler=scheduler)
+        estimate_from_frames(capture, Request(patch=PATCH, lags=63, scheduler=scheduler))
 
 
 def test_frames_in_files_can_be_pickled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

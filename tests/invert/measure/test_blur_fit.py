@@ -11,9 +11,8 @@ import invert.methods
 from correlograph.errors import InputError
 from invert.__main__ import main
 from invert.albedo.metrics import aligned_pearson
-from invert.choices import FAST, UNET
-from invert.methods import reconstruct_measurement
-from invert.network.checkpoints import DEFAULT_WEIGHTS
+from invert.choices import DEFAULT_WEIGHTS, FAST, UNET
+from invert.methods import reconstructor
 from tests.light import letter_cells, thrown
 
 PATCH, SHAPE = 257, (1028, 1232)
@@ -39,7 +38,7 @@ def test_estimated_blur_is_correct_and_improves_the_reconstruction(kind, down, r
     for seed, character in enumerate("RK5"):
         blurred = frames(character, kind, 2.0, seed)
         result = invert.reconstruct(blurred, quality="fast", patch=PATCH)
-        assert (result.albedo == reconstruct_measurement(result.measurement, UNET, FAST, 0, "cpu").albedo).all()
+        assert (result.albedo == reconstructor(UNET, FAST).run(result.measurement).albedo).all()
         found = result.estimate.blur_pixels
         assert (found is not None) == any("look blurred" in warning for warning in result.warnings)
         if found is not None:
@@ -66,7 +65,7 @@ def test_sharp_frames_are_not_taken_for_blurred(photons):
         result = invert.reconstruct(frames(character, "sharp", photons, seed), quality="fast", patch=PATCH)
         assert result.estimate.blur_pixels is None
         assert result.object_found
-        assert (result.albedo == reconstruct_measurement(result.measurement, UNET, FAST, 0, "cpu").albedo).all()
+        assert (result.albedo == reconstructor(UNET, FAST).run(result.measurement).albedo).all()
 
 
 def test_blur_pixels_zero_disables_blur_estimation(tmp_path, command):

@@ -12,7 +12,8 @@ import correlograph as cg
 from correlograph.errors import InputError
 from correlograph.files.captured_frames import find_frames, read_capture
 from correlograph.files.stacks import open_stack
-from invert.batch.captures import Request
+from invert.batch.captures import Job
+from invert.request import Request
 
 SHAPE = (5, 130, 148)
 
@@ -93,9 +94,9 @@ def test_a_raw_file_without_a_description_says_how_to_write_one(tmp_path):
 
 def test_a_changed_description_is_another_request(tmp_path):
     file, _ = write_raw(tmp_path, "Mono16")
-    before = Request(False, cg.CameraMetadata(), cg.Corrections()).sha256([file])
+    before = Job(Request()).sha256([file])
     (tmp_path / "Mono16.raw.json").write_text(json.dumps({"width": SHAPE[1], "height": SHAPE[2], "pixel_format": "Mono16"}))
-    assert Request(False, cg.CameraMetadata(), cg.Corrections()).sha256([file]) != before
+    assert Job(Request()).sha256([file]) != before
 
 
 def test_zarr_arrays_are_read_exactly(tmp_path):
@@ -105,9 +106,9 @@ def test_zarr_arrays_are_read_exactly(tmp_path):
     assert find_frames([tmp_path / "run.zarr"]) == find_frames([tmp_path]) == [tmp_path / "run.zarr"]
     stack = open_stack(tmp_path / "run.zarr")
     np.testing.assert_array_equal(np.stack([stack.read(n)[0] for n in range(stack.count)]), pixels.astype(np.float32))
-    before = Request(False, cg.CameraMetadata(), cg.Corrections()).sha256([tmp_path / "run.zarr"])
+    before = Job(Request()).sha256([tmp_path / "run.zarr"])
     array[2, 3, 4] += 1
-    assert Request(False, cg.CameraMetadata(), cg.Corrections()).sha256([tmp_path / "run.zarr"]) != before
+    assert Job(Request()).sha256([tmp_path / "run.zarr"]) != before
 
 
 def test_an_array_of_a_zarr_group_is_named(tmp_path):

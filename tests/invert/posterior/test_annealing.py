@@ -5,7 +5,9 @@ from dataclasses import replace
 import pytest
 import torch
 
+from correlograph.progress import Progress, no_progress
 from invert.albedo.registration import register_images, zero_pad
+from invert.choices import DEFAULT_WEIGHTS
 from invert.likelihood.data_consistency import run_data_consistency_steps
 from invert.likelihood.gamma import Likelihood
 from invert.network.annealing import (
@@ -19,11 +21,10 @@ from invert.network.annealing import (
     replace_unlikely_samples,
     sample_posterior,
 )
-from invert.network.checkpoints import DEFAULT_WEIGHTS, load_network
+from invert.network.checkpoints import load_network
 from invert.network.features import Observation
 from invert.network.inference import make_observation
 from invert.network.sampler import posterior_variance
-from invert.solvers.base import Progress, no_progress
 from invert.training.data import at_noise, hidden_in_noise
 from invert.training.objectives import DenoisedPicture
 from tests.invert.posterior.steps import MIRRORED_STEM, RIGHT, noisy

@@ -11,10 +11,10 @@ import torch
 from correlograph.errors import InputError
 from correlograph.lags import LAGS, lag_grid
 from invert.albedo.metrics import aligned_pearson
-from invert.choices import BALANCED, UNET, quality_named
+from invert.choices import BALANCED, DEFAULT_WEIGHTS, UNET, quality_named
 from invert.measure.spectrum import read_measurement
-from invert.methods import reconstruct_measurement
-from invert.network.checkpoints import DEFAULT_WEIGHTS, load_network, save_weights
+from invert.methods import reconstructor
+from invert.network.checkpoints import load_network, save_weights
 from invert.network.features import (
     FUSION_CHANNELS,
     LAG_CHANNELS,
@@ -286,10 +286,7 @@ def noise(rng: np.random.Generator, kind: str) -> np.ndarray:
 def test_noise_is_no_object(rng, kind, quality, count):
     """False alarms below 1 %: the signal must stand out of a floor that slopes, and the network must believe its picture."""
     estimates = (read_measurement(noise(rng, kind)) for _ in range(count))
-    assert (
-        sum(reconstruct_measurement(estimate, UNET, quality_named(quality), 0, "cpu").object_found for estimate in estimates)
-        <= 0.01 * count
-    )
+    assert sum(reconstructor(UNET, quality_named(quality)).run(estimate).object_found for estimate in estimates) <= 0.01 * count
 
 
 @needs_weights
@@ -299,11 +296,11 @@ def test_the_network_draws_an_f_that_is_not_mirrored(rng):
     batch = at_noise(torch.from_numpy(image)[None], 80.0 / 255.0, 64.0, torch_rng())
     measurement = read_measurement(batch.seen.estimate[0].numpy())
     for quality, wanted in (("fast", 0.7), ("balanced", 0.85)):
-        result = reconstruct_measurement(measurement, UNET, quality_named(quality), 0, "cpu")
+        result = reconstructor(UNET, quality_named(quality)).run(measurement)
         pearson, _ = aligned_pearson(result.albedo, image)
         assert result.object_found
         assert pearson > wanted
         assert aligned_pearson(result.albedo[:, ::-1], image)[0] < pearson
         assert abs(result.confidence - pearson) < 0.2
-    twice = reconstruct_measurement(measurement, UNET, BALANCED, 0, "cpu")
+    twice = reconstructor(UNET, BALANCED).run(measurement)
     np.testing.assert_array_equal(twice.albedo, result.albedo)
