@@ -67,7 +67,7 @@ def crossing(seconds: list[float], values: list[float], level: float) -> float:
 
 
 def measure_detection(capture: cg.Capture, truth: cg.Truth, quality: str, seed: int) -> float:
-    return read_measurement(estimate_from_frames(capture).lags).detection
+    return read_measurement(estimate_from_frames(capture).values).detection
 
 
 def measure_correlation(capture: cg.Capture, truth: cg.Truth, quality: str, seed: int) -> float:
@@ -116,8 +116,8 @@ def main() -> None:
         )
         rows.append(
             {
-                "pixel_on_wall_um": 1e6 * other.pixel_pitch_m,
-                "read_noise": other.electronics.read_noise,
+                "pixel_on_wall_um": 1e6 * other.camera.pixel_pitch_m,
+                "read_noise": other.camera.electronics.read_noise,
                 "lag_pitch_um": 1e6 * plan.lag_pitch_m,
                 "detection_s": [plan.detection_s, detected_s],
                 "correlation_s": [plan.correlation_s, sharp_s],

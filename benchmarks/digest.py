@@ -30,7 +30,7 @@ def main() -> None:
         found[f"{name} frames"] = digest(np.stack(capture.frames))
         found[f"{name} truth"] = digest(capture.truth)
         result = invert.reconstruct(capture, quality="fast")
-        found[f"{name} estimate"] = digest(result.estimate.lags)
+        found[f"{name} estimate"] = digest(result.estimate.values)
         found[f"{name} unet fast"] = digest(result.albedo)
     exact = Settings("field", 1e-3, "fresnel")
     found["corner_letter field"] = digest(sim.wall_field("corner_letter", 2, settings=exact))

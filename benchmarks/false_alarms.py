@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import json
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -66,8 +65,7 @@ def draw_capture(photographs: Path, number: int) -> tuple[dict[str, Any], cg.Cap
     camera = {name: drawn[name] for name in ("exposure_s", "read_noise", "bits", "gain")}
     pitches_m = patches_of(geometry)[1]
     geometry = geometry.with_object(albedo.astype(np.float32), pitches_m)
-    electronics = replace(geometry.electronics, **camera)
-    geometry = replace(geometry, electronics=electronics, frame_shape=tuple(drawn["shape"]))
+    geometry = geometry.with_camera(frame_shape=tuple(drawn["shape"])).with_electronics(**camera)
     return drawn, render_geometry(geometry, drawn["frames"], number), cg.Truth(albedo, pitches_m)
 
 

@@ -66,15 +66,15 @@ def main() -> None:
     geometry = simulation.geometry
     camera = CameraMetadata(
         geometry.wavelength_m,
-        geometry.pixel_pitch_m,
+        geometry.camera.pixel_pitch_m,
         geometry.distance_m,
-        geometry.pupil_diameter_m,
-        geometry.pupil_distance_m,
+        geometry.camera.pupil_diameter_m,
+        geometry.camera.pupil_distance_m,
         *geometry.seen_pitch_m,
     )
     capture = Capture(frames, camera)
     estimate = estimate_from_frames(capture)
-    measurement = read_measurement(estimate.lags, transfer=estimate.transfer)
+    measurement = read_measurement(estimate.values, transfer=estimate.transfer)
     network, _ = load_network(DEFAULT_WEIGHTS)
     paper = load_network(paper_weights)[0] if paper_weights else PaperUnet().to(memory_format=torch.channels_last).eval()
     seen = make_observation([measurement])
@@ -86,7 +86,7 @@ def main() -> None:
     modulus = fourier_modulus(measurement)
     rows = [
         ("autocorrelation of two frames", lambda: estimate_from_frames(capture)),
-        ("noise level", lambda: read_measurement(estimate.lags, transfer=estimate.transfer)),
+        ("noise level", lambda: read_measurement(estimate.values, transfer=estimate.transfer)),
         ("denoiser, sketch and fusion, batch 1", lambda: (denoise(network, seen, 1), fuse(network, seen, seen.classical, 1))),
         ("two frames to albedo, fast", lambda: reconstruct(capture, quality="fast")),
         ("estimate to albedo, balanced", lambda: reconstruct(estimate)),

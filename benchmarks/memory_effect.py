@@ -56,8 +56,8 @@ def main() -> None:
     geometry, memory = scene.geometry, MemoryEffect.of(scene.geometry)
     prediction = predict(geometry)
     truth = memory.cells / memory.cells.max()
-    per_frame = prediction.terms.light.signal * np.prod(geometry.frame_shape) / geometry.electronics.exposure_s
-    reach = 0.5 * geometry.wavelength_m * geometry.distance_m / geometry.pixel_pitch_m
+    per_frame = prediction.terms.light.signal * np.prod(geometry.camera.frame_shape) / geometry.camera.electronics.exposure_s
+    reach = 0.5 * geometry.wavelength_m * geometry.distance_m / geometry.camera.pixel_pitch_m
     noise = prediction.signal_to_noise(FRAMES)
     rows = [
         (
@@ -65,7 +65,7 @@ def main() -> None:
             f"{per_frame:.3g}",
             f"{memory.photoelectrons_per_pixel_s * np.prod(memory.frame_shape):.3g}",
         ),
-        ("aperture", f"{geometry.pupil_diameter_m * 1e3:.3g} mm", f"{memory.aperture_m * 1e3:.3g} mm"),
+        ("aperture", f"{geometry.camera.pupil_diameter_m * 1e3:.3g} mm", f"{memory.aperture_m * 1e3:.3g} mm"),
         ("contrast", "1", f"{memory.contrast:.2g}"),
         ("resolution", f"{prediction.pitch_m * 1e6:.3g} um", f"{memory.pitch_m * 1e6:.3g} um"),
         (

@@ -44,9 +44,9 @@ def draw_camera(number: int) -> tuple[dict[str, Any], Any, int]:
     scale = float(rng.uniform(0.8, 1.8))
     rows, columns = (int(side) for side in rng.integers(420, 900, 2))
     exposure_s = float(2.0 ** rng.uniform(-6.0, 0.0))
-    photons = predict(geometry).terms.light.signal / geometry.electronics.exposure_s * exposure_s * scale**2
+    photons = predict(geometry).terms.light.signal / geometry.camera.electronics.exposure_s * exposure_s * scale**2
     electronics = replace(
-        geometry.electronics,
+        geometry.camera.electronics,
         exposure_s=exposure_s,
         quantum_efficiency=1.0,
         read_noise=sometimes(rng.uniform(0.05, 1.0)),
@@ -55,7 +55,9 @@ def draw_camera(number: int) -> tuple[dict[str, Any], Any, int]:
         **({"full_well": max(40.0 * photons, 10.0), "bits": int(rng.integers(7, 13))} if rng.random() < 0.4 else {}),
         **({"gate": exposure_s / int(rng.integers(2, 2000))} if rng.random() < 0.3 else {}),
     )
-    geometry = geometry.with_camera(scale * geometry.pixel_pitch_m, (rows, columns), electronics)
+    geometry = geometry.with_camera(
+        pixel_pitch_m=scale * geometry.camera.pixel_pitch_m, frame_shape=(rows, columns), electronics=electronics
+    )
     grain_m = geometry.wavelength_m * geometry.distance_m / max(geometry.hidden_object.extent_m)
     geometry = replace(
         geometry,
@@ -73,7 +75,7 @@ def draw_camera(number: int) -> tuple[dict[str, Any], Any, int]:
     }
     drawn = {"scene": scene, "frames": frames, "shape": [rows, columns], "pitch": scale, **used}
     drawn |= {"scan": geometry.spot.scan_speed_m_s, "velocity": float(np.abs(geometry.object_velocity_m_s).max())}
-    return drawn | {"linewidth_hz": geometry.linewidth_hz, "depolarised": geometry.is_depolarised}, geometry, frames
+    return drawn | {"linewidth_hz": geometry.spot.linewidth_hz, "depolarised": geometry.is_depolarised}, geometry, frames
 
 
 def measure(geometry: Any, prediction: Prediction, frames: int, seeds: Sequence[int]) -> np.ndarray:

@@ -195,7 +195,7 @@ def whole_frame() -> str:
     from sim.scene_reader import read_geometry
 
     simulation = Simulation(read_geometry(load_scene(scene_path("corner_letter"))[0]))
-    noise, wave = np.random.default_rng(0), torch.randn(*simulation.geometry.frame_shape, dtype=torch.complex64)
+    noise, wave = np.random.default_rng(0), torch.randn(*simulation.geometry.camera.frame_shape, dtype=torch.complex64)
     mean = simulation.expected_frame(0, 0).numpy()
 
     def fastest(run: Any) -> float:
@@ -209,7 +209,7 @@ def whole_frame() -> str:
     frame, fft = fastest(lambda: simulation.frame(0, 0)), fastest(lambda: torch.fft.fft2(wave))
     poisson = fastest(lambda: noise.poisson(mean))
     thing = make_object(1.0, 0.0, 0.0)
-    wall = replace(thing.wall, shape=simulation.geometry.frame_shape)
+    wall = replace(thing.wall, shape=simulation.geometry.camera.frame_shape)
     pairs = len(thing.scatterers) * np.prod(wall.shape)
     direct = KERNELS["direct"].propagate
     rate = {

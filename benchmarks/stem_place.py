@@ -107,7 +107,7 @@ def calibration_error(shares: np.ndarray) -> float:
 
 def _read_measurement(file: Path) -> Measurement:
     estimate = published_estimate(file)
-    return read_measurement(estimate.lags, estimate.quantisation)
+    return read_measurement(estimate.values, estimate.quantisation)
 
 
 def observe(file: Path) -> str:

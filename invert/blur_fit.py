@@ -38,7 +38,7 @@ RECONSTRUCTIONS_PER_BLUR = 2
 
 def likelihood_before_division(estimate: Estimate) -> Likelihood:
     """Return the likelihood of an estimate that is not divided by its transfer, so that its noise is uniform over the lags."""
-    return Likelihood.of(read_measurement(estimate.lags, estimate.quantisation), transfer=estimate.transfer)
+    return Likelihood.of(read_measurement(estimate.values, estimate.quantisation), transfer=estimate.transfer)
 
 
 def estimate_blur(
@@ -53,7 +53,7 @@ def estimate_blur(
     Args:
         reconstruct: function that reconstructs a measurement; its second argument selects the seed.
     """
-    undivided = read_measurement(estimate.lags, estimate.quantisation)
+    undivided = read_measurement(estimate.values, estimate.quantisation)
     # More lags are chosen where the upper frequencies hold signal, which a blur removes.
     is_searchable = estimate.blur_pixels is None and estimate.record is not None and estimate.lag_grid.lags <= LAGS
     if not is_searchable or not undivided.detectable or not undivided.noise.dof:
@@ -65,7 +65,7 @@ def estimate_blur(
 
     def attempts(tried: Estimate) -> list[Reconstruction]:
         """Reconstruct with the transfer of `tried` until one reconstruction explains the estimate or the attempts are used up."""
-        measurement, made = read_measurement(tried.lags, tried.quantisation, tried.transfer), []
+        measurement, made = read_measurement(tried.values, tried.quantisation, tried.transfer), []
         for number in range(RECONSTRUCTIONS_PER_BLUR):
             made.append(reconstruct(measurement, number))
             if misfit(tried, made[-1:]) < MIN_GAIN_NATS:

@@ -122,7 +122,7 @@ def _retrieve(request: Request, estimate: Estimate) -> tuple[Estimate, Measureme
     if request.finds_blur:
         network = reconstructor(UNET, FAST, request.device, request.weights)
         estimate, draft = estimate_blur(estimate, lambda seen, number: network.run(seen, request.seed + number))
-    measurement = read_measurement(estimate.lags, estimate.quantisation, estimate.transfer)
+    measurement = read_measurement(estimate.values, estimate.quantisation, estimate.transfer)
     if draft is not None and (request.method, request.quality) == (UNET, FAST):
         return estimate, measurement, draft
     chosen = reconstructor(request.method, request.quality, request.device, request.weights)

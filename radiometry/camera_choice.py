@@ -37,7 +37,7 @@ class Arrangement:
             geometry = geometry.with_wavelength(self.wavelength_m)
         camera = camera.bin_pixels(self.binning)
         electronics = replace(
-            geometry.electronics,
+            geometry.camera.electronics,
             quantum_efficiency=camera.efficiency(geometry.wavelength_m),
             read_noise=camera.read_noise,
             dark_current=camera.dark_current,
@@ -49,7 +49,12 @@ class Arrangement:
             gain=0.0,
             gate=0.0,
         )
-        return geometry.with_camera(camera.pixel_m / self.magnification, camera.shape, electronics, self.pupil_diameter_m)
+        return geometry.with_camera(
+            pixel_pitch_m=camera.pixel_m / self.magnification,
+            frame_shape=camera.shape,
+            pupil_diameter_m=self.pupil_diameter_m or geometry.camera.pupil_diameter_m,
+            electronics=electronics,
+        )
 
 
 @dataclass(frozen=True)
@@ -152,8 +157,8 @@ def _predict_one(
     fields_s = prediction.fields_exposure_s()
     longest_s = max((one for one in (detection_s, correlation_s) if one is not None), default=0.0)
     mean = prediction.at_exposure(longest_s).terms.mean if longest_s else 0.0
-    full_well = other.electronics.full_well
-    rows, columns = (side * other.pixel_pitch_m for side in other.frame_shape)
+    full_well = other.camera.electronics.full_well
+    rows, columns = (side * other.camera.pixel_pitch_m for side in other.camera.frame_shape)
     return CameraPlan(
         camera.name,
         choice,

@@ -52,7 +52,7 @@ def divide(
     """
     check_positive("--budget-s", budget_s)
     prediction = _predict_at_resolution(geometry, resolution_m)
-    gate, divisions = geometry.electronics.gate, []
+    gate, divisions = geometry.camera.electronics.gate, []
     for frames in counts:
         if budget_s / frames < gate:
             break
@@ -102,7 +102,7 @@ def _predict_at_resolution(geometry: Any, resolution_m: float) -> Prediction:
     check_positive("--resolution-m", resolution_m)
     optics = (geometry.wavelength_m, geometry.distance_m, geometry.seen_pitch_m[0])
     smallest = int(np.ceil(optics[0] * optics[1] / (resolution_m * optics[2]) - 0.5))
-    shorter = min(geometry.frame_shape)
+    shorter = min(geometry.camera.frame_shape)
     if smallest > shorter // 2:
         raise InputError(
             "--resolution-m",

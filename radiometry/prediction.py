@@ -25,7 +25,7 @@ from radiometry.autocorrelation import (
 from radiometry.coherence import autocorrelate_coherent
 from radiometry.estimation.autocorrelation_estimator import degrees_of_freedom
 from radiometry.estimation.fixed_pattern import shared_lags
-from radiometry.estimation.third_moment import MIN_SIGNAL_FRACTION, drawn_third_moment
+from radiometry.estimation.third_moment import MIN_SIGNAL_FRACTION, PatchLight, drawn_third_moment
 from radiometry.field_forecast import FieldForecast, cells_of, forecast_fields
 from radiometry.light_budget_rows import light_budget
 from radiometry.noise.detection import DETECTION_LIMIT, detection
@@ -90,7 +90,7 @@ class Prediction:
     @cached_property
     def terms(self) -> NoiseTerms:
         """Light and sensor, from which the noise follows."""
-        return NoiseTerms(speckle_light(self.geometry, self.grain_m2), self.geometry.electronics)
+        return NoiseTerms(speckle_light(self.geometry, self.grain_m2), self.geometry.camera.electronics)
 
     @cached_property
     def transfer(self) -> np.ndarray:
@@ -138,7 +138,7 @@ class Prediction:
     def line_noise_over_peak(self) -> dict[str, float]:
         """Return what the noise of rows or columns adds to the lags of one axis: its variance times the side of a patch."""
         side = {"row": self.grid.patch_shape[1], "column": self.grid.patch_shape[0]}
-        stages = [stage for stage in chain.stages_of(self.geometry.electronics) if stage.spread in side]
+        stages = [stage for stage in chain.stages_of(self.geometry.camera.electronics) if stage.spread in side]
         return {stage.name: side[stage.spread] * self.terms.share(stage) for stage in stages}
 
     def detection(self, frames: int) -> float:
@@ -199,7 +199,7 @@ class Prediction:
             return math.log(max(excess(self.at_exposure(2.0**octaves)), 1e-300))
 
         lowest, highest = (math.log2(limit) for limit in EXPOSURES_S)
-        gate = self.geometry.electronics.gate
+        gate = self.geometry.camera.electronics.gate
         lowest = max(lowest, math.log2(gate)) if gate else lowest
         if log_excess(lowest) >= 0.0:
             return 2.0**lowest
@@ -226,10 +226,12 @@ class Prediction:
             weight,
             self.transfer,
             pixels,
-            light.signal**2 * light.grain_pixels,
-            self.terms.mean - light.signal,
-            electronics.read_noise**2,
-            polarisations=self.polarisations,
+            PatchLight(
+                light.signal**2 * light.grain_pixels,
+                self.terms.mean - light.signal,
+                electronics.read_noise**2,
+                self.polarisations,
+            ),
         )
         patches = frames * math.prod(self.grid.frame_shape) / pixels
         return max(0.0, mean) / deviation * patches**0.5
@@ -245,9 +247,14 @@ class Prediction:
 
 def speckle_light(geometry: Any, grain_m2: float) -> SpeckleLight:
     """Return the light of one frame of a scene, whose speckle has a coherence area on the wall."""
-    exposure_s = geometry.electronics.exposure_s
+    exposure_s = geometry.camera.electronics.exposure_s
     ambient = geometry.ambient_photoelectrons_per_pixel_s
-    optics = (geometry.pixel_pitch_m, geometry.pupil_diameter_m, geometry.wavelength_m, geometry.pupil_distance_m)
+    optics = (
+        geometry.camera.pixel_pitch_m,
+        geometry.camera.pupil_diameter_m,
+        geometry.wavelength_m,
+        geometry.camera.pupil_distance_m,
+    )
     signal = light_budget(geometry.light_path).photoelectrons_per_pixel_s * exposure_s
     # Fraction of the speckle variance that remains with two incoherent polarisations and with motion.
     polarised = 0.5 if geometry.is_depolarised else 1.0
@@ -270,7 +277,7 @@ def _paths(geometry: Any, cell_m: tuple[float, float], depth_m: np.ndarray) -> n
     rows, columns = ((np.arange(side) - 0.5 * (side - 1)) * step for step in cell_m)
     grid = np.stack(np.meshgrid(rows, columns, indexing="ij"), -1).reshape(-1, 2)
     place = hidden.centre + hidden.position(grid, depth_m.ravel())
-    path = sum(np.linalg.norm(place - end, axis=1) for end in (geometry.spot.centre, geometry.detector_centre))
+    path = sum(np.linalg.norm(place - end, axis=1) for end in (geometry.spot.centre, geometry.camera.centre))
     return np.reshape(path, depth_m.shape)
 
 
@@ -280,7 +287,9 @@ def patches_of(geometry: Any, patch: int | None = None, lags: int = LAGS) -> tup
     The pitches are (rows, columns).
     """
     facts = (geometry.wavelength_m, geometry.distance_m, geometry.seen_pitch_m)
-    grid = patch_grid(geometry.frame_shape, patch or automatic_patch_size(geometry.frame_shape, facts, lags=lags), lags)
+    grid = patch_grid(
+        geometry.camera.frame_shape, patch or automatic_patch_size(geometry.camera.frame_shape, facts, lags=lags), lags
+    )
     return grid, grid.lag_pitches_m(*facts)
 
 
@@ -295,14 +304,14 @@ def predict(geometry: Any, patch: int | None = None, lags: int = LAGS) -> Predic
     )
     seen = hidden.sample(cell, (side, side))
     albedo = seen.albedo
-    correlation = autocorrelate_coherent(albedo, _paths(geometry, cell, seen.depth_m), geometry.linewidth_hz)
+    correlation = autocorrelate_coherent(albedo, _paths(geometry, cell, seen.depth_m), geometry.spot.linewidth_hz)
     transfer = lag_transfer(
         grid.lag_grid.steps,
         grid.patch_shape,
-        geometry.pixel_pitch_m,
-        geometry.pupil_diameter_m,
+        geometry.camera.pixel_pitch_m,
+        geometry.camera.pupil_diameter_m,
         geometry.wavelength_m,
-        geometry.pupil_distance_m,
+        geometry.camera.pupil_distance_m,
     )
     peak = peak_of_cell_means(correlation)
     smooth = smooth_by_window(correlation / peak if peak > 0.0 else correlation, CELLS_PER_LAG, lags)

@@ -1,7 +1,8 @@
 """Coherent simulator: speckle frames of a Mitsuba scene file.
 
     scene.py         loaded scene: geometry, plan, drawing, sweeps
-    rendering.py     render and wall_field
+    rendering.py     render and wall_field; sim.json
+    recording.py     frames of a plan, with their headers, for all who draw some
     scene_drawing.py drawing of a scene to scale
     scene_file.py    loading and checking of a scene file, digest of its content
     coloured_bitmaps.py  notes on coloured albedos
@@ -9,7 +10,7 @@
     plugins/         laser, phase_screen, speckle_camera: the scene vocabulary (table.py lists its parameters)
     integrators/     speckle, throughput: frames and light budget by mi.render
     scene_reader.py  scene -> Geometry, validated (scene_checks.py: rays and sizes)
-    geometry.py      distances, cosines, light path
+    geometry.py      spot, object, wall, camera (camera_view.py), light path
     transport/       light as rays: surfaces, light budget, object as seen from the virtual detector, Monte Carlo
     optics/          light as waves: illumination, motion, coherence, camera
     propagation/     object -> virtual detector, one propagator per file

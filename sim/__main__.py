@@ -139,36 +139,24 @@ def _render(scene, plan, content, options) -> None:
     from correlograph.files.capture_folder import frame_path, replace_capture, stage_capture
     from correlograph.files.exr_frames import write_frame
     from correlograph.files.output import output_folder, save_array, save_json
-    from sim.rendering import draw_frames, header, lag_grid_albedo, record, saturation
+    from sim.recording import Recording
+    from sim.rendering import lag_grid_albedo, record
 
     folder = output_folder(options.output)
     begin = time.perf_counter()
     truth, pitches_m = lag_grid_albedo(plan.geometry, options.truth_patch, options.truth_lags)
     write_s = saturated = 0.0
     with stage_capture(folder, options.frames, overwrite=options.overwrite) as staging:
-        drawn = draw_frames(plan, options.frames, options.seed, mean=options.noise_free, device=options.device)
-        prepared = time.perf_counter()
+        recording = Recording(plan, options.seed, mean=options.noise_free, device=options.device, digest=scene.digest)
+        drawn, prepared = recording.frames(options.frames), time.perf_counter()
         for number, frame in enumerate(tqdm(drawn, total=options.frames, desc="frames", unit="frame", disable=None)):
             started = time.perf_counter()
-            write_frame(frame_path(staging, number), frame, header(plan, options.seed, number, scene.digest))
-            saturated += saturation(plan, [frame]) / options.frames
+            write_frame(frame_path(staging, number), frame, recording.header(number))
+            saturated += recording.saturated(frame) / options.frames
             write_s += time.perf_counter() - started
         seconds = {"prepare": prepared - begin, "render": time.perf_counter() - prepared - write_s, "write": write_s}
         save_array(staging / "truth.npy", truth)
-        save_json(
-            staging / "sim.json",
-            record(
-                scene,
-                plan,
-                content,
-                options.seed,
-                options.frames,
-                pitches_m,
-                mean=options.noise_free,
-                saturated=saturated,
-                seconds=seconds,
-            ),
-        )
+        save_json(staging / "sim.json", record(scene, recording, content, pitches_m, saturated, seconds))
         replace_capture(staging, folder)
     if saturated > SATURATION_WORTH_A_WARNING:
         print(f"warning: full_well: {100 * saturated:.3g} % of the pixels are saturated", file=sys.stderr)

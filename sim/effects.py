@@ -95,11 +95,11 @@ def decide(
 def _is_unset(name: str, effect: Effect, geometry: Geometry) -> bool:
     """Return whether the scene gives no parameter for an effect."""
     if name in _parameters():
-        return not getattr(geometry.electronics, _parameters()[name])
+        return not getattr(geometry.camera.electronics, _parameters()[name])
     if name == "linewidth":
-        return geometry.linewidth_hz == 0.0
+        return geometry.spot.linewidth_hz == 0.0
     if name == "ambient":
-        return geometry.ambient_irradiance is None
+        return geometry.wall.ambient_irradiance is None
     return name in ("motion", "other_light", "detector_texture") and effect.predicted_error == 0.0
 
 
@@ -111,10 +111,10 @@ def _optical_effects(prediction: Prediction, samples: ObjectSamples, stray: Stra
     scattering = phase_rms * geometry.wavelength_m / (2.0 * math.pi * source.correlation_length_m)
     half_angle = 0.5 * max(geometry.hidden_object.extent_m) / geometry.source_distance_m
     speckle = terms.over_peak()["detector_speckle"] or 0.0
-    lit, texture = geometry.ambient_irradiance is not None, geometry.detector_texture
+    lit, texture = geometry.wall.ambient_irradiance is not None, geometry.wall.texture
     spread = 0.0 if texture is None else float(texture.std(dtype="f8"))
     moved = variance_lost_to_motion(geometry, samples)
-    contrast = variance_lost_to_linewidth(*stray.joint_paths(samples), geometry.linewidth_hz)
+    contrast = variance_lost_to_linewidth(*stray.joint_paths(samples), geometry.spot.linewidth_hz)
     background = geometry.other_light_share - stray.coherent_share
     return [
         Effect(
@@ -163,7 +163,7 @@ def _optical_effects(prediction: Prediction, samples: ObjectSamples, stray: Stra
             else "nothing moves while the shutter is open",
             moved,
         ),
-        Effect("linewidth", contrast > tolerance, f"{geometry.linewidth_hz:.3g} Hz against the spread of paths", contrast),
+        Effect("linewidth", contrast > tolerance, f"{geometry.spot.linewidth_hz:.3g} Hz against the spread of paths", contrast),
     ]
 
 
@@ -179,7 +179,7 @@ def remaining_electronics(electronics: Electronics, decided: dict[str, Effect]) 
 
 def _effect_of(stage: Stage, prediction: Prediction) -> Effect:
     """Return the line of the plan for a stage of the sensor."""
-    electronics = prediction.geometry.electronics
+    electronics = prediction.geometry.camera.electronics
     if not stage.is_set(electronics):
         return Effect(stage.name, False, f"the speckle_camera leaves {stage.parameter} at zero", 0.0)
     lines = prediction.line_noise_over_peak()

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -25,6 +24,17 @@ from sim.propagation.option import Terms, Visibility
 from sim.propagation.sampling import kernel, middle, phasor
 
 
+@dataclass(frozen=True)
+class _Mode:
+    """A coherent mode of a frame: polarisation (0 or 1, each with independent random phases), offset of a spectral line from the
+    laser frequency, and pose of object and spot.
+    """
+
+    polarisation: int
+    offset_hz: float
+    pose: Pose
+
+
 class Simulation:
     """State that all frames of a scene share; `frame(seed, number)` simulates one frame.
 
@@ -41,7 +51,7 @@ class Simulation:
     def _follow(self, plan: Plan) -> None:
         self.plan, self.geometry, self.settings = plan, plan.geometry, plan.settings
         self.propagator, self.effects, self._modes, self._samples = plan.kernel, plan.effects, plan.modes, plan.samples
-        self._electronics = remaining_electronics(self.geometry.electronics, self.effects)
+        self._electronics = remaining_electronics(self.geometry.camera.electronics, self.effects)
         self._gain: np.ndarray | None = None
         self._stray = plan.stray if self._models("other_light") else StrayLight(None, None)
         self.budget = light_budget(self.geometry.light_path)
@@ -60,43 +70,19 @@ class Simulation:
         """Expected photoelectrons of one pixel from the hidden object, over all speckle realisations."""
         return self.plan.mean_photoelectrons
 
-    def wall_field(
-        self,
-        seed: int,
-        number: int,
-        polarisation: int = 0,
-        offset_hz: float = 0.0,
-        oversampling: int = 1,
-        progress: Callable[[int], object] = lambda parts: None,
-    ) -> torch.Tensor:
+    def wall_field(self, seed: int, number: int) -> torch.Tensor:
         """Return the complex field of one coherent mode on the virtual detector; |E|^2 averages to the total relative power
         of the object's samples.
 
-        Args:
-            polarisation: 0 or 1, each with independent random phases.
-            offset_hz: offset of a spectral line from the laser frequency.
-            oversampling: samples per pixel and axis.
-
         Returns:
-            complex64 (oversampling H, oversampling W); complex128 if the propagator works in double precision.
+            complex64 (H, W); complex128 if the propagator works in double precision.
         """
-        height, width = self.geometry.frame_shape
-        pose = self._poses(number)[0]
-        canvas = self._canvas_field(seed, number, polarisation, offset_hz, oversampling, pose, progress)
-        return middle(canvas, (height * oversampling, width * oversampling))
+        canvas = self._canvas_field(seed, number, _Mode(0, 0.0, self._poses(number)[0]), 1)
+        return middle(canvas, self.geometry.camera.frame_shape)
 
-    def _canvas_field(
-        self,
-        seed: int,
-        number: int,
-        polarisation: int,
-        offset_hz: float,
-        oversampling: int,
-        pose: Pose,
-        progress: Callable[[int], object] = lambda parts: None,
-    ) -> torch.Tensor:
+    def _canvas_field(self, seed: int, number: int, mode: _Mode, oversampling: int) -> torch.Tensor:
         """Return the field on the frame and on a border, from which the camera blur brings light into the frame."""
-        samples, option = self._samples, self.propagator
+        samples, option, pose = self._samples, self.propagator, mode.pose
         height, width = samples.wall.shape
         wall = replace(
             samples.wall, shape=(height * oversampling, width * oversampling), pitch_m=samples.wall.pitch_m / oversampling
@@ -106,7 +92,7 @@ class Simulation:
         lit = illuminate(
             self.geometry,
             samples.grid,
-            lambda frame: _stream(seed, frame, 2 * polarisation),
+            lambda frame: _stream(seed, frame, 2 * mode.polarisation),
             number,
             grain=self._models("source_grain"),
             pose=pose,
@@ -114,10 +100,10 @@ class Simulation:
         if any(pose.object_m):
             lit = lit.astype(np.complex64)
             lit[samples.place] *= phasor(travel_phase(self.geometry, samples.coordinates_m, pose), 1.0)
-        scatterers, chosen = samples.lit(lit, period, offset_hz), KERNELS[option.propagator]
-        terms = Terms(option.precision, device=self.device.type, progress=progress)
+        scatterers, chosen = samples.lit(lit, period, mode.offset_hz), KERNELS[option.propagator]
+        terms = Terms(option.precision, device=self.device.type)
         if not chosen.on_lattice:
-            visible = self.geometry.hidden_object.visible_from(self.geometry.detector_centre, wall.centre_m)
+            visible = self.geometry.hidden_object.visible_from(self.geometry.camera.centre, wall.centre_m)
             visible = visible if chosen.sees_occluders else None
             scatterers = replace(scatterers, amplitude=scatterers.amplitude * self._kernel_gain(visible))
             terms = replace(terms, visible=visible)
@@ -151,9 +137,9 @@ class Simulation:
         channels records frames 2 k and 2 k + 1 in one exposure.
         """
         if len(self._samples.amplitude) == 0:
-            return self._ambient().expand(self.geometry.frame_shape).clone().cpu()
+            return self._ambient().expand(self.geometry.camera.frame_shape).clone().cpu()
         factor, polarisations = self._modes.oversampling, self._modes.polarisations
-        exposure, channel = divmod(number, self.geometry.polarisation_channels)
+        exposure, channel = divmod(number, self.geometry.camera.polarisation_channels)
         exact = self._modes.exact_roughness
         texture = self._texture(factor) if self._models("detector_texture") else None
         total = torch.zeros(self.geometry.canvas_shape, device=self.device)
@@ -166,7 +152,7 @@ class Simulation:
         )
         rng, waves = _stream(seed, number, 4), {}
         for polarisation, offset_hz, weight, index in modes:
-            wall = self._canvas_field(seed, exposure, polarisation, offset_hz, factor, poses[index]).to(torch.complex64)
+            wall = self._canvas_field(seed, exposure, _Mode(polarisation, offset_hz, poses[index]), factor).to(torch.complex64)
             if self._stray.coherent is not None:
                 if polarisation not in waves:
                     waves[polarisation] = self._stray.coherent.waves(self.geometry, poses, rng)
@@ -184,7 +170,7 @@ class Simulation:
             total.add_(image, alpha=background.emitters.share * self._samples.brightness)
         if not exact and self._models("pupil_and_pixel"):
             total = mean_image(total, self._transfer)
-        total = middle(total, self.geometry.frame_shape)
+        total = middle(total, self.geometry.camera.frame_shape)
         if self._models("detector_roughness") and not exact:
             total = gamma_image(total, self.geometry, _stream(seed, exposure, 3 + 2 * channel), polarisations)
         return (total * (self.mean_photoelectrons / self._samples.brightness)).add_(self._ambient()).cpu()
@@ -206,7 +192,7 @@ class Simulation:
     def _texture(self, factor: int) -> torch.Tensor:
         """Return the amplitude factor of the albedo of the virtual detector, mean square 1, on `factor` samples per
         pixel and axis."""
-        texture = torch.from_numpy(self.geometry.detector_texture).to(self.device).sqrt()
+        texture = torch.from_numpy(self.geometry.wall.texture).to(self.device).sqrt()
         height, width = self.geometry.canvas_shape
         down, right = ((n - m) // 2 for n, m in zip((height, width), texture.shape, strict=True))
         texture = torch.nn.functional.pad(texture[None, None], (right, right, down, down), mode="replicate")[0, 0]
@@ -217,8 +203,8 @@ class Simulation:
         rate = self.geometry.ambient_photoelectrons_per_pixel_s
         if rate is None or not self._models("ambient"):
             return torch.zeros(1, 1, device=self.device)
-        coarse = torch.from_numpy(rate * self.geometry.electronics.exposure_s).float()[None, None]
-        smooth = torch.nn.functional.interpolate(coarse, self.geometry.frame_shape, mode="bilinear", align_corners=False)
+        coarse = torch.from_numpy(rate * self.geometry.camera.electronics.exposure_s).float()[None, None]
+        smooth = torch.nn.functional.interpolate(coarse, self.geometry.camera.frame_shape, mode="bilinear", align_corners=False)
         return smooth[0, 0].to(self.device)
 
     def frame(self, seed: int, number: int) -> torch.Tensor:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from radiometry.light_budget_rows import LightPath, detector_to_pixel, light_budget
 from radiometry.motion import Motion
 from radiometry.photons import photon_rate
-from sim.plugins.speckle_camera import Electronics
+from sim.camera_view import CameraView
 from sim.propagation.sampling import canvas, period
 from sim.transport.flat_object import FlatObject
 from sim.transport.hidden_object import HiddenObject
@@ -32,54 +33,56 @@ class Spot:
     """Direction of the laser's light."""
     normal: np.ndarray
     """Normal of the wall, towards the light."""
+    linewidth_hz: float = 0.0
+    """Full width at half maximum of the laser's line."""
+
+
+@dataclass(frozen=True)
+class PhotographedWall:
+    """The virtual detector, as far as the camera sees it.
+
+    Attributes:
+        height_rms_m: its roughness; None without a phase_screen.
+        texture: its albedo under each pixel in units of its mean, float32 (H, W); None if it is uniform.
+        ambient_irradiance: irradiance by emitters other than the laser, W/m^2; a coarse map (`ambient.py`), None without any.
+    """
+
+    height_rms_m: float | None = None
+    texture: np.ndarray | None = None
+    ambient_irradiance: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
 class Geometry:
     """Geometry of a scene. Lengths in metres, vectors in world axes (3,).
 
-    `right` and `down` are the steps on the wall between adjacent pixels, divided by `pixel_pitch_m`, the pitch across the camera's line
-    of sight. They are longer than 1 if the camera sees the wall at an angle.
+    Attributes:
+        is_direct_path_blocked: whether a shape stands on the straight line from the virtual source to the virtual detector.
+        direct_light: irradiance of the virtual detector by light straight from the virtual source, per laser power, in 1/m^2;
+            zero if a baffle or the orientation of the walls blocks it.
+        is_depolarised: whether the light of a frame is depolarised, so that the frame is the incoherent sum of two speckle patterns.
+        object_velocity_m_s: velocity of the hidden object in world axes (3,).
+        other_light: stray laser light, by clutter or several reflections; None if a flat object replaces that of the scene.
     """
 
     spot: Spot
     hidden_object: HiddenObject | FlatObject
-    detector_centre: np.ndarray
-    pupil_centre: np.ndarray
-    right: np.ndarray
-    down: np.ndarray
-    frame_shape: tuple[int, int]
-    pixel_pitch_m: float
-    pupil_diameter_m: float
-    pupil_distance_m: float
-    electronics: Electronics
+    wall: PhotographedWall
+    camera: CameraView
     light_path: LightPath
     is_direct_path_blocked: bool
-    """Whether a shape stands on the straight line from the virtual source to the virtual detector."""
     direct_light: float
-    """Irradiance of the virtual detector by light straight from the virtual source, per laser power, in 1/m^2;
-    zero if a baffle or the orientation of the walls blocks it."""
-    linewidth_hz: float
     is_depolarised: bool
-    """Whether the light of a frame is depolarised, so that the frame is the incoherent sum of two speckle patterns."""
-    detector_height_rms_m: float | None
-    """Roughness of the virtual detector; None without a phase_screen."""
-    detector_texture: np.ndarray | None
-    """Albedo of the virtual detector under each pixel in units of its mean, float32 (H, W); None if it is uniform."""
-    ambient_irradiance: np.ndarray | None
-    """Irradiance of the imaged wall by emitters other than the laser, W/m^2; a coarse map (`ambient.py`), None without any."""
     object_velocity_m_s: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """Velocity of the hidden object in world axes (3,)."""
-    frame_interval_s: float = 0.0
-    """Time between the starts of two frames; the exposure if that is longer."""
-    polarisation_channels: int = 1
-    """Number of frames recorded in one exposure, each in another polarisation."""
     other_light: OtherLight | None = None
-    """Stray laser light, by clutter or several reflections; None if a flat object replaces that of the scene."""
+
+    def with_electronics(self, **values: Any) -> Geometry:
+        """Return the same scene with other values of the camera's electronics."""
+        return replace(self, camera=replace(self.camera, electronics=replace(self.camera.electronics, **values)))
 
     def with_exposure(self, exposure_s: float) -> Geometry:
         """Return the same scene at another exposure."""
-        return replace(self, electronics=replace(self.electronics, exposure_s=exposure_s))
+        return self.with_electronics(exposure_s=exposure_s)
 
     def with_power(self, power_w: float) -> Geometry:
         """Return the same scene at another laser power."""
@@ -89,40 +92,22 @@ class Geometry:
         """Return the same scene at another wavelength; the reflectances of its surfaces are assumed to be equal there."""
         return replace(self, light_path=replace(self.light_path, wavelength_m=wavelength_m))
 
-    def with_camera(
-        self,
-        pixel_pitch_m: float,
-        frame_shape: tuple[int, int],
-        electronics: Electronics,
-        pupil_diameter_m: float | None = None,
-    ) -> Geometry:
-        """Return the same scene with another camera in the same place. The wall that the new camera sees is assumed to be
-        uniform.
-
-        Args:
-            pixel_pitch_m: pitch of the pixels on the wall.
-            pupil_diameter_m: None for the diameter of the present pupil.
+    def with_camera(self, **values: Any) -> Geometry:
+        """Return the same scene with a camera of other values (`CameraView`) in the same place. The wall that it sees is assumed
+        to be uniform.
         """
-        pupil_diameter_m = self.pupil_diameter_m if pupil_diameter_m is None else pupil_diameter_m
+        camera = replace(self.camera, **values)
+        pixels = camera.frame_shape[0] * camera.frame_shape[1]
         path = replace(
             self.light_path,
-            pixel_area_m2=self.light_path.pixel_area_m2 * (pixel_pitch_m / self.pixel_pitch_m) ** 2,
-            pixels=frame_shape[0] * frame_shape[1],
-            quantum_efficiency=electronics.quantum_efficiency,
-            pupil_diameter_m=pupil_diameter_m,
+            pixel_area_m2=self.light_path.pixel_area_m2 * (camera.pixel_pitch_m / self.camera.pixel_pitch_m) ** 2,
+            pixels=pixels,
+            quantum_efficiency=camera.electronics.quantum_efficiency,
+            pupil_diameter_m=camera.pupil_diameter_m,
         )
         before, after = (detector_to_pixel(one) * one.pixel_area_m2 * one.pixels for one in (self.light_path, path))
         other = self.other_light and self.other_light.scale(after / before if before > 0.0 else 0.0)
-        return replace(
-            self,
-            pixel_pitch_m=pixel_pitch_m,
-            frame_shape=frame_shape,
-            pupil_diameter_m=pupil_diameter_m,
-            electronics=electronics,
-            light_path=path,
-            detector_texture=None,
-            other_light=other,
-        )
+        return replace(self, camera=camera, light_path=path, wall=replace(self.wall, texture=None), other_light=other)
 
     def with_object(self, cells: np.ndarray, pitch_m: float | tuple[float, float]) -> Geometry:
         """Return the same scene with a flat object of albedo cells (n, n) in its place; neighbouring cells are `pitch_m`
@@ -156,11 +141,11 @@ class Geometry:
     @property
     def ambient_photoelectrons_per_pixel_s(self) -> np.ndarray | None:
         """Photoelectrons from ambient light, a coarse map over the frame; None without any."""
-        if self.ambient_irradiance is None:
+        if self.wall.ambient_irradiance is None:
             return None
         path = self.light_path
         photons = photon_rate(1.0, path.wavelength_m) * path.pixel_area_m2
-        return self.ambient_irradiance * photons * detector_to_pixel(path)
+        return self.wall.ambient_irradiance * photons * detector_to_pixel(path)
 
     @property
     def object_speed_m_s(self) -> tuple[float, float]:
@@ -171,7 +156,7 @@ class Geometry:
     @property
     def motion(self) -> Motion:
         """Motion during one exposure."""
-        exposure_s, (down, right) = self.electronics.exposure_s, self.object_speed_m_s
+        exposure_s, (down, right) = self.camera.electronics.exposure_s, self.object_speed_m_s
         return Motion(
             self.spot.scan_speed_m_s * exposure_s / self.spot.diameter_m,
             (down * exposure_s, right * exposure_s),
@@ -184,18 +169,19 @@ class Geometry:
         """Pixel pitches on the wall (rows, columns) as seen from the object; the lag pitch is lambda z / (patch size x this
         pitch)."""
         stretch = self.hidden_object.axes.stretch
-        return self.pixel_pitch_m / stretch[0], self.pixel_pitch_m / stretch[1]
+        pitch_m = self.camera.pixel_pitch_m
+        return pitch_m / stretch[0], pitch_m / stretch[1]
 
     @property
     def seen_pixel_area_m2(self) -> float:
         """Area of a pixel's footprint across the line of sight."""
         step_down, step_right = self.hidden_object.axes.step
-        return self.pixel_pitch_m**2 * float(np.linalg.norm(np.cross(step_down, step_right)))
+        return self.camera.pixel_pitch_m**2 * float(np.linalg.norm(np.cross(step_down, step_right)))
 
     @property
     def canvas_shape(self) -> tuple[int, int]:
         """Pixels (rows, columns) on which the field is computed: the frame and a border for the blur of the camera."""
-        return canvas(self.frame_shape)
+        return canvas(self.camera.frame_shape)
 
     @property
     def period_shape(self) -> tuple[int, int]:

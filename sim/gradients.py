@@ -65,7 +65,7 @@ def setup_of(geometry: Any, cells: int = 48, patch: int | None = None) -> Setup:
     """Return the setup of a scene with a flat object that faces the wall; its albedo has `cells` cells along a side."""
     from radiometry.prediction import patches_of
 
-    hidden, path, camera = geometry.hidden_object, geometry.light_path, geometry.electronics
+    hidden, path, camera = geometry.hidden_object, geometry.light_path, geometry.camera.electronics
     extent = max(hidden.extent_m)
     albedo = hidden.cell_means((extent / cells, extent / cells), cells)
     to_spot = geometry.spot.centre - hidden.centre
@@ -80,7 +80,7 @@ def setup_of(geometry: Any, cells: int = 48, patch: int | None = None) -> Setup:
         * path.pupil_cosine
         * path.quantum_efficiency
         * path.pixel_area_m2
-        / geometry.pixel_pitch_m**2
+        / geometry.camera.pixel_pitch_m**2
     )
     numbers = {
         "cell_m": extent / cells,
@@ -94,7 +94,7 @@ def setup_of(geometry: Any, cells: int = 48, patch: int | None = None) -> Setup:
         "exposure_s": camera.exposure_s,
         "power_w": path.power_w,
         "wavelength_m": path.wavelength_m,
-        "pixel_pitch_m": geometry.pixel_pitch_m,
+        "pixel_pitch_m": geometry.camera.pixel_pitch_m,
         "pupil_diameter_m": path.pupil_diameter_m,
         "pupil_m": path.detector_to_pupil_m,
         "losses": losses,

@@ -54,7 +54,7 @@ def light_paths(plan: Plan) -> list[LightPath]:
 
 def direct_light_per_frame(geometry: Geometry) -> float:
     """Return the photoelectrons of a frame per laser photon that come straight from the virtual source."""
-    area = math.prod(geometry.frame_shape) * geometry.pixel_pitch_m**2
+    area = math.prod(geometry.camera.frame_shape) * geometry.camera.pixel_pitch_m**2
     return geometry.direct_light * area * detector_to_pixel(geometry.light_path)
 
 

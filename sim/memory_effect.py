@@ -57,7 +57,7 @@ class MemoryEffect:
 
         Raises InputError if the virtual detector has no roughness.
         """
-        if geometry.detector_height_rms_m is None:
+        if geometry.wall.height_rms_m is None:
             raise InputError(
                 "virtual_detector",
                 "a phase_screen, whose roughness limits the memory effect",
@@ -68,10 +68,10 @@ class MemoryEffect:
         cells = geometry.hidden_object.cell_means(pitch_m, 64).astype(np.float64)
         aperture_m = geometry.wavelength_m * geometry.distance_m / pitch_m
         pixel = pitch_m / geometry.distance_m / OVERSAMPLING
-        angle = geometry.pixel_pitch_m / geometry.pupil_distance_m
-        stopped = (aperture_m / geometry.pupil_diameter_m) ** 2
+        angle = geometry.camera.pixel_pitch_m / geometry.camera.pupil_distance_m
+        stopped = (aperture_m / geometry.camera.pupil_diameter_m) ** 2
         rate = light_budget(geometry.light_path).photoelectrons_per_pixel_s * stopped * (pixel / angle) ** 2
-        height, width = geometry.frame_shape
+        height, width = geometry.camera.frame_shape
         return cls(
             cells / cells.sum(),
             pitch_m,
@@ -122,13 +122,13 @@ class MemoryEffect:
 
 def _decorrelation(geometry: Geometry) -> tuple[float, float]:
     """Return k s q along the object's axes (rows, columns)."""
-    normal = np.cross(geometry.down, geometry.right)
-    normal *= np.sign(normal @ (geometry.hidden_object.centre - geometry.detector_centre)) / np.linalg.norm(normal)
+    normal = np.cross(geometry.camera.down, geometry.camera.right)
+    normal *= np.sign(normal @ (geometry.hidden_object.centre - geometry.camera.centre)) / np.linalg.norm(normal)
     slopes = []
-    for end in (geometry.pupil_centre, geometry.hidden_object.centre):
-        way = end - geometry.detector_centre
+    for end in (geometry.camera.pupil_centre, geometry.hidden_object.centre):
+        way = end - geometry.camera.centre
         slopes.append(way / (way @ normal) - normal)
-    q = 2.0 * np.pi * geometry.detector_height_rms_m / geometry.wavelength_m * (slopes[0] - slopes[1])
+    q = 2.0 * np.pi * geometry.wall.height_rms_m / geometry.wavelength_m * (slopes[0] - slopes[1])
     axes = geometry.hidden_object.axes
     return float(q @ axes.down), float(q @ axes.right)
 

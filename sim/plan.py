@@ -129,7 +129,7 @@ class Plan:
     @cached_property
     def mean_photoelectrons(self) -> float:
         """Expected photoelectrons of one pixel from the hidden object, over all speckle realisations."""
-        return light_budget(self.geometry.light_path).photoelectrons_per_pixel_s * self.geometry.electronics.exposure_s
+        return light_budget(self.geometry.light_path).photoelectrons_per_pixel_s * self.geometry.camera.electronics.exposure_s
 
 
 def check(geometry: Geometry) -> None:
@@ -170,7 +170,7 @@ def check_rough(geometry: Geometry) -> None:
 
 def check_exposure(geometry: Geometry) -> None:
     """Check that the number of photoelectrons is within the range of the Poisson generator and of single precision."""
-    electronics = geometry.electronics
+    electronics = geometry.camera.electronics
     rate = light_budget(geometry.light_path).photoelectrons_per_pixel_s * (1.0 + geometry.other_light_share)
     rate += electronics.dark_current
     if not rate * electronics.exposure_s < 1e12:
@@ -208,6 +208,6 @@ def _modes(
         exact,
         oversampling(geometry) if exact else 1,
         2 if effects["depolarisation"].modelled else 1,
-        tuple(spectral_lines(path_m, geometry.linewidth_hz)) if spread else ((0.0, 1.0),),
+        tuple(spectral_lines(path_m, geometry.spot.linewidth_hz)) if spread else ((0.0, 1.0),),
         sub_exposures(geometry, samples, settings.tolerance) if effects["motion"].modelled else 1,
     )

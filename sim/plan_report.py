@@ -146,10 +146,12 @@ def defocus_pixels(geometry: Geometry) -> float:
     """Return the diameter, in pixels, of the blur in the corner of the frame if the sensor were not tilted to bring the
     whole wall into focus (Scheimpflug).
     """
-    height, width = (0.5 * n * geometry.pixel_pitch_m for n in geometry.frame_shape)
-    corner = max(float(np.linalg.norm(height * geometry.down + side * width * geometry.right)) for side in (-1.0, 1.0))
+    height, width = (0.5 * n * geometry.camera.pixel_pitch_m for n in geometry.camera.frame_shape)
+    corner = max(
+        float(np.linalg.norm(height * geometry.camera.down + side * width * geometry.camera.right)) for side in (-1.0, 1.0)
+    )
     nearer = corner * math.sqrt(1.0 - geometry.light_path.detector_cosine_out**2)
-    return nearer * geometry.pupil_diameter_m / geometry.pupil_distance_m / geometry.pixel_pitch_m
+    return nearer * geometry.camera.pupil_diameter_m / geometry.camera.pupil_distance_m / geometry.camera.pixel_pitch_m
 
 
 def disagreement(geometry: Geometry, monte_carlo: MonteCarlo) -> list[str]:
@@ -170,7 +172,7 @@ def required_exposure(plan: Plan, frames: int) -> str:
     """Return text that names a longer exposure of each frame or, alternatively, a larger number of frames at which the
     object becomes detectable.
     """
-    exposure_s, expected = plan.geometry.electronics.exposure_s, plan.prediction.detection(frames)
+    exposure_s, expected = plan.geometry.camera.electronics.exposure_s, plan.prediction.detection(frames)
     if expected <= 0.0:
         return "light from the object"
     longer_s = plan.prediction.detection_exposure_s(frames)
@@ -205,7 +207,8 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
     floor, budget = prediction.floor_over_peak(frames), light_budget(geometry.light_path)
     forecast = prediction.forecast_fields(frames)
     lines = [
-        "{} x {} pixels, ".format(*geometry.frame_shape) + f"{frames} frames of {geometry.electronics.exposure_s:g} s",
+        "{} x {} pixels, ".format(*geometry.camera.frame_shape)
+        + f"{frames} frames of {geometry.camera.electronics.exposure_s:g} s",
         f"light           {plan.mean_photoelectrons:.3g} photoelectrons per pixel; {budget.per_pixel_db:.2f} dB per pixel, "
         f"{budget.per_frame_db:.2f} dB per frame"
         + ("" if monte_carlo is None else f" ({monte_carlo.per_frame_db:.2f} dB by Monte Carlo)"),
@@ -234,7 +237,7 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
 
 def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[str]:
     """Return warnings about parts of a scene that will not appear as expected."""
-    budget, electronics = light_budget(geometry.light_path), geometry.electronics
+    budget, electronics = light_budget(geometry.light_path), geometry.camera.electronics
     warnings = []
     share = specular_share(geometry)
     if share > 1e-3:

@@ -103,17 +103,19 @@ def check_spot_fits(scene: mi.Scene, laser: Laser, source: mi.Shape) -> None:
 def direct_light(
     scene: mi.Scene,
     source_albedo: float,
-    spot: np.ndarray,
-    source_normal: np.ndarray,
-    detector: np.ndarray,
-    detector_normal: np.ndarray,
+    source: tuple[np.ndarray, np.ndarray],
+    detector: tuple[np.ndarray, np.ndarray],
 ) -> float:
     """Return the irradiance of the frame centre by light straight from the spot, not via the object, divided by the laser
     power, in 1/m^2.
+
+    Args:
+        source, detector: spot and frame centre, each with the normal of its wall.
     """
-    way = detector - spot
+    (spot, source_normal), (centre, detector_normal) = source, detector
+    way = centre - spot
     cosines = max(_cosine_signed(source_normal, way), 0.0) * max(_cosine_signed(detector_normal, -way), 0.0)
-    if cosines == 0.0 or is_blocked(scene, spot, detector):
+    if cosines == 0.0 or is_blocked(scene, spot, centre):
         return 0.0
     return source_albedo * cosines / (np.pi * float(way @ way))
 

@@ -49,11 +49,11 @@ def draw_scene(scene: mi.Scene, geometry: Geometry) -> SceneDrawing:
 
 def _view_axes(geometry: Geometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return unit vectors along the relay walls, towards the object, and perpendicular to both."""
-    along = geometry.detector_centre - geometry.spot.centre
+    along = geometry.camera.centre - geometry.spot.centre
     towards = geometry.hidden_object.centre - geometry.spot.centre
     normal = np.cross(along, towards)
     if np.linalg.norm(normal) < 1e-6 * np.linalg.norm(towards) ** 2:  # the three points lie on one line
-        normal = np.cross(geometry.right, towards)
+        normal = np.cross(geometry.camera.right, towards)
     normal = normal / np.linalg.norm(normal)
     second = towards - (towards @ along) / max(along @ along, 1e-30) * along
     second = second / np.linalg.norm(second) if np.linalg.norm(second) > 1e-9 else towards / np.linalg.norm(towards)
@@ -62,11 +62,11 @@ def _view_axes(geometry: Geometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _light_paths(laser: np.ndarray, centres: dict[str, np.ndarray], geometry: Geometry) -> list[tuple]:
     """Return points (n, 3), label, colour, style and width of each path and marker."""
-    spot, detector, hidden = geometry.spot.centre, geometry.detector_centre, geometry.hidden_object.centre
+    spot, detector, hidden = geometry.spot.centre, geometry.camera.centre, geometry.hidden_object.centre
     paths: list[tuple] = [
         (np.array([laser, spot]), "laser beam", "tab:green", "-", 1.5),
         (np.array([spot, hidden, detector]), "light by way of the object", "tab:red", "-", 1.0),
-        (np.array([detector, geometry.pupil_centre]), "camera axis", "tab:blue", "-", 1.0),
+        (np.array([detector, geometry.camera.pupil_centre]), "camera axis", "tab:blue", "-", 1.0),
     ]
     direct = np.array([spot, detector])
     if geometry.is_direct_path_blocked:
@@ -78,13 +78,13 @@ def _light_paths(laser: np.ndarray, centres: dict[str, np.ndarray], geometry: Ge
         clutter = [centre for name, centre in centres.items() if not name.startswith(tuple(SHAPE_COLOURS))]
         for number, centre in enumerate(clutter):
             paths.append((np.array([spot, centre, detector]), "_" if number else label, "tab:orange", ":", 0.8))
-    height, width = (0.5 * n * geometry.pixel_pitch_m for n in geometry.frame_shape)
+    height, width = (0.5 * n * geometry.camera.pixel_pitch_m for n in geometry.camera.frame_shape)
     corners = [
-        detector + row * height * geometry.down + column * width * geometry.right
+        detector + row * height * geometry.camera.down + column * width * geometry.camera.right
         for row, column in ((-1, -1), (-1, 1), (1, 1), (1, -1), (-1, -1))
     ]
     paths.append((np.array(corners), "footprint of the camera", "tab:blue", "-", 2.5))
-    return [*paths, (spot, "laser spot", "k", "*", 1.0), (geometry.pupil_centre, "camera pupil", "k", "s", 1.0)]
+    return [*paths, (spot, "laser spot", "k", "*", 1.0), (geometry.camera.pupil_centre, "camera pupil", "k", "s", 1.0)]
 
 
 def _surface_points(shape: mi.Shape) -> np.ndarray:

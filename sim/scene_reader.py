@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -12,7 +12,8 @@ import numpy as np
 from correlograph.errors import InputError
 from radiometry.light_budget_rows import LightPath, closed_form
 from sim.backend.variant import check_compilable
-from sim.geometry import Geometry, Spot
+from sim.camera_view import CameraView
+from sim.geometry import Geometry, PhotographedWall, Spot
 from sim.plugins.laser import Laser
 from sim.plugins.phase_screen import PhaseScreen
 from sim.plugins.speckle_camera import SpeckleCamera
@@ -48,6 +49,15 @@ def fingerprint(scene: mi.Scene) -> int:
     )
 
 
+@dataclass(frozen=True)
+class _WallPoint:
+    """A point of a relay wall, with normal and albedo."""
+
+    place: np.ndarray
+    normal: np.ndarray
+    albedo: float
+
+
 def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geometry:
     """Read the geometry of a scene. Raises InputError that names what is missing or impossible.
 
@@ -55,60 +65,31 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
         sensor: the camera; the only speckle_camera of the scene if None.
     """
     source, detector, hidden_shapes, laser, camera = _find_parts(scene, sensor)
-    spot_point, source_normal, source_albedo = first_hit(scene, laser.origin, laser.direction, source, "the laser beam")
-    detector_centre, detector_normal, _ = first_hit(
-        scene, camera.pupil_centre, camera.axis, detector, "the axis of the speckle_camera"
-    )
-    height, width = film_size(camera)
+    lit = _WallPoint(*first_hit(scene, laser.origin, laser.direction, source, "the laser beam"))
     check_spot_fits(scene, laser, source)
-    right, down = pixel_steps(camera.axis, camera.up, check_facing(detector_normal, camera.axis, "the speckle_camera"))
-    wall_albedo, texture = texture_of(detector_albedo(scene, detector, camera, detector_centre, right, down, (height, width)))
+    seen = _WallPoint(*first_hit(scene, camera.pupil_centre, camera.axis, detector, "the axis of the speckle_camera"))
+    view = _view(camera, seen)
+    wall_albedo, wall = _photographed_wall(scene, detector, view, seen)
+    seen = replace(seen, albedo=wall_albedo)
 
     centre = 0.5 * np.sum(bounds(hidden_shapes), axis=0)
-    line = unit(centre - detector_centre)
-    check_facing(detector_normal, line, "the hidden_object")
-    transport = LightTransport(scene, laser, camera, detector_centre, right, down, (height, width), wall_albedo)
-    hidden_object = HiddenObject(transport, centre, lag_axes(right, down, line))
-    to_source, to_detector = hidden_object.centre - spot_point, detector_centre - hidden_object.centre
-    to_pupil = camera.pupil_centre - detector_centre
-    path = _light_path(
-        laser,
-        camera,
-        hidden_object,
-        (source_normal, source_albedo),
-        (detector_normal, wall_albedo),
-        to_source,
-        to_detector,
-        to_pupil,
-        abs(float(np.linalg.norm(np.cross(right, down)))),
-        height * width,
+    line = unit(centre - seen.place)
+    check_facing(seen.normal, line, "the hidden_object")
+    hidden_object = HiddenObject(
+        LightTransport(scene, laser, camera, view, wall_albedo), centre, lag_axes(view.right, view.down, line)
     )
+    path = _light_path(laser, camera, hidden_object, lit, seen, view)
     return Geometry(
-        spot=_spot(laser, source, spot_point, source_normal),
+        spot=_spot(laser, source, lit),
         hidden_object=hidden_object,
-        detector_centre=detector_centre,
-        pupil_centre=camera.pupil_centre,
-        right=right,
-        down=down,
-        frame_shape=(height, width),
-        pixel_pitch_m=camera.pixel_pitch_m,
-        pupil_diameter_m=camera.pupil_diameter_m,
-        pupil_distance_m=path.detector_to_pupil_m,
-        electronics=camera.electronics,
+        wall=wall,
+        camera=view,
         light_path=path,
-        is_direct_path_blocked=is_blocked(scene, spot_point, detector_centre),
-        linewidth_hz=laser.linewidth_hz,
+        is_direct_path_blocked=is_blocked(scene, lit.place, seen.place),
+        direct_light=direct_light(scene, path.source_albedo, (lit.place, lit.normal), (seen.place, seen.normal)),
         is_depolarised=_is_depolarised((source, *hidden_shapes), camera),
-        polarisation_channels=camera.polarisation_channels,
-        detector_height_rms_m=detector.bsdf().height_rms_m if isinstance(detector.bsdf(), PhaseScreen) else None,
-        detector_texture=texture,
-        ambient_irradiance=ambient_irradiance(
-            scene, detector_centre, right, down, detector_normal, (height * camera.pixel_pitch_m, width * camera.pixel_pitch_m)
-        ),
         object_velocity_m_s=_velocity(hidden_shapes),
-        frame_interval_s=camera.frame_interval_s,
         other_light=estimate_other_light(scene, camera=camera),
-        direct_light=direct_light(scene, path.source_albedo, spot_point, source_normal, detector_centre, detector_normal),
     )
 
 
@@ -141,65 +122,78 @@ def _find_parts(
     return source, detector, hidden_shapes, laser, camera
 
 
-def _spot(laser: Laser, source: mi.Shape, point: np.ndarray, normal: np.ndarray) -> Spot:
+def _view(camera: SpeckleCamera, seen: _WallPoint) -> CameraView:
+    """Return the camera with its pixels on the virtual detector. Raises InputError for a cropped film and grazing incidence."""
+    right, down = pixel_steps(camera.axis, camera.up, check_facing(seen.normal, camera.axis, "the speckle_camera"))
+    return CameraView(
+        pupil_centre=camera.pupil_centre,
+        centre=seen.place,
+        right=right,
+        down=down,
+        frame_shape=film_size(camera),
+        pixel_pitch_m=camera.pixel_pitch_m,
+        pupil_diameter_m=camera.pupil_diameter_m,
+        electronics=camera.electronics,
+        frame_interval_s=camera.frame_interval_s,
+        polarisation_channels=camera.polarisation_channels,
+    )
+
+
+def _photographed_wall(
+    scene: mi.Scene, detector: mi.Shape, view: CameraView, seen: _WallPoint
+) -> tuple[float, PhotographedWall]:
+    """Return the mean albedo of the virtual detector inside the frame, and what else the camera sees of it."""
+    albedo, texture = texture_of(detector_albedo(scene, detector, view))
+    screen = detector.bsdf()
+    height_rms_m = screen.height_rms_m if isinstance(screen, PhaseScreen) else None
+    return albedo, PhotographedWall(height_rms_m, texture, ambient_irradiance(scene, view, seen.normal))
+
+
+def _spot(laser: Laser, source: mi.Shape, lit: _WallPoint) -> Spot:
     """Return the laser spot on the virtual source. Raises InputError for a wall without a phase screen."""
     screen = source.bsdf()
     if not isinstance(screen, PhaseScreen):
         raise InputError("virtual_source", "a phase_screen BSDF", type(screen).__name__, "wrap its BSDF in a phase_screen")
     return Spot(
-        point,
+        lit.place,
         laser.spot_diameter_m,
         screen.height_rms_m,
         screen.correlation_length_m,
         laser.scan_step_m,
         laser.scan_speed_m_s,
         laser.direction,
-        normal,
+        lit.normal,
+        laser.linewidth_hz,
     )
 
 
 def _light_path(
-    laser: Laser,
-    camera: SpeckleCamera,
-    hidden_object: HiddenObject,
-    source: tuple[np.ndarray, float],
-    detector: tuple[np.ndarray, float],
-    to_source: np.ndarray,
-    to_detector: np.ndarray,
-    to_pupil: np.ndarray,
-    stretch: float,
-    pixels: int,
+    laser: Laser, camera: SpeckleCamera, hidden_object: HiddenObject, lit: _WallPoint, seen: _WallPoint, view: CameraView
 ) -> LightPath:
-    """Return the input of the closed-form light budget.
-
-    Args:
-        source, detector: normal and albedo of the relay walls.
-        to_source, to_detector: vectors from spot to object and from object to frame centre.
-        to_pupil: vector from the frame centre to the pupil.
-        stretch: area of a pixel's footprint in units of the squared pitch.
-    """
-    (source_normal, source_albedo), (detector_normal, wall_albedo) = source, detector
+    """Return the input of the closed-form light budget: from the lit point by the object to the frame centre and the pupil."""
+    to_source, to_detector = hidden_object.centre - lit.place, seen.place - hidden_object.centre
+    to_pupil = view.pupil_centre - seen.place
     cosines = hidden_object.mean_cosines()
     path = LightPath(
         wavelength_m=laser.wavelength_m,
         power_w=laser.power_w,
-        source_albedo=min(source_albedo, 1.0),
-        source_cosine=cosine_between(source_normal, to_source),
+        source_albedo=min(lit.albedo, 1.0),
+        source_cosine=cosine_between(lit.normal, to_source),
         source_to_object_m=float(np.linalg.norm(to_source)),
         object_cosine_in=cosines[0],
         object_albedo_area_m2=hidden_object.albedo_area_m2(),
         object_cosine_out=cosines[1],
         object_to_detector_m=float(np.linalg.norm(to_detector)),
-        detector_cosine_in=cosine_between(detector_normal, -to_detector),
-        detector_albedo=min(wall_albedo, 1.0),
-        detector_cosine_out=cosine_between(detector_normal, to_pupil),
-        detector_to_pupil_m=float(np.linalg.norm(to_pupil)),
-        pupil_diameter_m=camera.pupil_diameter_m,
+        detector_cosine_in=cosine_between(seen.normal, -to_detector),
+        detector_albedo=min(seen.albedo, 1.0),
+        detector_cosine_out=cosine_between(seen.normal, to_pupil),
+        detector_to_pupil_m=view.pupil_distance_m,
+        pupil_diameter_m=view.pupil_diameter_m,
         pupil_cosine=cosine_between(camera.axis, -to_pupil),
         transmission=camera.transmission,
-        quantum_efficiency=camera.electronics.quantum_efficiency,
-        pixel_area_m2=camera.pixel_pitch_m**2 * stretch,
-        pixels=pixels,
+        quantum_efficiency=view.electronics.quantum_efficiency,
+        pixel_area_m2=view.pixel_pitch_m**2 * view.footprint,
+        pixels=view.frame_shape[0] * view.frame_shape[1],
     )
     flat = closed_form(path).per_pixel
     if flat > 0.0 and hidden_object.throughput > 0.0:

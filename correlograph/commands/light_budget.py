@@ -69,7 +69,7 @@ def scene_account(scene: Any, geometry: Any, frames: int, samples: int, seed: in
         "noise_over_peak": prediction.terms.over_peak(),
         "signal_to_noise": prediction.signal_to_noise(frames),
         "photoelectrons_per_pixel": prediction.terms.light.signal,
-        "exposure_s": geometry.electronics.exposure_s,
+        "exposure_s": geometry.camera.electronics.exposure_s,
         "safety": safety,
         "warnings": warnings_of(plan, frames, monte_carlo),
     }

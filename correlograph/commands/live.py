@@ -76,12 +76,13 @@ def open_source(options: Any) -> tuple[Frames, float | None]:
         camera.check_complete()
         return GrowingFiles(Path(options.source), camera), options.exposure_s
     with exit_at_once():
-        import sim  # noqa: F401 - loads Mitsuba
-    from sim.scene_file import load_scene, parse_definitions
-    from sim.scene_reader import read_geometry
+        import sim
+    from sim.recording import Recording
+    from sim.scene_file import parse_definitions
 
-    geometry = read_geometry(load_scene(options.simulate, parse_definitions(options.definitions))[0])
-    return SimulatedCamera(geometry, options.frames_per_s, options.seed), geometry.electronics.exposure_s
+    scene = sim.load(options.simulate, **parse_definitions(options.definitions))
+    exposure_s = scene.geometry.camera.electronics.exposure_s
+    return SimulatedCamera(Recording(scene.plan(), options.seed), options.frames_per_s), exposure_s
 
 
 if __name__ == "__main__":

@@ -140,7 +140,7 @@ class Renderer:
         exposure t.
         """
         floor = self.prediction.shot_floor_over_peak
-        return None if floor is None else floor * self.geometry.electronics.exposure_s
+        return None if floor is None else floor * self.geometry.camera.electronics.exposure_s
 
     def budgets(self) -> list[tuple[str, np.ndarray]]:
         """Return estimates for Fig. 4: a total exposure of 10 s, divided in three ways. For a single frame, the background

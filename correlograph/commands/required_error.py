@@ -59,8 +59,8 @@ class RequiredError:
         from radiometry.prediction import predict
         from sim.rendering import render_geometry
 
-        rows, columns = (min(side, MAX_SIDE) for side in geometry.frame_shape)
-        cropped = geometry.with_camera(geometry.pixel_pitch_m, (rows, columns), geometry.electronics)
+        rows, columns = (min(side, MAX_SIDE) for side in geometry.camera.frame_shape)
+        cropped = geometry.with_camera(frame_shape=(rows, columns))
         prediction = predict(cropped)
         truth = Truth(prediction.cells, prediction.pitches_m)
         with tqdm(desc=f"reconstructions, {1e6 * prediction.pitch_m:.0f} um", unit="image", disable=None) as bar:

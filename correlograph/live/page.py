@@ -91,7 +91,7 @@ def _build(pn: Any, acquisition: Acquisition, folder: Path) -> Any:
             images["frame"].object = png(np.sqrt(np.clip(frame, 0.0, None)), "gray")
         if estimate is not None:
             images["autocorrelation"].object = png(
-                np.sqrt(np.clip(estimate.lags - np.median(estimate.lags), 0.0, None)), "magma"
+                np.sqrt(np.clip(estimate.values - np.median(estimate.values), 0.0, None)), "magma"
             )
         if result is not None:
             images["reconstruction"].object = png(result.albedo, "gray")

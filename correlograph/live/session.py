@@ -169,7 +169,7 @@ class LiveSession:
 
     def report(self, estimate: Estimate) -> LiveReport:
         """Return the state that belongs to an estimate of this session."""
-        measurement = read_measurement(estimate.lags, estimate.quantisation, estimate.transfer)
+        measurement = read_measurement(estimate.values, estimate.quantisation, estimate.transfer)
         frames = estimate.record.frames if estimate.record else 0
         error = estimate_noise(measurement) if measurement.detectable else None
         assert self._frame is not None

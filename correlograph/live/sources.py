@@ -14,7 +14,7 @@ from correlograph.files.capture import CameraMetadata
 from correlograph.files.stacks import is_stack, open_stack
 
 if TYPE_CHECKING:
-    from sim.geometry import Geometry
+    from sim.recording import Recording
 
 POLL_S = 0.2
 """Interval at which a folder or file is checked for new frames."""
@@ -87,18 +87,13 @@ class GrowingFiles:
 class SimulatedCamera:
     """Frames of a scene, rendered as fast as a camera with a given frame rate delivers them, or as this machine can."""
 
-    def __init__(self, geometry: Geometry, frames_per_s: float, seed: int = 0) -> None:
-        """Raise InputError if the scene cannot be modelled."""
-        from sim.frame import Simulation
-        from sim.rendering import header
-
-        self._simulation, self._seed, self._interval_s = Simulation(geometry), seed, 1.0 / frames_per_s
-        self.camera = CameraMetadata.of(header(self._simulation.plan, seed, 0, ""))
+    def __init__(self, recording: Recording, frames_per_s: float) -> None:
+        self._recording, self._interval_s, self.camera = recording, 1.0 / frames_per_s, recording.camera
 
     def __iter__(self) -> Iterator[np.ndarray]:
         due, number = time.monotonic(), 0
         while True:
-            frame = self._simulation.frame(self._seed, number).numpy()
+            frame = self._recording.frame(number)
             number += 1
             due = max(due + self._interval_s, time.monotonic() - self._interval_s)
             time.sleep(max(0.0, due - time.monotonic()))

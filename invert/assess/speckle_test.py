@@ -68,8 +68,8 @@ class SpeckleTest:
 def speckle_test(estimate: Estimate, measurement: Measurement, albedo: np.ndarray) -> SpeckleTest:
     """Test frames and estimate against a reconstruction (64, 64), not empty."""
     floor, ring, rings = measurement.noise.floor, measurement.noise.signal_ring, measurement.lag_grid.ring
-    transfer = np.ones_like(estimate.lags) if estimate.transfer is None else np.maximum(estimate.transfer, 0.05)
-    signal = (measurement.estimate - floor) * transfer
+    transfer = np.ones_like(estimate.values) if estimate.transfer is None else np.maximum(estimate.transfer, 0.05)
+    signal = (measurement.values - floor) * transfer
     expected = smooth_by_window(autocorrelate(albedo)) * transfer
     seen = uniform_filter(np.where(rings < 2, 0.0, signal), 3).clip(0.0)
     weight = np.divide(seen, seen + floor, out=np.zeros_like(seen), where=seen > 0.0)
@@ -84,7 +84,7 @@ def speckle_test(estimate: Estimate, measurement: Measurement, albedo: np.ndarra
     likeness, error = frames.likeness(albedo, weight, np.sqrt(transfer), signal, floor, power)
     used = (ring >= rings) & (rings > 1) & measurement.lag_grid.half_plane
     between = frame_differences(frames, used, noise.inflation)
-    return SpeckleTest(likeness, error, *unexplained, *frames.power_differences(weight, estimate.lags), *between)
+    return SpeckleTest(likeness, error, *unexplained, *frames.power_differences(weight, estimate.values), *between)
 
 
 def unexplained_fraction(

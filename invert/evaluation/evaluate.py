@@ -152,7 +152,7 @@ def _score_case(level: Any, case: Any, settings: dict[str, Any], options: Any) -
         **score(result.albedo, case.truth).as_dict(),
     }
     measurement = result.measurement
-    row["agreement"] = agreement(result.albedo, measurement.estimate, measurement.noise.floor, measurement.noise.signal_ring)
+    row["agreement"] = agreement(result.albedo, measurement.values, measurement.noise.floor, measurement.noise.signal_ring)
     if case.others and result.object_found:
         row["nats_each"] = log_likelihood_leads(case.truth, result.albedo, case.others)
         row["nats"] = float(np.mean(row["nats_each"]))
@@ -166,9 +166,9 @@ def _digest(level: Any, settings: dict[str, Any]) -> str:
     """Return the SHA-256 of a level's estimates and truths, and of the network weights."""
     whole = hashlib.sha256()
     for case in level.cases:
-        whole.update(case.estimate.lags.tobytes() + case.truth.tobytes())
+        whole.update(case.estimate.values.tobytes() + case.truth.tobytes())
         for measurement in case.others:
-            whole.update(measurement.estimate.tobytes())
+            whole.update(measurement.values.tobytes())
     weights = settings.get("weights") or settings["method"].weights
     if weights is not None:
         whole.update(weights.read_bytes())

@@ -234,7 +234,7 @@ def load_measured_set(folder: Path) -> Iterator[Level]:
 
 def _read_measurement(file: Path) -> Measurement:
     estimate = published_estimate(file)
-    return read_measurement(estimate.lags, estimate.quantisation)
+    return read_measurement(estimate.values, estimate.quantisation)
 
 
 def _reference(file: Path) -> np.ndarray:

@@ -73,7 +73,7 @@ class Likelihood:
         ranking of albedos by likelihood.
         """
         noise = measurement.noise
-        estimate = torch.from_numpy(measurement.estimate).to(device, kind)[None]
+        estimate = torch.from_numpy(measurement.values).to(device, kind)[None]
         floor, dof = (torch.tensor([value]).to(estimate) for value in (noise.floor, noise.dof or 1.0))
         return cls(estimate, floor, dof, inflation=noise.inflation, exact=True, transfer=transfer)
 

@@ -18,7 +18,7 @@ from invert.measure.spectrum import Measurement, read_measurement
 def coarsen(measurement: Measurement, side: int) -> Measurement:
     """Return the measurement of the same object window on `side` coarser lags; lags beyond the estimate are set to its floor."""
     floor, kernel = measurement.noise.floor, _kernel(side, measurement.lag_grid.object_side)
-    excess = measurement.estimate.astype(np.float64) - floor
+    excess = measurement.values.astype(np.float64) - floor
     coarse = (kernel @ excess @ kernel.T + floor).astype(np.float32)
     return read_measurement(0.5 * (coarse + coarse[::-1, ::-1]))
 
@@ -37,5 +37,5 @@ def _kernel(side: int, fine_side: int) -> np.ndarray:
 def pad(measurement: Measurement, side: int) -> Measurement:
     """Enlarge the object window to `side` lags of the same pitch; the added lags of the estimate are set to its floor."""
     margin = side - measurement.lag_grid.object_side
-    estimate = np.pad(measurement.estimate, margin, constant_values=np.float32(measurement.noise.floor))
-    return replace(measurement, estimate=estimate)
+    values = np.pad(measurement.values, margin, constant_values=np.float32(measurement.noise.floor))
+    return replace(measurement, values=values)

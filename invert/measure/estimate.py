@@ -81,9 +81,10 @@ class EstimateRecord:
 
 @dataclass(frozen=True)
 class Estimate:
-    """An estimate (127, 127), zero lag at [63, 63], noise floor included.
+    """An estimate of r*r.
 
     Attributes:
+        values: (127, 127), zero lag at [63, 63], noise floor included.
         quantisation: step of an estimate stored as integers; 0 for floating-point values.
         transfer: H of the camera per lag (127, 127); None if the camera is unknown.
         blur_pixels: standard deviation (rows, columns) of a Gaussian blur that `transfer` contains; None if unknown.
@@ -96,7 +97,7 @@ class Estimate:
     """
 
     name: str
-    lags: np.ndarray
+    values: np.ndarray
     quantisation: float = 0.0
     transfer: np.ndarray | None = None
     blur_pixels: tuple[float, float] | None = None
@@ -110,11 +111,11 @@ class Estimate:
     @property
     def lag_grid(self) -> LagGrid:
         """Lags of the estimate."""
-        return lag_grid_of(self.lags)
+        return lag_grid_of(self.values)
 
     def __repr__(self) -> str:
         pitch = "unknown pitch" if self.pitches_m is None else f"{self.pitches_m[0] * 1e6:.0f} um per lag"
-        return f"Estimate({self.name!r}, {self.lags.shape[0]} x {self.lags.shape[1]} lags, {pitch})"
+        return f"Estimate({self.name!r}, {self.values.shape[0]} x {self.values.shape[1]} lags, {pitch})"
 
 
 def published_estimate(file: Path) -> Estimate:
@@ -178,9 +179,9 @@ def estimate_from_frames(capture: Capture, request: Request | None = None) -> Es
     elif (patch, request.lags, request.pitch_m) == (None, None, None):
         choice = choose_lags(grid, lambda tried: read_measurement(run_estimator(tried)[1]))
         grid, reason = choice.grid, choice.reason
-    estimator, lags = run_estimator(grid) if few is capture.frames else run_over(capture.frames, grid)
+    estimator, values = run_estimator(grid) if few is capture.frames else run_over(capture.frames, grid)
     name = ", ".join(capture.names) or f"{len(capture.frames)} frames"
-    estimate = estimate_of(estimator, lags, capture.camera, name, capture.frames[0], reason)
+    estimate = estimate_of(estimator, values, capture.camera, name, capture.frames[0], reason)
     assert estimate.record is not None
     estimate = replace(
         estimate,
@@ -194,17 +195,17 @@ def estimate_from_frames(capture: Capture, request: Request | None = None) -> Es
 
 def estimate_of(
     estimator: AutocorrelationEstimator | PublishedEstimator,
-    lags: np.ndarray,
+    values: np.ndarray,
     camera: CameraMetadata,
     name: str,
     frame: np.ndarray,
     reason: str = "chosen by the user",
 ) -> Estimate:
-    """Return the estimate that an estimator has computed (`lags`), with its metadata; `frame` is an example of the frames."""
+    """Return the estimate that an estimator has computed (`values`), with its metadata; `frame` is an example of the frames."""
     grid, geometry = estimator.grid, camera.lag_geometry
     return Estimate(
         name=name,
-        lags=lags,
+        values=values,
         transfer=_camera_transfer(camera, grid),
         pitches_m=grid.lag_pitches_m(*geometry) if geometry else None,
         frame=frame,

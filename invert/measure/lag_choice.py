@@ -76,11 +76,11 @@ def upper_snr(measurement: Measurement) -> float:
     if not noise.dof:
         return np.inf
     used = grid.ring <= noise.signal_ring + 1
-    excess = np.where(used, measurement.estimate.astype(np.float64) - noise.floor, 0.0)
+    excess = np.where(used, measurement.values.astype(np.float64) - noise.floor, 0.0)
     padded = np.zeros((grid.padded_side, grid.padded_side))
     padded[: grid.side, : grid.side] = excess
     power = np.fft.fft2(np.roll(padded, (-grid.lags, -grid.lags), (0, 1))).real
-    variance = noise.inflation * float((measurement.estimate[used].astype(np.float64) ** 2).sum()) / noise.dof
+    variance = noise.inflation * float((measurement.values[used].astype(np.float64) ** 2).sum()) / noise.dof
     frequency = np.hypot(np.fft.fftfreq(len(power))[:, None], np.fft.fftfreq(len(power))[None])
     return float(np.sqrt(max(power[(frequency > 0.25) & (frequency <= 0.5)].var() / variance - 1.0, 0.0)))
 

@@ -34,7 +34,7 @@ def is_wider_than_lags(measurement: Measurement) -> bool:
 def signal_extent_lags(measurement: Measurement) -> int:
     """Return the extent of r*r in lags, about the width of the object."""
     lags = measurement.lag_grid
-    excess = np.where(lags.half_plane, measurement.estimate.astype(np.float64) - measurement.noise.floor, 0.0)
+    excess = np.where(lags.half_plane, measurement.values.astype(np.float64) - measurement.noise.floor, 0.0)
     inside = np.bincount(lags.ring.ravel(), excess.ravel(), lags.lags + 1).cumsum()
     return int(np.argmax(inside >= ENCLOSED_SIGNAL_FRACTION * inside[-1]))
 

@@ -24,7 +24,7 @@ class Measurement:
     """An estimate with its noise level and signal.
 
     Attributes:
-        estimate: (127, 127) float32, zero lag at [63, 63], lines through zero lag interpolated.
+        values: (127, 127) float32, zero lag at [63, 63], lines through zero lag interpolated.
         noise: floor, degrees of freedom, and radius in lags beyond which no signal is detected.
         peak: (r*r)(0) above the floor, patch window deconvolved; 0 without an object.
         peak_error: its standard error.
@@ -32,7 +32,7 @@ class Measurement:
         interpolated: names of the lines through zero lag that were replaced ("row", "column").
     """
 
-    estimate: np.ndarray
+    values: np.ndarray
     noise: NoiseLevel
     peak: float
     peak_error: float
@@ -42,7 +42,7 @@ class Measurement:
     @property
     def lag_grid(self) -> LagGrid:
         """Lags of the estimate."""
-        return lag_grid_of(self.estimate)
+        return lag_grid_of(self.values)
 
     @property
     def detectable(self) -> bool:
@@ -109,7 +109,7 @@ def estimate_noise(measurement: Measurement) -> float:
     """Return the relative L2 error of the estimate's signal under the noise model: sqrt(sum S^2 / K / sum A^2)."""
     if not measurement.noise.dof:
         return 0.0
-    kept = measurement.estimate[measurement.noise.signal_ring + 1 >= measurement.lag_grid.ring].astype(np.float64)
+    kept = measurement.values[measurement.noise.signal_ring + 1 >= measurement.lag_grid.ring].astype(np.float64)
     signal = ((kept - measurement.noise.floor) ** 2).sum()
     return float(np.sqrt((kept**2).sum() / measurement.noise.dof / signal)) if signal > 0.0 else np.inf
 
@@ -123,7 +123,7 @@ def fourier_modulus(measurement: Measurement) -> torch.Tensor:
     four fifths of them, because an object has almost no power there and noise would appear as structure.
     """
     guard = _guard(measurement)
-    excess = fill_zero_lag(measurement.estimate - np.float32(measurement.noise.floor), 0.0)
+    excess = fill_zero_lag(measurement.values - np.float32(measurement.noise.floor), 0.0)
     if measurement.noise.dof:  # without noise, leakage beyond the signal is useful
         excess[measurement.noise.signal_ring + 1 < measurement.lag_grid.ring] = 0.0
     spectrum = _power(excess)

@@ -8,6 +8,7 @@ is Gibbs sampling of an object and its noisy image), so rounds correct local err
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import torch
 
@@ -94,76 +95,79 @@ class AnnealingResult:
     denoised_means: torch.Tensor
 
 
-def sample_posterior(
-    sampler: Sampler,
-    observation: Observation,
-    inflation: float,
-    candidates: torch.Tensor,
-    options: Annealing,
-    rng: torch.Generator,
-    progress: Progress = no_progress,
-) -> AnnealingResult:
+@dataclass(frozen=True)
+class Chain:
+    """What stays the same while one object is sampled.
+
+    Attributes:
+        observation: conditioning input of the sampler network, one per albedo or one of all.
+        inflation: variance inflation of sums over lags; K is divided by it.
+        rng: source of the noise.
+        progress: called after each denoising step with a number of steps.
+    """
+
+    sampler: Sampler
+    observation: Observation
+    inflation: float
+    rng: torch.Generator
+    progress: Progress = no_progress
+
+    @cached_property
+    def data(self) -> Observation:
+        """The observation with the effective K of sums over lags."""
+        return replace(self.observation, dof=self.observation.dof / self.inflation)
+
+    def noise(self, like: torch.Tensor) -> torch.Tensor:
+        """Return standard normal noise of the shape of albedos (n, 64, 64)."""
+        return torch.randn(like.shape, generator=self.rng, device=self.rng.device).to(like)
+
+
+def sample_posterior(chain: Chain, candidates: torch.Tensor, options: Annealing) -> AnnealingResult:
     """Sample the posterior of one object. The rounds end early when the mean of the denoiser outputs has converged.
 
     Args:
-        inflation: variance inflation of sums over lags; K is divided by it.
         candidates: albedos (m, 64, 64) that replace unlikely samples before the first round.
-        progress: called after each denoising step with a number of steps.
     """
-    data, denoised_means = replace(observation, dof=observation.dof / inflation), []
+    observation, data = chain.observation, chain.data
+    denoised_means: list[torch.Tensor] = []
     sigma = observation.dof.new_full((len(candidates),), CANDIDATE_SIGMA)
     candidates = apply_shrunken_data_step(data, candidates, sigma, options.ascent)
     side = lag_grid_of(observation.estimate).object_side
     zeros = torch.zeros(options.samples, side, side, device=observation.estimate.device)
     first = replace(options, **INITIAL_SCHEDULE)
-    samples, _ = run_annealing(sampler, observation, data, zeros, first, rng, progress)
+    samples, _ = run_annealing(chain, zeros, first)
     mean = zero_pad(samples[0])
     for number in range(options.rounds):
         others = candidates[:0] if number else candidates
         samples = torch.stack([crop_centred(one) for one in zero_pad(replace_unlikely_samples(data, samples, others))])
-        samples, denoised = run_annealing(sampler, observation, data, samples, options, rng, progress)
+        samples, denoised = run_annealing(chain, samples, options)
         denoised_means.append(denoised)
         registered, _ = register_images(zero_pad(normalise_peak(denoised)), mean)
         former, mean = mean, registered.sum(0) + (mean if number else 0.0)
         if number and float(register_images(mean[None], former)[1]) >= options.converged:
-            progress((options.rounds - number - 1) * options.steps)
+            chain.progress((options.rounds - number - 1) * options.steps)
             break
     variance = PRIOR_VARIANCE_FACTOR * posterior_variance(torch.full_like(observation.dof, options.last))
-    samples = run_data_consistency_steps(data.likelihood(), normalise_peak(samples), variance, MAX_FINAL_STEPS, 1.0 / inflation)
+    samples = run_data_consistency_steps(
+        data.likelihood(), normalise_peak(samples), variance, MAX_FINAL_STEPS, 1.0 / chain.inflation
+    )
     return AnnealingResult(normalise_peak(samples), torch.cat(denoised_means))
 
 
 @torch.no_grad()
-def run_annealing(
-    sampler: Sampler,
-    observation: Observation,
-    data: Observation,
-    starts: torch.Tensor,
-    options: Annealing,
-    rng: torch.Generator,
-    progress: Progress = no_progress,
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Add noise to albedos (n, 64, 64) and denoise them; return the albedos and the mean of the denoiser outputs.
-
-    Args:
-        observation: conditioning input of the sampler network, one per albedo or one of all.
-        data: the same observation with the effective K of sums over lags.
-    """
-
-    def noise() -> torch.Tensor:
-        return torch.randn(starts.shape, generator=rng, device=rng.device).to(starts)
-
+def run_annealing(chain: Chain, starts: torch.Tensor, options: Annealing) -> tuple[torch.Tensor, torch.Tensor]:
+    """Add noise to albedos (n, 64, 64) and denoise them; return the albedos and the mean of the denoiser outputs."""
     levels = options.levels().to(starts)
-    albedo, noisy = starts, starts + levels[0] * noise()
+    albedo, noisy = starts, starts + levels[0] * chain.noise(starts)
     total = torch.zeros_like(starts)
     for level, following in zip(levels, [*levels[1:], None], strict=True):
         sigma = level.expand(len(starts))
-        denoised = sampler(observation, noisy, sigma, albedo).clamp(0.0, MAX_ALBEDO)
+        denoised = chain.sampler(chain.observation, noisy, sigma, albedo).clamp(0.0, MAX_ALBEDO)
         total += denoised
-        albedo = apply_shrunken_data_step(data, denoised, sigma, options.ascent)
+        albedo = apply_shrunken_data_step(chain.data, denoised, sigma, options.ascent)
         if following is not None:
-            noisy = renoise(albedo, noisy, level, following, noise())
-        progress()
+            noisy = renoise(albedo, noisy, level, following, chain.noise(starts))
+        chain.progress()
     return albedo, total / options.steps
 
 

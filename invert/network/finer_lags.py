@@ -11,14 +11,11 @@ from dataclasses import dataclass, replace
 import torch
 from torch.nn import functional
 
-from correlograph.progress import Progress
 from invert.albedo.registration import Consensus, consensus, crop_centred, normalise_peak, register_images, zero_pad
 from invert.choices import Quality
 from invert.likelihood.refinement import refine_by_likelihood
 from invert.measure.spectrum import RESOLUTION_LAGS, Measurement
-from invert.network.annealing import Annealing, replace_unlikely_samples, run_annealing
-from invert.network.features import Observation
-from invert.network.sampler import Sampler
+from invert.network.annealing import Annealing, Chain, replace_unlikely_samples, run_annealing
 from invert.solvers.base import gaussian_blur
 
 LATE_FIRST_SIGMA = 0.4
@@ -48,36 +45,27 @@ def finer_progress_steps(quality: Quality, samples: int) -> int:
     return quality.finer_rounds * (Annealing(samples, 1).steps + samples)
 
 
-def sample_on_finer_lags(
-    sampler: Sampler,
-    measurement: Measurement,
-    observation: Observation,
-    starts: torch.Tensor,
-    quality: Quality,
-    rng: torch.Generator,
-    progress: Progress,
-) -> FinerSamples:
+def sample_on_finer_lags(chain: Chain, measurement: Measurement, starts: torch.Tensor, quality: Quality) -> FinerSamples:
     """Continue to sample on the lags of a measurement; the resolution of the image is limited to half a lag, because the ascent
     fits noise at the highest frequencies.
 
     Args:
-        observation: the measurement as input of the network.
+        chain: the sampling of this measurement.
         starts: samples of the coarser grid, (n, side, side).
     """
-    data = replace(observation, dof=observation.dof / measurement.noise.inflation)
     samples, denoised = starts, []
     for number in range(quality.finer_rounds):
         options = Annealing(len(starts), 1)
         if 2 * number >= quality.finer_rounds and number:
             options = replace(options, first=LATE_FIRST_SIGMA)
-        likely = replace_unlikely_samples(data, samples, samples[:0])
+        likely = replace_unlikely_samples(chain.data, samples, samples[:0])
         centred = torch.stack([crop_centred(one) for one in zero_pad(likely)])
-        samples, expected = run_annealing(sampler, observation, data, centred, options, rng, progress)
+        samples, expected = run_annealing(chain, centred, options)
         denoised.append(normalise_peak(expected))
         refined = []
         for one in normalise_peak(samples):
             refined.append(refine_by_likelihood(one, measurement))
-            progress()
+            chain.progress()
         samples = torch.stack(refined)
     together = consensus(zero_pad(samples), torch.arange(len(samples)), len(samples), 0.0)
     mean = normalise_peak(together.image)

@@ -23,7 +23,7 @@ from invert.choices import FAST, Quality
 from invert.measure.coarsen import coarsen, pad
 from invert.measure.lag_choice import SIDE_STEP
 from invert.measure.spectrum import Measurement, denoised_modulus, fourier_modulus
-from invert.network.annealing import INITIAL_SCHEDULE, Annealing, sample_posterior
+from invert.network.annealing import INITIAL_SCHEDULE, Annealing, Chain, sample_posterior
 from invert.network.confidence import ConfidenceFeatures, logit_correlation_with_new_sample
 from invert.network.features import Observation
 from invert.network.finer_lags import enlarge, finer_progress_steps, sample_on_finer_lags
@@ -96,7 +96,7 @@ def predict(network: nn.Module, observation: Observation) -> Any:
 def make_observation(measurements: Sequence[Measurement]) -> Observation:
     """Convert measurements to the input of a network."""
     return Observation.from_estimate(
-        torch.from_numpy(np.stack([one.estimate for one in measurements])),
+        torch.from_numpy(np.stack([one.values for one in measurements])),
         torch.tensor([one.noise.floor for one in measurements], dtype=torch.float32),
         torch.tensor([one.noise.dof or UNBOUNDED_DOF for one in measurements], dtype=torch.float32),
     )
@@ -202,15 +202,10 @@ def _continue_on_finer_lags(
     hint = "" if quality == FAST else f"; --quality {FAST} is quicker"
     title, total = f"{measurement.lag_grid.lags} lags{hint}", finer_progress_steps(quality, len(starts))
     with tqdm(total=total, desc=title, unit="step", disable=None, leave=False) as bar:
-        found = sample_on_finer_lags(
-            network.sampler,
-            measurement,
-            make_observation([measurement]).part(slice(None), device),
-            starts,
-            quality,
-            torch.Generator().manual_seed(seed),
-            bar.update,
-        )
+        observation = make_observation([measurement]).part(slice(None), device)
+        rng = torch.Generator().manual_seed(seed)
+        chain = Chain(network.sampler, observation, measurement.noise.inflation, rng, bar.update)
+        found = sample_on_finer_lags(chain, measurement, starts, quality)
     if coarse.samples is None:
         return replace(coarse, image=found.image)
     agreement = logit_correlation_with_new_sample(found.together.agreement, len(starts))
@@ -232,15 +227,14 @@ def _reconstruct_on_first_lags(
     albedos, predicted = fuse(network, observation, classical, quality.augmentations)
     if found is not None and quality.samples:
         candidates = torch.cat((albedos, _crop_starts(found)))
-        sampled = sample_posterior(
+        chain = Chain(
             network.sampler,
             observation,
             measurement.noise.inflation,
-            candidates,
-            Annealing.of(quality),
             torch.Generator().manual_seed(seed),
             lambda steps=1: progress(SAMPLER_STEP * steps),
         )
+        sampled = sample_posterior(chain, candidates, Annealing.of(quality))
         samples, together = sampled.samples, _registered_mean(sampled.samples, 0.0)
         image = _blend(together.image, sampled.denoised_means, albedos)
     else:

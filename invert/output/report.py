@@ -111,7 +111,7 @@ def _result_panels(result: Outcome, albedo: np.ndarray, truth: np.ndarray | None
         corner = estimate.frame[:FRAME_CORNER, :FRAME_CORNER]
         low, high = float(corner.min()), float(corner.max())
         panels.append(_Panel("corner of the first frame", corner, low, max(high, low + 1e-12), unit="pixels"))
-    lags = dim_zero_lag(estimate.lags)
+    lags = dim_zero_lag(estimate.values)
     edge = estimate.lag_grid.lags + 0.5
     panels.append(
         _Panel(

@@ -48,7 +48,7 @@ def write_result(
     summary = summarise(result, truth, request_sha256, comparison)
     with staging_folder(folder) as staging:
         save_array(staging / "albedo.npy", np.ascontiguousarray(result.albedo, np.float32))
-        save_array(staging / "autocorrelation.npy", result.estimate.lags)
+        save_array(staging / "autocorrelation.npy", result.estimate.values)
         if result.fields is not None:
             save_array(staging / "albedo_coarse.npy", np.ascontiguousarray(result.coarse_albedo, np.float32))
             if result.fields.deviation is not None:
@@ -135,7 +135,7 @@ def floor_over_known_peak(estimate: Estimate, truth: np.ndarray, has_lines: bool
     signal = smooth_by_window(known)
     if estimate.transfer is not None:
         signal *= estimate.transfer
-    if not signal.any() or not estimate.lags.any():
+    if not signal.any() or not estimate.values.any():
         return None
-    gain, floor = fit_known_signal(estimate.lags, signal, lines=has_lines)
+    gain, floor = fit_known_signal(estimate.values, signal, lines=has_lines)
     return floor / (gain * peak_of_cell_means(known)) if gain > 0.0 else None

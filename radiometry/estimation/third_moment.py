@@ -212,17 +212,25 @@ def _estimated_trace(albedo: np.ndarray, weight: np.ndarray) -> float:
     )
 
 
+@dataclass(frozen=True)
+class PatchLight:
+    """Light of a patch.
+
+    Attributes:
+        peak: (r*r)(0) in photoelectrons squared.
+        white: photoelectrons per pixel of other light.
+        read: variance of the read noise.
+        polarisations: number of incoherent patterns that share the light.
+    """
+
+    peak: float
+    white: float = 0.0
+    read: float = 0.0
+    polarisations: int = 1
+
+
 def drawn_third_moment(
-    albedo: np.ndarray,
-    weight: np.ndarray,
-    transfer: np.ndarray,
-    patch_pixels: int,
-    peak: float,
-    white: float = 0.0,
-    read: float = 0.0,
-    *,
-    polarisations: int = 1,
-    draws: int = 200,
+    albedo: np.ndarray, weight: np.ndarray, transfer: np.ndarray, patch_pixels: int, light: PatchLight, draws: int = 200
 ) -> tuple[float, float]:
     """Return the mean of J^3 over a patch without shot noise, in photoelectrons cubed, and its standard deviation between patches.
 
@@ -232,24 +240,23 @@ def drawn_third_moment(
 
     Args:
         albedo: (64, 64), one cell per lag. weight: w (127, 127). transfer: H (127, 127).
-        patch_pixels: pixels per patch. peak: (r*r)(0) in photoelectrons squared.
-        white: photoelectrons per pixel of other light. read: variance of the read noise.
-        polarisations: number of incoherent patterns that share the light.
+        patch_pixels: pixels per patch.
     """
     lags = lag_grid_of(weight)
     side = lags.padded_side
     pixels, rng = side * side, torch.Generator().manual_seed(0)
     binned = patch_pixels / pixels
-    peak, white, read = binned * peak, binned * white, binned * read
+    peak, white, read = binned * light.peak, binned * light.white, binned * light.read
+    polarisations = light.polarisations
     root = torch.from_numpy(albedo * math.sqrt(peak / (4.0 * pixels * polarisations * float(np.square(albedo).sum())))).sqrt()
     parts = torch.randn(2, draws, polarisations, *albedo.shape, generator=rng)
     fields = torch.complex(root.float() * parts[0], root.float() * parts[1])
-    light = torch.fft.fft2(fields, s=(side, side)).abs().square().sum(1)
+    speckle = torch.fft.fft2(fields, s=(side, side)).abs().square().sum(1)
     places = torch.from_numpy(lags.steps) % side
     through, seen = torch.ones(side, side), torch.zeros(side, side)
     through[places[:, None], places] = torch.from_numpy(np.sqrt(transfer).astype(np.float32))
     seen[places[:, None], places] = torch.from_numpy(weight.astype(np.float32))
-    blurred = torch.fft.ifft2(torch.fft.fft2(light) * through).real.clamp_min(0.0)
+    blurred = torch.fft.ifft2(torch.fft.fft2(speckle) * through).real.clamp_min(0.0)
     level = float(blurred.mean()) + white
     counts = torch.poisson(blurred + white, generator=rng) + math.sqrt(read) * torch.randn(blurred.shape, generator=rng)
     spectra = torch.fft.fft2(counts - level)

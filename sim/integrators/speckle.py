@@ -32,33 +32,32 @@ class Speckle(mi.SamplingIntegrator):
             parse_effects(effects),
         )
         self.mean = bool(props.get("mean", False))
-        self._prepared: tuple[object, object] | None = None
+        self._seen = self._prepared = None
 
     def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
         del spp, develop, evaluate
-        simulation = self._simulation(scene, sensor)
-        draw = simulation.expected_frame if self.mean else simulation.frame
-        return mi.TensorXf(draw(int(seed), self.frame).numpy()[..., None])
+        return mi.TensorXf(self._recording(scene, sensor).frame(self.frame, int(seed))[..., None])
 
     def render_backward(self, *arguments, **named):
         raise RuntimeError("speckle: frames have no derivative by mi.render; sim.gradients differentiates their expectation")
 
     render_forward = render_backward
 
-    def _simulation(self, scene, sensor):
-        """Return the prepared simulation; it is reused if the scene has not changed."""
-        from sim.frame import Simulation
+    def _recording(self, scene, sensor):
+        """Return the recording of a scene by a sensor; it is reused if the scene has not changed."""
         from sim.plan_report import warnings_of
-        from sim.scene_reader import fingerprint, read_geometry
+        from sim.recording import Recording
+        from sim.scene import Scene
 
-        camera = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-        state = (id(scene), id(camera), fingerprint(scene))
-        if self._prepared is None or self._prepared[0] != state:
-            simulation = Simulation(read_geometry(scene, camera), self.settings)
-            for warning in warnings_of(simulation.plan, 2):
+        index = sensor if isinstance(sensor, int) else scene.sensors().index(sensor)
+        if self._seen is None or (self._seen.mitsuba, self._seen.sensor) != (scene, scene.sensors()[index]):
+            self._seen = Scene(scene).through(index)
+        plan = self._seen.plan(self.settings)
+        if self._prepared is None or self._prepared.plan is not plan:
+            self._prepared = Recording(plan, mean=self.mean)
+            for warning in warnings_of(plan, 2):
                 mi.Log(mi.LogLevel.Warn, f"speckle: {warning}")
-            self._prepared = (state, simulation)
-        return self._prepared[1]
+        return self._prepared
 
     def to_string(self) -> str:
         return f"Speckle[frame={self.frame}, accuracy={self.settings.accuracy}, tolerance={self.settings.tolerance}]"

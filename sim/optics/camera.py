@@ -16,12 +16,12 @@ def transfer_function(geometry: Geometry) -> torch.Tensor:
     """
     height, width = geometry.canvas_shape
     transfer = amplitude_transfer(
-        np.fft.fftfreq(height, geometry.pixel_pitch_m)[:, None],
-        np.fft.rfftfreq(width, geometry.pixel_pitch_m)[None, :],
-        geometry.pixel_pitch_m,
-        geometry.pupil_diameter_m,
+        np.fft.fftfreq(height, geometry.camera.pixel_pitch_m)[:, None],
+        np.fft.rfftfreq(width, geometry.camera.pixel_pitch_m)[None, :],
+        geometry.camera.pixel_pitch_m,
+        geometry.camera.pupil_diameter_m,
         geometry.wavelength_m,
-        geometry.pupil_distance_m,
+        geometry.camera.pupil_distance_m,
     )
     return torch.from_numpy(transfer.astype(np.float32))
 

@@ -21,8 +21,8 @@ from sim.geometry import Geometry
 def oversampling(geometry: Geometry) -> int:
     """Return the cells per pixel and axis that resolve the subjective speckle; odd, so that one cell lies at the centre
     of a pixel."""
-    cutoff = geometry.pupil_diameter_m / (geometry.wavelength_m * geometry.pupil_distance_m)
-    return math.ceil(2.0 * geometry.pixel_pitch_m * cutoff) | 1
+    cutoff = geometry.camera.pupil_diameter_m / (geometry.wavelength_m * geometry.camera.pupil_distance_m)
+    return math.ceil(2.0 * geometry.camera.pixel_pitch_m * cutoff) | 1
 
 
 def exact_image(field: torch.Tensor, factor: int, geometry: Geometry, rng: np.random.Generator) -> torch.Tensor:
@@ -33,17 +33,17 @@ def exact_image(field: torch.Tensor, factor: int, geometry: Geometry, rng: np.ra
         factor: from `oversampling`.
     """
     height, width = field.shape
-    pitch = geometry.pixel_pitch_m / factor
+    pitch = geometry.camera.pixel_pitch_m / factor
     parts = rng.standard_normal((2, *field.shape), np.float32) * np.float32(math.sqrt(0.5))
     spectrum = torch.fft.fft2(field * torch.complex(*(torch.from_numpy(part).to(field.device) for part in parts)))
     row, column = (torch.fft.fftfreq(n, pitch, device=field.device) for n in (height, width))
-    inside = torch.hypot(row[:, None], column[None]) <= 0.5 * geometry.pupil_diameter_m / (
-        geometry.wavelength_m * geometry.pupil_distance_m
+    inside = torch.hypot(row[:, None], column[None]) <= 0.5 * geometry.camera.pupil_diameter_m / (
+        geometry.wavelength_m * geometry.camera.pupil_distance_m
     )
     image = torch.fft.ifft2(spectrum * inside)
     intensity = image.real.square() + image.imag.square()
     half_column = torch.fft.rfftfreq(width, pitch, device=field.device)
-    pixel = torch.sinc(row * geometry.pixel_pitch_m)[:, None] * torch.sinc(half_column * geometry.pixel_pitch_m)
+    pixel = torch.sinc(row * geometry.camera.pixel_pitch_m)[:, None] * torch.sinc(half_column * geometry.camera.pixel_pitch_m)
     collected = torch.fft.irfft2(torch.fft.rfft2(intensity) * pixel, s=(height, width))
     middle = factor // 2
     return collected[middle::factor, middle::factor].clamp_min(0.0) * (inside.numel() / inside.sum())
@@ -51,7 +51,12 @@ def exact_image(field: torch.Tensor, factor: int, geometry: Geometry, rng: np.ra
 
 def gamma_image(mean: torch.Tensor, geometry: Geometry, rng: np.random.Generator, polarisations: int = 1) -> torch.Tensor:
     """Multiply a mean image (H, W) by independent Gamma factors of mean 1; each polarisation adds M degrees of freedom."""
-    optics = (geometry.pixel_pitch_m, geometry.pupil_diameter_m, geometry.wavelength_m, geometry.pupil_distance_m)
+    optics = (
+        geometry.camera.pixel_pitch_m,
+        geometry.camera.pupil_diameter_m,
+        geometry.wavelength_m,
+        geometry.camera.pupil_distance_m,
+    )
     dof = subjective_modes(*optics) * polarisations
     factor = rng.standard_gamma(dof, mean.shape, np.float32) / np.float32(dof)
     return mean * torch.from_numpy(factor).to(mean.device)

@@ -44,7 +44,7 @@ def poses(geometry: Geometry, number: int, count: int, *, moving: bool) -> list[
         moving: whether anything moves. A single sub-exposure omits the blur of a motion that is small in one frame, but not the
             displacement between frames.
     """
-    exposure_s, interval_s = geometry.electronics.exposure_s, geometry.frame_interval_s
+    exposure_s, interval_s = geometry.camera.electronics.exposure_s, geometry.camera.frame_interval_s
     begin_s = number * max(interval_s, exposure_s)
     speed = geometry.object_speed_m_s
     scanned = number * (geometry.spot.scan_step_m or 0.0)
@@ -94,13 +94,13 @@ def variance_lost_to_motion(geometry: Geometry, samples: ObjectSamples) -> float
 
 def _likeness(geometry: Geometry, samples: ObjectSamples) -> np.ndarray:
     """Return `correlation` after each fraction of the exposure in `_SHARES`."""
-    return np.array([correlation(geometry, samples, share * geometry.electronics.exposure_s) for share in _SHARES])
+    return np.array([correlation(geometry, samples, share * geometry.camera.electronics.exposure_s) for share in _SHARES])
 
 
 def correlation(geometry: Geometry, samples: ObjectSamples, seconds: float) -> float:
     """Return the correlation of the speckle intensity after a time: the product of three factors, for the overlap
     of the spots, for the object's motion through the illumination grains, and for the motion of the speckle over the wall."""
-    motion, share = geometry.motion, seconds / geometry.electronics.exposure_s
+    motion, share = geometry.motion, seconds / geometry.camera.electronics.exposure_s
     power = samples.amplitude.astype(np.float64) ** 2
     waves = motion.waves(*samples.coordinates_m.T) * share
     travelled = abs((power * np.exp(2j * np.pi * waves)).sum()) / power.sum()

@@ -68,11 +68,11 @@ def sample_object(geometry: Geometry) -> ObjectSamples:
     coordinates = np.stack([(index - 0.5 * (n - 1)) * step for index, n, step in zip(place, grid, pitch, strict=True)], 1)
     position = hidden.position(coordinates, seen.depth_m[place])
     wall = Wall(
-        geometry.detector_centre - hidden.centre,
-        geometry.right,
-        geometry.down,
+        geometry.camera.centre - hidden.centre,
+        geometry.camera.right,
+        geometry.camera.down,
         geometry.canvas_shape,
-        geometry.pixel_pitch_m,
+        geometry.camera.pixel_pitch_m,
         geometry.wavelength_m,
     )
     path = path_difference(wall.centre_m, position) + path_difference(geometry.spot.centre - hidden.centre, position)

@@ -125,14 +125,14 @@ def stray_light_of(geometry: Geometry, samples: ObjectSamples, even_below: float
     if other is None or other.total.per_frame == 0.0 or hidden.throughput == 0.0 or len(samples.path_m) == 0:
         return StrayLight(None, None)
     offset = other.position - hidden.centre
-    away = np.linalg.norm(hidden.centre - geometry.detector_centre)
+    away = np.linalg.norm(hidden.centre - geometry.camera.centre)
     along = away + offset @ hidden.line_of_sight
     # Directions as the frame centre sees them; light from across or behind the line of sight has no lag of its own.
     along = np.where(along > 0.05 * away, along, 0.05 * away)
     seen = hidden.axes.coordinates(offset * (away / along)[:, None]) / geometry.object_pitch_m
     path = other.path_m - away - float(np.linalg.norm(hidden.centre - geometry.spot.centre))
-    beats = beats_with_object(geometry, seen) & (path < samples.path_m.max() + reach_m(geometry.linewidth_hz))
-    beats &= path > samples.path_m.min() - reach_m(geometry.linewidth_hz)
+    beats = beats_with_object(geometry, seen) & (path < samples.path_m.max() + reach_m(geometry.spot.linewidth_hz))
+    beats &= path > samples.path_m.min() - reach_m(geometry.spot.linewidth_hz)
     unit = geometry.other_light_share / other.total.per_frame
     coherent, apart = (
         _emitters(geometry, seen[chosen], path[chosen], other.weight[chosen] * unit) for chosen in (beats, ~beats)
@@ -156,9 +156,9 @@ def visibility_by_shape(geometry: Geometry, samples: ObjectSamples) -> dict[str,
     if other is None or len(samples.path_m) == 0 or len(other.path_m) == 0:
         return {}
     centre = geometry.hidden_object.centre
-    direct = float(np.linalg.norm(centre - geometry.detector_centre) + np.linalg.norm(centre - geometry.spot.centre))
+    direct = float(np.linalg.norm(centre - geometry.camera.centre) + np.linalg.norm(centre - geometry.spot.centre))
     delay = (other.path_m - direct - float(np.average(samples.path_m, weights=samples.amplitude**2))) / speed_of_light
-    left = coherence(delay, geometry.linewidth_hz) ** 2
+    left = coherence(delay, geometry.spot.linewidth_hz) ** 2
     total = np.bincount(other.shape, other.weight, len(other.names))
     kept = np.bincount(other.shape, other.weight * left, len(other.names))
     return {other.names[n]: float(kept[n] / total[n]) for n in np.flatnonzero(total)}
@@ -169,7 +169,7 @@ def _emitters(geometry: Geometry, seen: np.ndarray, path_m: np.ndarray, power: n
     share = float(power.sum())
     if share == 0.0:
         return None
-    reach = reach_m(geometry.linewidth_hz)
+    reach = reach_m(geometry.spot.linewidth_hz)
     lengths = np.zeros(len(path_m)) if np.isinf(reach) else np.round(path_m * (_BINS_PER_REACH / reach))
     keys = np.column_stack([np.round(seen), lengths])
     index = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
@@ -184,7 +184,7 @@ def _contrast(geometry: Geometry, emitters: Emitters, even_below: float) -> floa
     pairs = np.random.default_rng(0).choice(len(weight), (2, _PAIRS), p=weight / weight.sum())
     lag = emitters.offset[pairs[0]] - emitters.offset[pairs[1]]
     delay = (emitters.path_m[pairs[0]] - emitters.path_m[pairs[1]]) / speed_of_light
-    variance = float((_transfer(geometry, lag) * coherence(delay, geometry.linewidth_hz) ** 2).mean())
+    variance = float((_transfer(geometry, lag) * coherence(delay, geometry.spot.linewidth_hz) ** 2).mean())
     half = 0.5 * np.array(geometry.period_shape)
     wrapped = float(_transfer(geometry, (lag + half) % (2.0 * half) - half).mean())
     if emitters.share**2 * variance < even_below:
@@ -194,10 +194,15 @@ def _contrast(geometry: Geometry, emitters: Emitters, even_below: float) -> floa
 
 def _transfer(geometry: Geometry, lag: np.ndarray) -> np.ndarray:
     """Return H, (n,), at lags (n, 2) in units of the sample spacing of the grid."""
-    row, column = (lag / geometry.period_shape / geometry.pixel_pitch_m).T
+    row, column = (lag / geometry.period_shape / geometry.camera.pixel_pitch_m).T
     return (
         amplitude_transfer(
-            row, column, geometry.pixel_pitch_m, geometry.pupil_diameter_m, geometry.wavelength_m, geometry.pupil_distance_m
+            row,
+            column,
+            geometry.camera.pixel_pitch_m,
+            geometry.camera.pupil_diameter_m,
+            geometry.wavelength_m,
+            geometry.camera.pupil_distance_m,
         )
         ** 2
     )

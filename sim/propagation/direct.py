@@ -14,6 +14,7 @@ Single precision computes the small root without subtraction of large numbers.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import drjit as dr
 import numpy as np
@@ -73,20 +74,33 @@ def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
             amplitude = scatterers.amplitude[start : start + chunk] * phasor(difference, wall.wavelength_m)
             if terms.visible is not None:
                 amplitude = amplitude * terms.visible(centre, position)
-            part = _sum_tiles(centre, offset, position, amplitude, difference, wall, dtype, terms.device)
-            total += part.reshape(total.shape)
+            chosen = _Part(position, amplitude, difference)
+            total += _sum_tiles(centre, offset, chosen, wall, dtype, terms.device).reshape(total.shape)
         for (row, column), tile in zip(tiles, total, strict=True):
             field[row : row + TILE, column : column + TILE] = tile[: height - row, : width - column]
         terms.progress(len(tiles))
     return torch.from_numpy(field).to(terms.device)
 
 
+@dataclass(frozen=True)
+class _Part:
+    """Some scatterers.
+
+    Attributes:
+        position: (n, 3).
+        amplitude: complex amplitude of each scatterer, with its phase at each tile's centre, (t, n).
+        difference: path from each scatterer to each tile's centre minus the path from the object's centre, (t, n).
+    """
+
+    position: np.ndarray
+    amplitude: np.ndarray
+    difference: np.ndarray
+
+
 def _sum_tiles(
     centre: np.ndarray,
     offset: np.ndarray,
-    position: np.ndarray,
-    amplitude: np.ndarray,
-    difference: np.ndarray,
+    part: _Part,
     wall: Wall,
     dtype: type,
     device: str,
@@ -94,18 +108,16 @@ def _sum_tiles(
     """Return the field of every pixel of some tiles, complex (tiles, TILE * TILE).
 
     Args:
-        centre: tile centres (t, 3). offset: pixel offsets within their tile (p, 3). position: scatterers (n, 3).
-        amplitude: complex amplitude of each scatterer, with its phase at each tile's centre, (t, n).
-        difference: path from each scatterer to each tile's centre minus the path from the object's centre, (t, n).
+        centre: tile centres (t, 3). offset: pixel offsets within their tile (p, 3).
     """
     backend = dr.llvm if device == "cpu" else dr.cuda
     real = backend.Float if dtype is np.float32 else backend.Float64
     index, exact, four = backend.UInt, backend.Array3f64, backend.Array4f if dtype is np.float32 else backend.Array4f64
-    count, pixels = len(position), len(offset)
+    count, pixels = len(part.position), len(offset)
     table = np.empty((len(centre), count, 8), dtype)
-    table[..., :3] = position
-    table[..., 3] = 2.0 * difference
-    table[..., 4], table[..., 5] = amplitude.real, amplitude.imag
+    table[..., :3] = part.position
+    table[..., 3] = 2.0 * part.difference
+    table[..., 4], table[..., 5] = part.amplitude.real, part.amplitude.imag
     table[..., 6:] = 0.0
     data = real(table.ravel())
 

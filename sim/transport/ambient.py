@@ -11,6 +11,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from sim.camera_view import CameraView
 from sim.plugins.laser import Laser
 
 GRID = 8
@@ -22,16 +23,13 @@ SAMPLES = 4096
 BOUNCES = 4
 
 
-def ambient_irradiance(
-    scene: mi.Scene, centre: np.ndarray, right: np.ndarray, down: np.ndarray, normal: np.ndarray, extent_m: tuple[float, float]
-) -> np.ndarray | None:
+def ambient_irradiance(scene: mi.Scene, view: CameraView, normal: np.ndarray) -> np.ndarray | None:
     """Return the irradiance in W/m^2, by emitters other than the laser and within the filter band, of the imaged part of the wall.
 
     The result is float64 (GRID, GRID), or None if there is no such emitter.
 
     Args:
-        centre: centre of the imaged part; right, down, normal: its axes; all in world coordinates.
-        extent_m: height and width of the frame.
+        normal: normal of the wall.
     """
     if not any(not isinstance(emitter, Laser) for emitter in scene.emitters()):
         return None
@@ -40,9 +38,9 @@ def ambient_irradiance(
     row = (mi.Float(cell // GRID) + sampler.next_float32()) / GRID - 0.5
     column = (mi.Float(cell % GRID) + sampler.next_float32()) / GRID - 0.5
     place = (
-        mi.Point3f(*centre.tolist())
-        + row * extent_m[0] * mi.Vector3f(*down.tolist())
-        + column * extent_m[1] * mi.Vector3f(*right.tolist())
+        mi.Point3f(*view.centre.tolist())
+        + row * view.extent_m[0] * mi.Vector3f(*view.down.tolist())
+        + column * view.extent_m[1] * mi.Vector3f(*view.right.tolist())
     )
     facing = mi.Vector3f(*normal.tolist())
     weight, total, alive = mi.Float(np.pi), mi.Float(0.0), mi.Bool(True)

@@ -65,7 +65,7 @@ class HiddenObject:
         self.axes = axes
         low, high = bounds(self._shapes)
         self.centre = centre
-        line = self.centre - transport.frame_centre
+        line = self.centre - transport.view.centre
         self._distance_m = float(np.linalg.norm(line))
         self._line_m, self.line_of_sight = line, line / self._distance_m
         corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
@@ -159,7 +159,7 @@ class HiddenObject:
 
     @property
     def frame_centre(self) -> np.ndarray:
-        return self._transport.frame_centre
+        return self._transport.view.centre
 
     @property
     def throughput(self) -> float:
@@ -185,7 +185,7 @@ class HiddenObject:
         The nearest surface comes first; surfaces behind a partly transparent one follow it.
         """
         skipped = self._before(rays.length)
-        start = self._transport.frame_centre + skipped[:, None] * rays.direction
+        start = self._transport.view.centre + skipped[:, None] * rays.direction
         ray = mi.Ray3f(points(start), mi.Vector3f(points(rays.direction)))
         gone = mi.Float(0.0)
         for hit, active in layers(self._scene, ray, mi.Bool(True)):
@@ -230,7 +230,7 @@ class HiddenObject:
 
         The ray is traced towards the surface: single-precision rays that leave a curved surface at a grazing angle may meet it again.
         """
-        centre = mi.Point3f(*self._transport.frame_centre.tolist())
+        centre = mi.Point3f(*self._transport.view.centre.tolist())
         outward = dr.normalize(hit.p - centre)
         whole = self._distance_m / dr.dot(outward, mi.Vector3f(*self.line_of_sight.tolist()))
         ray, seen = mi.Ray3f(centre + outward * self._before(whole), outward), mi.Bool(False)

@@ -19,6 +19,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from sim.camera_view import CameraView
 from sim.plugins.laser import Laser
 from sim.plugins.speckle_camera import SpeckleCamera
 from sim.transport.surfaces import evaluate_bsdf, has_masks, transmittance
@@ -50,7 +51,6 @@ class LightTransport:
     """Fixed ends of every light path of a scene.
 
     Attributes:
-        frame_centre: centre of the frame in the world. right, down: steps on the wall between adjacent pixels, per metre of pitch.
         wall_albedo: mean albedo of the frame.
         most_foreshortened: maximum `foreshortening` up to which rays from the frame centre represent a pixel.
     """
@@ -58,18 +58,15 @@ class LightTransport:
     scene: mi.Scene
     laser: Laser
     camera: SpeckleCamera
-    frame_centre: np.ndarray
-    right: np.ndarray
-    down: np.ndarray
-    frame_shape: tuple[int, int]
+    view: CameraView
     wall_albedo: float
     most_foreshortened: float = 4.0
 
     @property
     def frame_reach_m(self) -> float:
         """Distance of the farthest corner of the frame from its centre."""
-        height, width = (0.5 * self.camera.pixel_pitch_m * n for n in self.frame_shape)
-        return max(float(np.linalg.norm(height * self.down + side * width * self.right)) for side in (-1.0, 1.0))
+        height, width = (0.5 * n for n in self.view.extent_m)
+        return max(float(np.linalg.norm(height * self.view.down + side * width * self.view.right)) for side in (-1.0, 1.0))
 
     def frame_points(self, count: int) -> mi.Point3f:
         """Return `count` points of the frame, which `compute_carried_light` pairs one by one with `count` surface points."""
@@ -78,7 +75,7 @@ class LightTransport:
     def foreshortening(self, hit: mi.SurfaceInteraction3f, place: mi.Point3f) -> mi.Float:
         """Return the solid angle of a surface as seen from another point of the frame in units of that from its centre;
         negative if they see two sides of it."""
-        way, centre = place - hit.p, mi.Point3f(*self.frame_centre.tolist()) - hit.p
+        way, centre = place - hit.p, mi.Point3f(*self.view.centre.tolist()) - hit.p
         cosines = dr.dot(hit.n, way) / dr.dot(hit.n, centre)
         return cosines * (dr.norm(centre) / dr.norm(way)) ** 3
 
@@ -136,7 +133,7 @@ class LightTransport:
 
     def _constant(self) -> float:
         camera = self.camera
-        pixel_area = camera.pixel_pitch_m**2 * float(np.linalg.norm(np.cross(self.right, self.down)))
+        pixel_area = self.view.pixel_pitch_m**2 * self.view.footprint
         return (
             pixel_area * 0.25 * np.pi * camera.pupil_diameter_m**2 * camera.transmission * camera.electronics.quantum_efficiency
         )
@@ -149,14 +146,13 @@ class LightTransport:
 
     def _wall(self, spread: mi.Point2f) -> tuple[mi.SurfaceInteraction3f, mi.Bool]:
         """Return points of the frame on the virtual detector, and whether the camera sees them."""
-        height, width = self.frame_shape
-        pitch = self.camera.pixel_pitch_m
+        view, (height, width) = self.view, self.view.extent_m
         place = (
-            mi.Vector3f(*(self.frame_centre - self.camera.pupil_centre).tolist())
-            + (spread.x - 0.5) * (height * pitch) * mi.Vector3f(*self.down.tolist())
-            + (spread.y - 0.5) * (width * pitch) * mi.Vector3f(*self.right.tolist())
+            mi.Vector3f(*(view.centre - view.pupil_centre).tolist())
+            + (spread.x - 0.5) * height * mi.Vector3f(*view.down.tolist())
+            + (spread.y - 0.5) * width * mi.Vector3f(*view.right.tolist())
         )
-        hit = self.scene.ray_intersect(mi.Ray3f(mi.Point3f(*self.camera.pupil_centre.tolist()), dr.normalize(place)))
+        hit = self.scene.ray_intersect(mi.Ray3f(mi.Point3f(*view.pupil_centre.tolist()), dr.normalize(place)))
         return hit, hit.is_valid()
 
     def _pupil(self, spread: mi.Point2f) -> mi.Point3f:

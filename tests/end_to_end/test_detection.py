@@ -1,7 +1,5 @@
 """Predicted significance of a signal against that of rendered frames, and the exposure that detection needs."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -20,7 +18,7 @@ from sim.scene_reader import read_geometry
 
 def geometry_with(exposure_s: float, read_noise: float):
     geometry = read_geometry(load_scene(scene_path("corner_letter"))[0]).with_exposure(exposure_s)
-    return replace(geometry, electronics=replace(geometry.electronics, read_noise=read_noise))
+    return geometry.with_electronics(read_noise=read_noise)
 
 
 @pytest.mark.parametrize(("exposure_s", "read_noise", "frames"), [(2e-3, 0.0, 1), (4e-3, 0.5, 3)])
@@ -30,7 +28,7 @@ def test_the_significance_of_rendered_frames_is_the_predicted_one(exposure_s, re
     seen = []
     for seed in range(4):
         estimate = estimate_from_frames(render_geometry(geometry, frames, seed), Request(patch=prediction.grid.size, lags=63))
-        seen.append(read_measurement(estimate.lags).detection)
+        seen.append(read_measurement(estimate.values).detection)
     assert np.mean(seen) == pytest.approx(prediction.detection(frames), rel=0.25, abs=1.5)
 
 

@@ -43,11 +43,11 @@ class Camera:
 def lab():
     """Light of four speckle patterns, 8 photoelectrons per pixel, with the metadata of the camera and the truth."""
     geometry = cg.load("corner_letter").geometry
-    geometry = geometry.with_camera(1.6 * geometry.pixel_pitch_m, (SIDE, SIDE), geometry.electronics)
+    geometry = geometry.with_camera(pixel_pitch_m=1.6 * geometry.camera.pixel_pitch_m, frame_shape=(SIDE, SIDE))
     simulation = Simulation(geometry, Settings(effects=(("shot_noise", False),)))
     light = [simulation.expected_frame(3, number).numpy() for number in range(FRAMES)]
     prediction = predict(geometry)
-    metadata = cg.CameraMetadata(geometry.wavelength_m, geometry.pixel_pitch_m, geometry.distance_m)
+    metadata = cg.CameraMetadata(geometry.wavelength_m, geometry.camera.pixel_pitch_m, geometry.distance_m)
     truth = cg.Truth(prediction.cells, prediction.pitches_m)
     return [8.0 * one / np.mean(light) for one in light], metadata, truth
 

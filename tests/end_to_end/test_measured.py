@@ -48,7 +48,7 @@ def test_the_lab_has_a_pedestal(measured, letter):
     # As the fusion draws it: samples and likelihood ascent add a faint background that explains a part of the pedestal.
     albedo = torch.from_numpy(reconstructor(UNET, FAST).run(shown).albedo).double()
     used, lag = torch.from_numpy(RING > 1), torch.arange(-63, 64).double()
-    estimate = torch.from_numpy(shown.estimate).double().where(used, 1.0)
+    estimate = torch.from_numpy(shown.values).double().where(used, 1.0)
     signal = autocorrelate_windowed(albedo) / autocorrelate_windowed(albedo)[used].max()
 
     def likeliest(pedestal_lags: float | None) -> tuple[float, float]:

@@ -90,13 +90,11 @@ def test_few_degrees_of_freedom_are_gamma_and_not_gaussian(letter_simulation, pa
 
 
 def test_read_noise_dark_current_and_quantisation_raise_the_floor_as_predicted(letter_simulation):
-    from dataclasses import replace
 
     from sim.frame import Simulation
 
     base = letter_simulation("L", exposure="0.125").geometry
-    electronics = replace(base.electronics, read_noise=0.4, dark_current=0.5, full_well=60.0, bits=6)
-    geometry = replace(base, electronics=electronics)
+    geometry = base.with_electronics(read_noise=0.4, dark_current=0.5, full_well=60.0, bits=6)
     prediction = predict(geometry)
     simulation = Simulation(geometry)
     estimate, _ = estimate_autocorrelation([simulation.frame(1, number).numpy() for number in range(2)], prediction.grid)

@@ -43,7 +43,7 @@ def test_command_python_batch_evaluation_and_estimates_agree(tmp_path, command, 
     estimate = published_estimate(estimate_file)
     by_python = cg.reconstruct(estimate_file, quality="fast", seed=5)
     by_request = fulfil(Request(autocorrelation=True, method=UNET, quality=FAST, seed=5), [estimate_file])
-    by_estimate = cg.reconstruct(Estimate("another name", estimate.lags), quality=FAST, seed=5)
+    by_estimate = cg.reconstruct(Estimate("another name", estimate.values), quality=FAST, seed=5)
     level = Level("shapes", "one", [Case("0", estimate, albedo)])
     options = Namespace(seed=5, device="cpu")
     row, by_evaluation = _score_case(level, level.cases[0], {"method": UNET, "quality": FAST}, options)

@@ -1,7 +1,5 @@
 """Noisy root finding, and the exposure at which reconstructions of rendered frames reach a correlation."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -38,7 +36,7 @@ def test_the_error_is_that_of_an_exposure_whose_reconstructions_have_the_correla
     from sim.scene import load
 
     geometry = load("corner_letter").geometry
-    geometry = geometry.with_camera(2.0 * geometry.pixel_pitch_m, (700, 560), geometry.electronics)
+    geometry = geometry.with_camera(pixel_pitch_m=2.0 * geometry.camera.pixel_pitch_m, frame_shape=(700, 560))
     prediction = predict(geometry)
     required = RequiredError(0.85, 2, "fast")
     error = required(geometry, prediction)
@@ -51,5 +49,5 @@ def test_the_error_is_that_of_an_exposure_whose_reconstructions_have_the_correla
         scores.append(cg.aligned_pearson(result.albedo, result.truth_on_lags(truth))[0])
     assert np.mean(scores) == pytest.approx(0.85, abs=0.035)
     # A camera with equal lags shares the result; one with others does not.
-    same = geometry.with_camera(geometry.pixel_pitch_m, (800, 900), replace(geometry.electronics, read_noise=3.0))
+    same = geometry.with_camera(frame_shape=(800, 900)).with_electronics(read_noise=3.0)
     assert required(same, predict(same)) == error

@@ -11,7 +11,7 @@ from correlograph.lags import LAGS, lag_grid
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
 from radiometry.estimation import third_moment
 from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator
-from radiometry.estimation.third_moment import drawn_third_moment, expected_third_moment
+from radiometry.estimation.third_moment import PatchLight, drawn_third_moment, expected_third_moment
 from radiometry.prediction import predict
 from scenes import scene_path
 from sim.frame import Simulation
@@ -30,9 +30,8 @@ def test_drawn_patches_have_the_third_moment_in_closed_form(polarisations, peak)
     rows, columns = np.mgrid[-63:64, -63:64]
     weight = np.where(RING < 2, 0.0, np.exp(-(rows**2 + 2.0 * columns**2) / 400.0))
     transfer = np.exp(-np.hypot(rows, columns) / 40.0)
-    mean, deviation = drawn_third_moment(
-        albedo, weight, transfer, 128**2, peak, 0.1, 0.2, polarisations=polarisations, draws=1000
-    )
+    light = PatchLight(peak, 0.1, 0.2, polarisations)
+    mean, deviation = drawn_third_moment(albedo, weight, transfer, 128**2, light, draws=1000)
     expected = expected_third_moment(albedo / np.sqrt(np.square(albedo).sum()), weight * np.sqrt(transfer), peak, 128**2)
     assert mean == pytest.approx(expected / math.sqrt(polarisations), rel=0.05, abs=3.0 * deviation / 1000**0.5)
 

@@ -187,7 +187,7 @@ def test_frames(kind, count, height, width, scale, patch, dtype, method, mean, s
     assert np.isfinite(result.albedo).all()
     assert result.albedo.min() >= 0.0
     assert 0.0 <= result.confidence <= 1.0
-    assert np.isfinite(result.estimate.lags).all()
+    assert np.isfinite(result.estimate.values).all()
 
 
 @drawn(30)

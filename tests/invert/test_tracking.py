@@ -26,7 +26,7 @@ SYSTEMATIC_PIXELS = 0.1
 def lab():
     """The reference scene on a smaller frame, with the laser at rest."""
     geometry = cg.load("corner_letter").geometry
-    geometry = geometry.with_camera(geometry.pixel_pitch_m, (560, 640), geometry.electronics)
+    geometry = geometry.with_camera(frame_shape=(560, 640))
     return replace(geometry, spot=replace(geometry.spot, scan_step_m=0.0))
 
 
@@ -89,7 +89,7 @@ def test_the_command_writes_path_and_velocity(lab, tmp_path):
         [
             *(str(folder), "-o", str(tmp_path / "out"), "--source-distance-m", str(lab.source_distance_m)),
             *("--frames-per-s", str(1.0 / exposure_s), "--wavelength-m", "532e-9", "--distance-m", str(lab.distance_m)),
-            *("--pixel-pitch-m", str(lab.pixel_pitch_m)),
+            *("--pixel-pitch-m", str(lab.camera.pixel_pitch_m)),
         ]
     )
     content = json.loads((tmp_path / "out" / "track.json").read_text())

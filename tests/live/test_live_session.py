@@ -52,7 +52,7 @@ def test_the_estimate_is_that_of_the_same_frames_in_a_capture():
     live = session.estimate()
     capture = cg.Capture(frames, CAMERA, ("a", "b", "c"))
     size = live.record.grid.size
-    np.testing.assert_array_equal(live.lags, estimate_from_frames(capture, Request(patch=size, lags=63)).lags)
+    np.testing.assert_array_equal(live.values, estimate_from_frames(capture, Request(patch=size, lags=63)).values)
     report = session.report(live)
     assert report.frames == 3
     assert report.detection > 6.0
@@ -73,7 +73,7 @@ def test_forgotten_frames_leave_no_trace():
     only = LiveSession(CAMERA)
     for frame in frames[-kept:]:
         only.add(frame)
-    np.testing.assert_array_equal(session.estimate().lags, only.estimate().lags)
+    np.testing.assert_array_equal(session.estimate().values, only.estimate().values)
 
 
 @pytest.mark.parametrize(("camera", "exposure_s"), [(CAMERA, 0.1), (cg.CameraMetadata(), None)])
@@ -89,7 +89,7 @@ def test_saved_frames_are_a_capture_for_invert(tmp_path, camera, exposure_s):
     assert result.object_found
     live = session.estimate()
     if result.estimate.record.grid == live.record.grid:
-        np.testing.assert_array_equal(result.estimate.lags, live.lags)
+        np.testing.assert_array_equal(result.estimate.values, live.values)
     assert not [path for path in (tmp_path / "live").iterdir() if "partial" in path.name]
 
 

@@ -37,8 +37,8 @@ def test_another_camera_is_that_of_another_scene_file(scene):
             '<float name="quantum_efficiency" value="0.5"/><float name="exposure"',
         ),
     )
-    assert other.electronics == written.electronics
-    assert other.frame_shape == written.frame_shape == (300, 400)
+    assert other.camera.electronics == written.camera.electronics
+    assert other.camera.frame_shape == written.camera.frame_shape == (300, 400)
     assert light_budget(other.light_path).per_pixel == pytest.approx(light_budget(written.light_path).per_pixel, rel=1e-3)
     assert other.other_light_share == pytest.approx(geometry.other_light_share, rel=1e-9)
     assert other.other_light_share == pytest.approx(written.other_light_share, rel=0.05)
@@ -83,6 +83,6 @@ def test_fields_need_the_stated_exposure(scene):
         assert forecast.photons_per_grain == pytest.approx(forecast.needed_photons_per_grain, rel=0.02)
         rows, columns = (
             other.wavelength_m * other.distance_m / (side * pitch)
-            for side, pitch in zip(other.frame_shape, other.seen_pitch_m, strict=True)
+            for side, pitch in zip(other.camera.frame_shape, other.seen_pitch_m, strict=True)
         )
         assert plan.cells_m == pytest.approx((rows, columns))

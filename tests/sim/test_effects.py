@@ -133,7 +133,7 @@ def test_ambient_light_has_its_closed_form(scene):
     geometry = scene(("</scene>", f"{lamp}</scene>"))
     way = np.array([0.02, 0.01, -0.2])
     expected = 4e-9 * 0.2 / np.linalg.norm(way) ** 3
-    assert geometry.ambient_irradiance.mean() == pytest.approx(expected, rel=0.02)
+    assert geometry.wall.ambient_irradiance.mean() == pytest.approx(expected, rel=0.02)
     bright, dark = Simulation(geometry), Simulation(geometry, Settings(effects=(("ambient", False),)))
     gained = float((bright.expected_frame(0, 0) - dark.expected_frame(0, 0)).mean())
     path = geometry.light_path

@@ -36,8 +36,8 @@ def test_the_reference_scene_is_the_papers_lab(letter_simulation):
     assert path.object_to_detector_m == pytest.approx(1.0, rel=1e-6)
     assert path.detector_to_pupil_m == pytest.approx(0.54, rel=1e-6)
     assert path.object_albedo_area_m2 == pytest.approx(0.2e-4, rel=0.04)
-    assert geometry.pixel_pitch_m == pytest.approx(6.9e-6)
-    assert geometry.frame_shape == (2056, 2464)
+    assert geometry.camera.pixel_pitch_m == pytest.approx(6.9e-6)
+    assert geometry.camera.frame_shape == (2056, 2464)
     for name in (
         "source_cosine",
         "object_cosine_in",
@@ -70,8 +70,8 @@ def test_the_letter_reads_correctly_in_the_frames_axes(letter_simulation):
 def test_camera_axes(letter_simulation):
     """The camera looks along +z with +y up: its right is -x, its down is -y; turned by 12 degrees, it spreads columns."""
     geometry = letter_simulation("F").geometry
-    np.testing.assert_allclose(geometry.right, [-1 / np.cos(np.deg2rad(12.0)), 0, 0], atol=1e-4)
-    np.testing.assert_allclose(geometry.down, [0, -1, 0], atol=1e-6)
+    np.testing.assert_allclose(geometry.camera.right, [-1 / np.cos(np.deg2rad(12.0)), 0, 0], atol=1e-4)
+    np.testing.assert_allclose(geometry.camera.down, [0, -1, 0], atol=1e-6)
 
 
 def test_missing_pieces_are_named(tmp_path):

@@ -57,7 +57,8 @@ def test_the_pattern_of_a_cell_fades_with_its_angle(letter, rng):
 
 def test_memory_is_endless_where_the_wall_sends_light_back_whence_it_came(letter):
     reference = sim.load("corner_letter").geometry
-    back = replace(reference, pupil_centre=reference.hidden_object.centre * 0.5 + reference.detector_centre * 0.5)
+    middle = 0.5 * (reference.hidden_object.centre + reference.camera.centre)
+    back = replace(reference, camera=replace(reference.camera, pupil_centre=middle))
     assert np.hypot(*MemoryEffect.of(back).decorrelation) == pytest.approx(0.0, abs=1e-9)
     # 12 degrees off: k s tan(12 degrees), along the columns.
     rough = 2.0 * np.pi * 2e-6 / 532e-9

@@ -38,7 +38,7 @@ def contrast_squared(simulation: Simulation, frames: int = 8) -> float:
 def test_a_moving_object_blurs_its_speckle(scene, grains):
     """Across the wall by u (1 + z / d1), of which a grain is lambda z / extent: contrast as the closed form says."""
     still = scene()
-    exposure, grain = still.electronics.exposure_s, still.wavelength_m * still.distance_m / 0.01
+    exposure, grain = still.camera.electronics.exposure_s, still.wavelength_m * still.distance_m / 0.01
     speed = grains * grain / (1.0 + still.distance_m / still.source_distance_m) / exposure
     geometry = scene(moving(0.8 * speed, 0.6 * speed))
     simulation = Simulation(geometry, BARE)
@@ -50,7 +50,7 @@ def test_a_moving_object_blurs_its_speckle(scene, grains):
 @pytest.mark.parametrize("share", [0.25, 0.5, 1.0])
 def test_a_travelling_spot_washes_its_speckle_out(scene, share):
     still = scene()
-    speed = share * 5e-3 / still.electronics.exposure_s
+    speed = share * 5e-3 / still.camera.electronics.exposure_s
     geometry = scene((SPOT, f'{SPOT}<float name="scan_speed" value="{speed}"/>'))
     simulation = Simulation(geometry, BARE)
     # Overlap of two discs a way x of their diameter apart, squared; its mean under a triangle.
@@ -89,7 +89,7 @@ def abs_travel(simulation: Simulation, seconds: float) -> float:
     """The part of `correlation` that is travel alone: what remains of it at the place that the pattern has moved to is 1."""
     samples, geometry = simulation.plan.samples, simulation.geometry
     power = samples.amplitude.astype(np.float64) ** 2
-    waves = geometry.motion.waves(*samples.coordinates_m.T) * seconds / geometry.electronics.exposure_s
+    waves = geometry.motion.waves(*samples.coordinates_m.T) * seconds / geometry.camera.electronics.exposure_s
     return float((abs((power * np.exp(2j * np.pi * waves)).sum()) / power.sum()) ** 2)
 
 

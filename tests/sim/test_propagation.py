@@ -244,7 +244,7 @@ def test_frames_of_every_kernel_agree(letter_simulation):
         name: Simulation(shown, Settings("field", 1e-3, name, None)).wall_field(3, 1).numpy()
         for name in ("fresnel", "nufft", "direct")
     }
-    assert fields["direct"].shape == geometry.frame_shape
+    assert fields["direct"].shape == geometry.camera.frame_shape
     assert after_one_phase(fields["nufft"], fields["direct"]) < 1e-3
     assert after_one_phase(fields["fresnel"], fields["direct"]) < 1e-2
     fraunhofer = Simulation(shown).wall_field(3, 1)

@@ -39,7 +39,7 @@ class Flicker(Stage):
 def lab():
     """The reference scene with pixels twice as large."""
     geometry = cg.load("corner_letter").geometry
-    return geometry.with_camera(2.0 * geometry.pixel_pitch_m, (1028, 1232), geometry.electronics)
+    return geometry.with_camera(pixel_pitch_m=2.0 * geometry.camera.pixel_pitch_m, frame_shape=(1028, 1232))
 
 
 def measured(geometry, frames, seed=1):
@@ -54,7 +54,7 @@ def measured(geometry, frames, seed=1):
 
 def test_a_new_stage_is_rendered_predicted_and_listed(lab, monkeypatch):
     """One file and one line: the toy stage follows read noise in the chain."""
-    geometry = replace(lab, electronics=replace(lab.electronics, read_noise=0.1))
+    geometry = lab.with_electronics(read_noise=0.1)
     before = predict(geometry).floor_over_peak(2)
     monkeypatch.setattr(chain, "CHAIN", (*chain.CHAIN[:4], Flicker(), *chain.CHAIN[4:]))
     expected = predict(geometry).floor_over_peak(2)
@@ -67,7 +67,7 @@ def test_a_new_stage_is_rendered_predicted_and_listed(lab, monkeypatch):
 
 @pytest.mark.parametrize("frames", [1, 3])
 def test_a_fixed_pattern_raises_the_floor_of_one_frame_and_costs_others_a_frame(lab, frames):
-    geometry = replace(lab, electronics=replace(lab.electronics, fixed_pattern=3.0))
+    geometry = lab.with_electronics(fixed_pattern=3.0)
     prediction = predict(geometry)
     floor, dof = measured(geometry, frames)
     assert floor == pytest.approx(prediction.floor_over_peak(frames), rel=0.1)
@@ -78,7 +78,7 @@ def test_a_fixed_pattern_raises_the_floor_of_one_frame_and_costs_others_a_frame(
 
 def test_a_weak_pattern_is_not_subtracted(lab):
     """Below the significance at which the estimator finds it, the pattern stays in the floor, and K is that of all frames."""
-    geometry = replace(lab, electronics=replace(lab.electronics, fixed_pattern=0.02))
+    geometry = lab.with_electronics(fixed_pattern=0.02)
     prediction = predict(geometry)
     assert prediction.dof(2) == predict(lab).dof(2)
     assert prediction.floor_over_peak(2) > predict(lab).floor_over_peak(2)
@@ -86,9 +86,9 @@ def test_a_weak_pattern_is_not_subtracted(lab):
 
 def test_row_noise_lies_on_one_axis_of_the_lags(lab):
     """Offsets of rows are constant along columns: s^2 times the columns of a patch, at lags of zero columns."""
-    prediction = predict(replace(lab, electronics=replace(lab.electronics, row_noise=0.5)))
+    prediction = predict(lab.with_electronics(row_noise=0.5))
     rng = np.random.default_rng(2)
-    rows, columns = lab.frame_shape
+    rows, columns = lab.camera.frame_shape
     frames = [rng.poisson(3.0, (rows, columns)) + 0.5 * rng.standard_normal((rows, 1)) for _ in range(2)]
     estimate, _ = estimate_autocorrelation(frames, prediction.grid)
     middle = estimate.shape[0] // 2
@@ -104,7 +104,7 @@ def test_row_noise_lies_on_one_axis_of_the_lags(lab):
 def test_a_prediction_at_another_exposure_is_that_of_the_scene_there(lab):
     """Motion, gates and dark current change grain, transfer and floor with the exposure."""
     moving = replace(lab, spot=replace(lab.spot, scan_speed_m_s=0.05))
-    gated = replace(lab, electronics=replace(lab.electronics, gate=1e-4, dark_current=0.3))
+    gated = lab.with_electronics(gate=1e-4, dark_current=0.3)
     for geometry in (moving, gated):
         for exposure_s in (1e-3, 0.02, 3.0):
             asked, own = predict(geometry).at_exposure(exposure_s), predict(geometry.with_exposure(exposure_s))
@@ -137,7 +137,7 @@ def test_extreme_exposures_have_the_limits_of_motion(lab):
 def test_shot_noise_is_a_stage_that_can_be_left_out(lab):
     silent = Simulation(lab, Settings(effects=(("shot_noise", False),)))
     np.testing.assert_array_equal(silent.frame(1, 0).numpy(), silent.expected_frame(1, 0).numpy())
-    assert ShotNoise().is_set(lab.electronics)
+    assert ShotNoise().is_set(lab.camera.electronics)
 
 
 def test_documents_quote_the_light_budget_of_the_program():

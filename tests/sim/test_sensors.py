@@ -65,8 +65,8 @@ def test_few_photons_are_counted_without_loss():
 def test_rendered_counts_have_the_noise_in_closed_form(scene):
     """Half a photon on average in a single gate: a third of the pixels count one, with a noise of mu / ((1 + mu) (1 + 2 mu))."""
     geometry = scene()
-    exposure_s = geometry.electronics.exposure_s * 0.5 / predict(geometry).terms.light.signal
-    geometry = replace(geometry, electronics=replace(geometry.electronics, exposure_s=exposure_s, gate=exposure_s))
+    exposure_s = geometry.camera.electronics.exposure_s * 0.5 / predict(geometry).terms.light.signal
+    geometry = geometry.with_electronics(exposure_s=exposure_s, gate=exposure_s)
     simulation = Simulation(geometry, Settings(effects=(("detector_roughness", False),)))
     frame, expected = simulation.frame(1, 0).numpy(), simulation.expected_frame(1, 0).numpy()
     assert set(np.unique(frame)) == {0.0, 1.0}

@@ -25,7 +25,7 @@ def test_fraunhofer_matches_the_sum(rng):
 def wall_intensity(simulation, number: int) -> np.ndarray:
     """Intensity before pupil and pixel, mean 1 over realisations."""
     samples = sample_object(simulation.geometry)
-    shape = simulation.geometry.frame_shape
+    shape = simulation.geometry.camera.frame_shape
     lit = samples.lit(illuminate(simulation.geometry, samples.grid, np.random.default_rng, number), shape)
     field = lit.lattice.grid(lit.amplitude)
     wall = far_field(torch.from_numpy(field), shape)
@@ -55,7 +55,7 @@ def test_grain_on_the_virtual_detector(letter_simulation):
     albedo = sample_object(geometry).amplitude.astype(np.float64) ** 2
     cell = np.prod(geometry.object_pitch_m)
     expected = (geometry.wavelength_m * geometry.distance_m) ** 2 * (albedo**2).sum() / albedo.sum() ** 2 / cell
-    measured = np.mean(areas) / image.size * geometry.pixel_pitch_m**2
+    measured = np.mean(areas) / image.size * geometry.camera.pixel_pitch_m**2
     # 48 exponential draws, and lags of 31 um inside a grain of 53 um on the object raise r*r by up to 2
     assert 0.6 * expected < measured < 2.4 * expected
 

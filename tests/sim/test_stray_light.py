@@ -125,7 +125,7 @@ def rendered_covariance(geometry, frames: int, reach: int):
     """Return mean and covariance of the same, from rendered frames."""
     simulation = Simulation(geometry, Settings(effects=QUIET))
     unit, total, mean = simulation.mean_photoelectrons, 0.0, 0.0
-    rows, columns = geometry.frame_shape
+    rows, columns = geometry.camera.frame_shape
     count = np.outer(*(side - np.abs(np.arange(-reach, reach + 1)) for side in (rows, columns)))
     for number in range(frames):
         frame = simulation.expected_frame(5, number).numpy().astype(np.float64) / unit

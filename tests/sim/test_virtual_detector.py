@@ -19,7 +19,9 @@ from sim.plan_report import make_plan
 
 
 def modes_of(geometry) -> float:
-    return subjective_modes(geometry.pixel_pitch_m, geometry.pupil_diameter_m, geometry.wavelength_m, geometry.pupil_distance_m)
+    return subjective_modes(
+        geometry.camera.pixel_pitch_m, geometry.camera.pupil_diameter_m, geometry.wavelength_m, geometry.camera.pupil_distance_m
+    )
 
 
 def relative_variance(simulation: Simulation, frames: int) -> float:
@@ -61,7 +63,7 @@ def test_motion_does_not_average_the_detector_roughness(scene):
     """A scanned spot: the field is nearly uniform over the point spread function, so that one factor multiplies the light of all moments,
     in the exact method as in the shortcut."""
     still = scene()
-    speed = 1.5 * still.spot.diameter_m / still.electronics.exposure_s
+    speed = 1.5 * still.spot.diameter_m / still.camera.electronics.exposure_s
     moving = replace(still, spot=replace(still.spot, scan_speed_m_s=speed))
     kept = float(moving.motion.transfer(np.zeros(1), np.zeros(1))[0])
     assert kept < 0.5
@@ -113,7 +115,7 @@ def test_detector_albedo_is_visible_under_the_speckle(scene, tmp_path, settings)
         for column, columns in enumerate((slice(20, 288), slice(328, 596))):
             gain = painted[rows, columns].sum() / bare[rows, columns].sum()
             assert gain == pytest.approx(albedo[row, column] / albedo.mean(), rel=5e-3)
-    assert Simulation(scene()).geometry.detector_texture is None
+    assert Simulation(scene()).geometry.wall.texture is None
 
 
 def test_saturation_is_predicted_and_clips(scene):

@@ -43,18 +43,18 @@ def test_coarse_lags_follow_from_fine_ones(size, lags):
     )
     found = coarsen(fine, 64)
     used = coarse.lag_grid.ring > 1
-    scale = coarse.estimate[used].max()
-    assert np.abs(found.estimate - coarse.estimate)[used].max() < 0.07 * scale
-    assert np.corrcoef(found.estimate[used], coarse.estimate[used])[0, 1] > 0.998
+    scale = coarse.values[used].max()
+    assert np.abs(found.values - coarse.values)[used].max() < 0.07 * scale
+    assert np.corrcoef(found.values[used], coarse.values[used])[0, 1] > 0.998
     assert found.noise.floor == pytest.approx(coarse.noise.floor, rel=0.03)
 
 
 def test_padding_adds_lags_of_the_floor(rng):
     measurement = read_measurement(1.0 + 0.01 * rng.normal(size=(65, 65)).astype(np.float32))
     padded = pad(measurement, 64)
-    assert padded.estimate.shape == (127, 127)
-    np.testing.assert_array_equal(padded.estimate[31:-31, 31:-31], measurement.estimate)
-    assert padded.estimate[0, 5] == np.float32(measurement.noise.floor)
+    assert padded.values.shape == (127, 127)
+    np.testing.assert_array_equal(padded.values[31:-31, 31:-31], measurement.values)
+    assert padded.values[0, 5] == np.float32(measurement.noise.floor)
 
 
 def choice(seen: np.ndarray):

@@ -16,6 +16,7 @@ from invert.network.annealing import (
     REPLACEMENT_MARGIN_NATS,
     Annealing,
     AnnealingResult,
+    Chain,
     apply_shrunken_data_step,
     floor_fraction,
     replace_unlikely_samples,
@@ -39,15 +40,9 @@ def sampler():
 
 def drawn(sampler, seed: int, options: Annealing = FEW, progress: Progress = no_progress) -> AnnealingResult:
     measurement = noisy()
-    return sample_posterior(
-        sampler,
-        make_observation([measurement]),
-        measurement.noise.inflation,
-        torch.zeros(1, 64, 64),
-        options,
-        torch.Generator().manual_seed(seed),
-        progress,
-    )
+    rng = torch.Generator().manual_seed(seed)
+    chain = Chain(sampler, make_observation([measurement]), measurement.noise.inflation, rng, progress)
+    return sample_posterior(chain, torch.zeros(1, 64, 64), options)
 
 
 def test_samples_come_from_noise_to_the_object(sampler):

@@ -12,7 +12,7 @@ import torch
 from invert.likelihood.gamma import Likelihood
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.network import annealing
-from invert.network.annealing import Annealing, run_annealing
+from invert.network.annealing import Annealing, Chain, run_annealing
 from invert.network.features import Observation
 from invert.network.inference import make_observation
 from invert.training.data import at_noise
@@ -64,7 +64,8 @@ def test_samples_have_the_posteriors_probabilities(floor, dof, monkeypatch):
     exact = ExactExpectation(measurement)
     options = Annealing(SAMPLES, rounds=1, steps=24, first=16.0)
     seen = make_observation([measurement])
-    found, expected = run_annealing(exact, seen, seen, torch.zeros(SAMPLES, 64, 64), options, torch.Generator().manual_seed(8))
+    chain = Chain(exact, seen, 1.0, torch.Generator().manual_seed(8))
+    found, expected = run_annealing(chain, torch.zeros(SAMPLES, 64, 64), options)
     found, expected = found[_NEAR].flatten(1), expected[_NEAR].flatten(1)
     nearest = torch.cdist(found, _TOYS).argmin(1)
     sampled = torch.bincount(nearest, minlength=len(ALL)) / SAMPLES

@@ -32,7 +32,7 @@ def test_likelihoods_are_those_of_the_noise_model():
     """Differences between candidates are those of `log_likelihood` at each one's likeliest brightness and pedestal."""
     albedos = torch.stack((RIGHT, MIRRORED_STEM, RIGHT + 0.02 * MIRRORED_STEM))
     near = torch.from_numpy(RING <= 1)  # the same for all
-    noise, estimate = noisy().noise, torch.from_numpy(noisy().estimate).double().masked_fill(near, 1.0)
+    noise, estimate = noisy().noise, torch.from_numpy(noisy().values).double().masked_fill(near, 1.0)
 
     def at_best(albedo: torch.Tensor) -> float:
         def cost(parameters: np.ndarray) -> float:
@@ -57,7 +57,7 @@ def test_likelihoods_are_those_of_the_noise_model():
 def test_likelihood_knows_no_shift_turn_brightness_or_unit(unit):
     same = torch.stack((RIGHT, 7.0 * RIGHT, torch.roll(RIGHT, (5, -3), (0, 1)), RIGHT.flip((0, 1))))
     noise = replace(noisy().noise, floor=unit * noisy().noise.floor)
-    scaled = replace(noisy(), estimate=np.float32(unit) * noisy().estimate, noise=noise)
+    scaled = replace(noisy(), values=np.float32(unit) * noisy().values, noise=noise)
     found = Likelihood.of(scaled)(same)
     assert float((found - Likelihood.of(noisy())(RIGHT[None])).abs().max()) < 0.02
 

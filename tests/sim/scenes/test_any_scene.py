@@ -46,8 +46,8 @@ def test_a_whole_frame_as_one_patch_shows_the_window_smoothed_autocorrelation(sc
     """No window is too large: the mean over many frames is r*r under the frame's own triangle, without a bias of its own."""
     geometry = scene()
     simulation = Simulation(geometry, Settings(effects=RAW))
-    height, width = geometry.frame_shape
-    grid = PatchGrid(height, 1, 1, geometry.frame_shape, width)
+    height, width = geometry.camera.frame_shape
+    grid = PatchGrid(height, 1, 1, geometry.camera.frame_shape, width)
     frames = 60
     estimate, dof = estimate_autocorrelation((simulation.expected_frame(4, number) for number in range(frames)), grid)
     pitches = grid.lag_pitches_m(geometry.wavelength_m, geometry.distance_m, geometry.seen_pitch_m)
@@ -79,7 +79,7 @@ def test_parts_at_two_depths_are_as_bright_as_their_distances_say(scene):
     column = np.arange(256)
     # Columns run along -x: the near plate, at negative x, lies in the right half.
     parts = weight[:, column >= 128].sum(), weight[:, column < 128].sum()
-    spot, wall = geometry.spot.centre, geometry.detector_centre
+    spot, wall = geometry.spot.centre, geometry.camera.centre
     expected = []
     for place in (np.array([-0.004, 0.0, 0.2]), np.array([0.004, 0.0, -0.2])):
         to_spot, to_wall = spot - place, wall - place
@@ -105,7 +105,7 @@ def test_light_of_a_sphere_matches_its_integral(scene):
     normal = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], -1)
     area = np.sin(polar) * 0.0075**2 * (np.pi / 800) * (np.pi / 400)
     place, path = 0.0075 * normal, geometry.light_path
-    to_spot, to_wall = geometry.spot.centre - place, geometry.detector_centre - place
+    to_spot, to_wall = geometry.spot.centre - place, geometry.camera.centre - place
     lit, seen = (np.clip((normal * way).sum(-1), 0.0, None) / np.linalg.norm(way, axis=-1) for way in (to_spot, to_wall))
     mean = (0.6 * area * lit * seen / (to_spot**2).sum(-1) / (to_wall**2).sum(-1)).sum()
     flat = 1.0 / (path.source_to_object_m * path.object_to_detector_m) ** 2

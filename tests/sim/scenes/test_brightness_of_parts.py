@@ -129,7 +129,7 @@ def known_autocorrelation(geometry: Geometry, surface: Surface, *, shaded: bool 
         (np.arange(n) - 0.5 * (n - 1)) * size for n, size in zip((grid.rows, grid.columns), grid.patch_shape, strict=True)
     )
     lags = [
-        _known_in_patch(geometry, surface, grid.patch_shape, geometry.pixel_pitch_m * np.array([row, column]), shaded)
+        _known_in_patch(geometry, surface, grid.patch_shape, geometry.camera.pixel_pitch_m * np.array([row, column]), shaded)
         for row in rows
         for column in columns
     ]
@@ -139,7 +139,7 @@ def known_autocorrelation(geometry: Geometry, surface: Surface, *, shaded: bool 
 def _known_in_patch(
     geometry: Geometry, surface: Surface, patch_shape: tuple[int, int], offset_m: np.ndarray, shaded: bool
 ) -> np.ndarray:
-    place = geometry.detector_centre + offset_m[0] * geometry.down + offset_m[1] * geometry.right
+    place = geometry.camera.centre + offset_m[0] * geometry.camera.down + offset_m[1] * geometry.camera.right
     way = surface.position - place
     to_wall, to_spot = -way, geometry.spot.centre - surface.position
     seen = (surface.normal * to_wall).sum(1) / np.linalg.norm(to_wall, axis=1)
@@ -157,7 +157,10 @@ def _known_in_patch(
     if not shaded:
         light = np.where((light > 0.0) & (surface.albedo > 0.0), 1.0, 0.0)
     direction = way / np.linalg.norm(way, axis=1, keepdims=True)
-    turns = np.stack([direction @ step for step in (geometry.down, geometry.right)], 1) * geometry.pixel_pitch_m
+    turns = (
+        np.stack([direction @ step for step in (geometry.camera.down, geometry.camera.right)], 1)
+        * geometry.camera.pixel_pitch_m
+    )
     cell = turns / geometry.wavelength_m * np.array(patch_shape) * CELLS
     cell = np.round(cell - 0.5 * (cell.max(0) + cell.min(0)) + 256).astype(int)
     r = np.zeros((512, 512))
@@ -166,9 +169,9 @@ def _known_in_patch(
 
 
 def wall_normal(geometry: Geometry) -> np.ndarray:
-    normal = np.cross(geometry.right, geometry.down)
+    normal = np.cross(geometry.camera.right, geometry.camera.down)
     normal /= np.linalg.norm(normal)
-    return normal * np.sign(normal @ (-geometry.detector_centre))
+    return normal * np.sign(normal @ (-geometry.camera.centre))
 
 
 def distance(estimate: np.ndarray, known: np.ndarray) -> float:

@@ -19,7 +19,7 @@ def scene():
 def test_numpy_numbers_are_parameters_and_the_text_names_them(scene):
     assert "corner_letter" in repr(scene)
     assert "exposure=0.25" in repr(scene)
-    assert scene.geometry.electronics.exposure_s == 0.25
+    assert scene.geometry.camera.electronics.exposure_s == 0.25
     with pytest.raises(cg.InputError, match="exposure"):
         cg.load("corner_letter", exposure=[0.1])
     with pytest.raises(cg.InputError, match="occluded_letter"):
@@ -32,7 +32,7 @@ def test_copies_and_pickles_are_the_same_scene(scene):
         assert other.geometry.distance_m == scene.geometry.distance_m
     (swept,) = scene.sweep("exposure", [0.5])
     for other in (copy.copy(swept), copy.deepcopy(swept), pickle.loads(pickle.dumps(swept))):
-        assert other.geometry.electronics.exposure_s == 0.5
+        assert other.geometry.camera.electronics.exposure_s == 0.5
 
 
 def test_the_drawing_shows_every_shape_to_scale(scene):
@@ -66,7 +66,7 @@ def test_a_sweep_equals_scenes_loaded_with_each_value(scene):
     assert cg.predict(swept[1]).floor_over_peak == pytest.approx(cg.predict(loaded).floor_over_peak, rel=1e-12)
     assert cg.predict(swept[0]).floor_over_peak > cg.predict(swept[1]).floor_over_peak
     (brighter,) = swept[1].sweep("power", [1.0])
-    assert brighter.geometry.electronics.exposure_s == 0.5
+    assert brighter.geometry.camera.electronics.exposure_s == 0.5
     assert cg.light_budget(brighter).photoelectrons_per_pixel_s == pytest.approx(
         2.0 * cg.light_budget(swept[1]).photoelectrons_per_pixel_s
     )
