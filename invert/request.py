@@ -1,4 +1,4 @@
-"""What to do with a source: the options of `reconstruct`, checked once."""
+"""The options of a reconstruction, checked once."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ Captures = dict[str, tuple[Path, ...]]
 
 @dataclass(frozen=True)
 class Job:
-    """What `python -m invert` does with each capture.
+    """The work of `python -m invert` on each capture.
 
     Attributes:
         request: options of the reconstruction.

@@ -97,7 +97,7 @@ class AnnealingResult:
 
 @dataclass(frozen=True)
 class Chain:
-    """What stays the same while one object is sampled.
+    """Network, data and random numbers of the samples of one object.
 
     Attributes:
         observation: conditioning input of the sampler network, one per albedo or one of all.

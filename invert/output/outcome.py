@@ -1,4 +1,4 @@
-"""What a reconstruction found: albedo, confidence, warnings, and the comparison with a truth."""
+"""Outcome of a reconstruction: albedo, confidence, warnings, and the comparison with a truth."""
 
 from __future__ import annotations
 
