@@ -152,7 +152,7 @@ def _render(scene, plan, content, options) -> None:
         for number, frame in enumerate(tqdm(drawn, total=options.frames, desc="frames", unit="frame", disable=None)):
             started = time.perf_counter()
             write_frame(frame_path(staging, number), frame, recording.header(number))
-            saturated += recording.saturated(frame) / options.frames
+            saturated += recording.saturation(frame) / options.frames
             write_s += time.perf_counter() - started
         seconds = {"prepare": prepared - begin, "render": time.perf_counter() - prepared - write_s, "write": write_s}
         save_array(staging / "truth.npy", truth)

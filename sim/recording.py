@@ -53,7 +53,7 @@ class Recording:
         """Metadata that a reconstruction needs."""
         return CameraMetadata.of(self.header(0))
 
-    def saturated(self, frame: np.ndarray) -> float:
+    def saturation(self, frame: np.ndarray) -> float:
         """Return the fraction of the pixels of a frame that reached the full well."""
         full_well = self.plan.geometry.camera.electronics.full_well
         return float((frame >= full_well).mean()) if full_well else 0.0

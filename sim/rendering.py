@@ -53,7 +53,7 @@ def render(
     capture = recording.capture(frames)
     seconds = {"prepare": prepared - begin, "render": time.perf_counter() - prepared, "write": 0.0}
     truth, pitches_m = lag_grid_albedo(plan.geometry)
-    saturated = float(np.mean([recording.saturated(frame) for frame in capture.frames]))
+    saturated = float(np.mean([recording.saturation(frame) for frame in capture.frames]))
     return replace(capture, truth=truth, record=record(scene, recording, content, pitches_m, saturated, seconds))
 
 
