@@ -11,6 +11,7 @@ from correlograph.command import ArgumentParser, exit_at_once, run_command
 from correlograph.version import version
 
 COMMANDS = {
+    "new-scene": ("correlograph.commands.new_scene", "write a scene round a corner from a picture and a few numbers"),
     "sim": ("sim.__main__", "render speckle frames of a scene, or print the plan"),
     "radiometry": ("correlograph.commands.light_budget", "print the light budget and the noise of a scene"),
     "plan": ("correlograph.commands.exposure_plan", "divide an exposure into frames, or compare cameras"),

@@ -1,4 +1,4 @@
-"""Scenes, one folder each: scene.xml, meshes, albedo bitmaps. `scene_path("corner_letter")` finds them."""
+"""Scenes, one folder each: scene.xml, meshes, albedo bitmaps. `scene_path("corner_letter")` finds them; `corner.py` writes others."""
 
 from importlib.resources import files
 from pathlib import Path

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from scipy import ndimage
 
 import correlograph as cg
@@ -32,7 +33,7 @@ contact_sheet.png contact_sheet_of_my_wedding.png frame_0000.exr frame_0001.exr 
 truth.npy plan.png plan.json validation.json noise_statistics.png photon_budget.png lab_floor.png G.png G.ply
 w.safetensors w.png w.json w.checkpoint.safetensors m.ply results.json pareto.png shapes.png thesis.partial
 .capture-is-being-moved .correlograph-partial-1-x a/albedo.npy a/result.json b/samples.npy cells/notes.txt
-preview.png cameras.json cameras.png track.csv track.json track.png
+preview.png cameras.json cameras.png track.csv track.json track.png scene.xml object.png scene.png
 """.split()  # noqa: SIM905
 
 
@@ -58,6 +59,7 @@ def inputs(tmp_path_factory) -> Path:
         np.save(folder / "captures" / name / "0.npy", rng.exponential(size=(200, 180)).astype(np.float32))
     dispatch(["data-gen", str(folder / "set.zarr"), "--source", "strokes", "--count", "64", "--workers", "1"])
     (folder / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    Image.fromarray(np.eye(32, dtype=np.uint8) * 255).save(folder / "object.png")
     (folder / "moving").mkdir()
     pattern = ndimage.gaussian_filter(rng.exponential(size=(220, 200)), 2.0)
     for number in range(4):
@@ -66,6 +68,7 @@ def inputs(tmp_path_factory) -> Path:
 
 
 WRITING = {
+    "new-scene": ["IN/object.png", "-o", "OUT"],
     "sim": ["corner_letter", "-o", "OUT", "--frames", "2"],
     "sim --plan": ["corner_letter", "-o", "OUT", "--plan"],
     "plan": ["corner_letter", "-o", "OUT", "--budget-s", "1"],
