@@ -26,6 +26,9 @@ def parser() -> ArgumentParser:
     p.add_argument("--wavelength-m", type=WAVELENGTH, help="wavelength in metres, for example 532e-9")
     p.add_argument("--distance-m", type=SI, help="distance from the hidden object to the virtual detector in metres")
     p.add_argument("--exposure-s", type=SI, help="exposure of a frame, for the metadata of saved captures")
+    p.add_argument("--dark", type=Path, help="dark frame, or a stack or folder of dark frames")
+    p.add_argument("--flat", type=Path, help="flat-field frame")
+    p.add_argument("--mask", type=Path, help="image; its zero pixels are excluded")
     p.add_argument(
         "--forget",
         type=Range(0, 10**6),
@@ -51,11 +54,14 @@ def main(argv: Sequence[str] | None = None) -> None:
             "source", "a folder or file, or --simulate SCENE", "neither" if options.source is None else "both", "choose one"
         )
     source, exposure_s = open_source(options)
+    from correlograph.files.corrections import Corrections
     from correlograph.live.page import serve
     from correlograph.live.session import LiveSession
     from correlograph.live.threads import Acquisition
 
-    acquisition = Acquisition(source, LiveSession(source.camera, exposure_s, options.forget), options.until)
+    corrections = Corrections(options.dark, options.flat, options.mask)
+    session = LiveSession(source.camera, exposure_s, options.forget, corrections)
+    acquisition = Acquisition(source, session, options.until)
     page = serve(acquisition, Path(options.output), options.port)
     acquisition.start()
     print(f"Open {page.address}", flush=True)

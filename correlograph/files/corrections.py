@@ -79,15 +79,19 @@ class Corrections:
         """Return the capture with corrected frames. Raises InputError for unsuitable files."""
         if self.is_empty:
             return capture
-        change, measured = self._correction(capture.frames)
+        change, measured = self.for_frames(capture.frames)
         if capture.measured is not None:
             measured = capture.measured if measured is None else measured & capture.measured
         if isinstance(capture.frames, FileFrames):
             return replace(capture, frames=capture.frames.map(change), measured=measured)
         return replace(capture, frames=[change(frame) for frame in capture.frames], measured=measured)
 
-    def _correction(self, frames: Sequence[np.ndarray]) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray | None]:
-        """Return the correction of one frame, and the pixels that keep their own value, or None for all."""
+    def for_frames(self, frames: Sequence[np.ndarray]) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray | None]:
+        """Return the correction of one frame, and the pixels that keep their own value, or None for all.
+
+        Args:
+            frames: some frames (H, W), with which the dark frame is compared.
+        """
         shape = frames[0].shape
         dark: np.ndarray = np.zeros((), np.float32)
         if self.dark is not None:

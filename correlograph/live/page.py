@@ -13,8 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from correlograph.errors import InputError
+from correlograph.files.figures import add_scale_bar
 from correlograph.live.session import LiveReport
 from correlograph.live.threads import Acquisition
 from invert.output.result import Result
@@ -22,6 +24,10 @@ from invert.output.result import Result
 REFRESH_MS = 500
 SHOWN_PIXELS = 480
 """Largest side of an image on the page."""
+
+PICTURES = ("frame", "histogram and contrast", "autocorrelation", "reconstruction")
+SKIPPED = 4
+"""Step over rows and columns of a frame for its histogram."""
 
 
 @dataclass(frozen=True)
@@ -66,9 +72,8 @@ def serve(acquisition: Acquisition, folder: Path, port: int = 0) -> Page:
 
 def _build(pn: Any, acquisition: Acquisition, folder: Path) -> Any:
     """Build the page of one browser."""
-    images = {
-        name: pn.pane.PNG(None, width=320, height=320, name=name) for name in ("frame", "autocorrelation", "reconstruction")
-    }
+    images = {name: pn.pane.PNG(None, width=320, height=320, name=name) for name in PICTURES}
+    shown = [-1]
     values, message = pn.pane.Markdown(sizing_mode="stretch_width"), pn.pane.Markdown()
     restart = pn.widgets.Button(name="Restart the estimate")
     balanced = pn.widgets.Button(name="Reconstruct with quality balanced")
@@ -86,20 +91,61 @@ def _build(pn: Any, acquisition: Acquisition, folder: Path) -> Any:
 
     def refresh() -> None:
         values.object = table(acquisition)
-        frame, estimate, result = acquisition.latest, acquisition.estimate, acquisition.result
-        if frame is not None:
-            images["frame"].object = png(np.sqrt(np.clip(frame, 0.0, None)), "gray")
-        if estimate is not None:
-            images["autocorrelation"].object = png(
-                np.sqrt(np.clip(estimate.values - np.median(estimate.values), 0.0, None)), "magma"
-            )
-        if result is not None:
-            images["reconstruction"].object = png(result.albedo, "gray")
+        if shown[0] != acquisition.received:
+            shown[0] = acquisition.received
+            for name, picture in pictures(acquisition).items():
+                images[name].object = picture
 
     refresh()
     pn.state.add_periodic_callback(refresh, REFRESH_MS)
     columns = [pn.Column(f"### {name}", image) for name, image in images.items()]
     return pn.Column("# correlograph live", pn.Row(*columns), pn.Row(restart, balanced, save), message, values)
+
+
+def pictures(acquisition: Acquisition) -> dict[str, bytes]:
+    """Return the pictures of the page as PNG files, without those that do not exist yet."""
+    frame, estimate, result = acquisition.latest, acquisition.estimate, acquisition.result
+    found = {}
+    if frame is not None:
+        found["frame"] = png(np.sqrt(np.clip(frame, 0.0, None)), "gray")
+        found["histogram and contrast"] = draw_trend(frame, list(acquisition.session.contrasts))
+    if estimate is not None:
+        found["autocorrelation"] = png(np.sqrt(np.clip(estimate.values - np.median(estimate.values), 0.0, None)), "magma")
+    if result is not None:
+        found["reconstruction"] = draw_albedo(result)
+    return found
+
+
+def draw_albedo(result: Result) -> bytes:
+    """Return the reconstruction as a PNG file, with a scale bar if the camera is known."""
+    figure = Figure(figsize=(3.2, 3.2))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set_axis_off()
+    axes.imshow(result.albedo, cmap="gray", vmin=0.0, vmax=float(result.albedo.max()) or 1.0)
+    if result.pitches_m is not None:
+        add_scale_bar(axes, result.pitches_m[1], *result.albedo.shape[::-1])
+    return _as_png(figure)
+
+
+def draw_trend(frame: np.ndarray, contrasts: list[float]) -> bytes:
+    """Return the histogram of a frame, and the contrast of the latest frames, as a PNG file."""
+    figure = Figure(figsize=(3.2, 3.2), layout="constrained")
+    histogram, trend = figure.subplots(2, 1)
+    histogram.hist(frame[::SKIPPED, ::SKIPPED].ravel(), 64, log=True, color="0.3")
+    histogram.set_xlabel("value of a pixel", fontsize=8)
+    trend.plot(contrasts, color="0.3")
+    trend.set_xlabel("frame", fontsize=8)
+    trend.set_ylabel("contrast", fontsize=8)
+    trend.set_ylim(bottom=0.0)
+    for axes in (histogram, trend):
+        axes.tick_params(labelsize=7)
+    return _as_png(figure)
+
+
+def _as_png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=100)
+    return buffer.getvalue()
 
 
 def png(image: np.ndarray, colours: str) -> bytes:
@@ -118,6 +164,9 @@ def table(acquisition: Acquisition) -> str:
     rows = [("frames received", f"{acquisition.received}, {acquisition.frames_per_s:.3g} per second")]
     if acquisition.dropped:
         rows.append(("frames dropped", f"{acquisition.dropped}, because this machine is slower than the camera"))
+    skipped = getattr(acquisition.source, "skipped", [])
+    if skipped:
+        rows.append(("files skipped", f"{len(skipped)}, the latest {skipped[-1]}".replace("|", "/")))
     if acquisition.report is not None:
         rows += _report_rows(acquisition.report, acquisition.frames_per_s)
     if acquisition.result is not None:

@@ -6,6 +6,7 @@ import math
 import os
 import shutil
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -14,6 +15,7 @@ import numpy as np
 
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata
+from correlograph.files.corrections import Corrections
 from correlograph.files.exr_frames import FrameHeader, write_frame
 from correlograph.files.manifest import record_temporary
 from correlograph.files.output import output_folder, save_array, sole_writer
@@ -32,6 +34,9 @@ SHARP_ERROR = 0.7
 
 KEPT_BYTES = 2**30
 """Memory for the latest frames, which can be saved."""
+
+TREND_FRAMES = 200
+"""Number of the latest frames whose contrast is kept."""
 
 FIELD = 512
 """Side in pixels of the middle of a frame in which grain and gain are measured."""
@@ -83,14 +88,24 @@ class LiveReport:
 class LiveSession:
     """Estimate of the frames of a running camera. All methods may be called from several threads."""
 
-    def __init__(self, camera: CameraMetadata, exposure_s: float | None = None, forget: int = 0) -> None:
+    def __init__(
+        self,
+        camera: CameraMetadata,
+        exposure_s: float | None = None,
+        forget: int = 0,
+        corrections: Corrections | None = None,
+    ) -> None:
         """Start without frames.
 
         Args:
+            corrections: dark frame, flat-field frame and mask for the estimate; frames are saved as they arrive.
             forget: number of frames after which a frame no longer counts, for alignment; 0 for never. The estimate uses
                 between half of `forget` and `forget` of the latest frames.
         """
         self.camera, self.exposure_s, self.forget = camera, exposure_s, forget
+        self.corrections = corrections or Corrections()
+        self.contrasts: deque[float] = deque(maxlen=TREND_FRAMES)
+        self._correct: Callable[[np.ndarray], np.ndarray] | None = None
         self._lock = Lock()
         self._shape: tuple[int, ...] = ()
         self._estimators: list[AutocorrelationEstimator] = []
@@ -103,15 +118,19 @@ class LiveSession:
         image = np.asarray(frame, np.float32)
         with self._lock:
             if not self._estimators:
+                if not self.corrections.is_empty:
+                    self._correct = self.corrections.for_frames([image])[0]
                 self._shape = image.shape
                 self._estimators = [self._new_estimator()]
             if image.shape != self._shape:
                 expected = " x ".join(map(str, self._shape))
                 raise InputError("frame", f"{expected} pixels, as before", f"shape {image.shape}", "restart the live view")
+            light = image if self._correct is None else self._correct(image)
             for estimator in self._estimators:
-                estimator.add(image)
+                estimator.add(light)
             self._forget_oldest()
-            self._frame = self._measure(image)
+            self._frame = self._measure(light, image)
+            self.contrasts.append(self._frame.contrast)
             self._kept.append(image)
             while len(self._kept) > 1 and len(self._kept) * image.nbytes > KEPT_BYTES:
                 self._kept.popleft()
@@ -126,6 +145,7 @@ class LiveSession:
         with self._lock:
             self._estimators = [self._new_estimator()] if self._shape else []
             self._kept.clear()
+            self.contrasts.clear()
 
     def _new_estimator(self) -> AutocorrelationEstimator:
         return AutocorrelationEstimator(self._grid())
@@ -143,13 +163,14 @@ class LiveSession:
         if len(self._estimators) == 1 and self._estimators[0].frames >= max(1, self.forget // 2):
             self._estimators.append(self._new_estimator())
 
-    def _measure(self, image: np.ndarray) -> FrameReport:
+    def _measure(self, image: np.ndarray, raw: np.ndarray) -> FrameReport:
+        """Measure a corrected frame; whether pixels are saturated shows in the frame as it arrived."""
         top, left = (max(0, (side - FIELD) // 2) for side in image.shape)
         middle = image[top : top + FIELD, left : left + FIELD]
         self._gains.append(_gain(middle))
         found = combine(self._gains)
-        mean, highest = float(image.mean()), float(image.max())
-        at_top = float((image >= highest).mean()) if highest > 0.0 else 0.0
+        mean, highest = float(image.mean()), float(raw.max())
+        at_top = float((raw >= highest).mean()) if highest > 0.0 else 0.0
         line = covariance_line(middle)
         return FrameReport(
             mean,

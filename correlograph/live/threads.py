@@ -109,7 +109,7 @@ class Acquisition:
     def _reconstruct(self) -> None:
         seen = 0
         while True:
-            begin = time.monotonic()
+            begin, all_added = time.monotonic(), not self._threads[1].is_alive()
             estimate = self.session.estimate() if self.session.frames else None
             if estimate is not None and estimate.record is not None and estimate.record.frames != seen:
                 seen = estimate.record.frames
@@ -118,6 +118,6 @@ class Acquisition:
                 self.result = self.session.reconstruct(estimate, quality)
                 if self.until is not None and self.result.confidence >= self.until:
                     self.stop()
-            elif self.finished.is_set():
+            elif all_added:
                 return
             time.sleep(max(0.05, INTERVAL_S - (time.monotonic() - begin)))

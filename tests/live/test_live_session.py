@@ -13,7 +13,8 @@ import tifffile
 
 import correlograph as cg
 from correlograph.errors import InputError
-from correlograph.live.page import _result_rows
+from correlograph.lags import lag_grid
+from correlograph.live.page import PICTURES, _result_rows, pictures, table
 from correlograph.live.session import LiveSession, covariance_line, grain_width
 from correlograph.live.sources import GrowingFiles
 from correlograph.live.threads import WAITING, Acquisition
@@ -23,6 +24,7 @@ from invert.request import Request
 from tests.light import speckle
 
 CAMERA = cg.CameraMetadata(532e-9, 7e-6, 1.0)
+RING = lag_grid(63).ring
 
 
 def letter_frames(count: int, seed: int = 0) -> list[np.ndarray]:
@@ -127,6 +129,38 @@ def test_a_growing_stack_and_folder_yield_each_frame_once(tmp_path):
     np.testing.assert_array_equal(next(frames), pages[3])
     np.testing.assert_array_equal(next(frames), pages[4])
     assert source.skipped == []
+
+
+def test_a_dark_frame_corrects_the_estimate_and_not_the_saved_frames(tmp_path):
+    frames = letter_frames(2)
+    rng = np.random.default_rng(3)
+    dark = (100.0 + 0.2 * frames[0].mean() * rng.standard_normal(frames[0].shape)).astype(np.float32)
+    np.save(tmp_path / "dark.npy", dark)
+    session, clean = LiveSession(CAMERA, corrections=cg.Corrections(tmp_path / "dark.npy")), LiveSession(CAMERA)
+    for frame in frames:
+        session.add(frame + dark)
+        clean.add(frame)
+    corrected, known = session.estimate().values, clean.estimate().values
+    signal = known - np.median(known)
+    assert np.abs(corrected - known)[RING > 1].max() < 0.05 * signal[RING > 1].max()
+    assert len(session.contrasts) == 2
+    assert session.contrasts[-1] == pytest.approx(clean.contrasts[-1], rel=0.05)
+    np.testing.assert_allclose(np.load(session.save(tmp_path / "saved") / "frames.npy"), np.stack(frames) + dark, rtol=1e-6)
+    session.restart()
+    assert not session.contrasts
+
+
+def test_pictures_and_skipped_files_of_the_page():
+    acquisition = Acquisition(Camera(letter_frames(2)), LiveSession(CAMERA))
+    assert pictures(acquisition) == {}
+    acquisition.source.skipped = ["a.tif: no | picture"]
+    acquisition.start()
+    acquisition.finished.wait(60.0)
+    acquisition.join()
+    shown = pictures(acquisition)
+    assert set(shown) == set(PICTURES)
+    assert all(one.startswith(b"\x89PNG") for one in shown.values())
+    assert "| **files skipped** | 1, the latest a.tif: no / picture |" in table(acquisition)
 
 
 def test_an_unreadable_file_is_skipped_and_named(tmp_path, monkeypatch):
