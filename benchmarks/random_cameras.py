@@ -59,14 +59,13 @@ def draw_camera(number: int) -> tuple[dict[str, Any], Any, int]:
         pixel_pitch_m=scale * geometry.camera.pixel_pitch_m, frame_shape=(rows, columns), electronics=electronics
     )
     grain_m = geometry.wavelength_m * geometry.distance_m / max(geometry.hidden_object.extent_m)
+    scan_speed = sometimes(rng.uniform(0.1, MAX_GRAINS) * geometry.spot.diameter_m / exposure_s, 0.3)
+    velocity = np.array([1.0, 0.5, 0.0]) * sometimes(rng.uniform(0.1, MAX_GRAINS) * grain_m / 3.0 / exposure_s, 0.2)
+    linewidth = sometimes(10.0 ** rng.uniform(9.0, 10.7), 0.3)
     geometry = replace(
         geometry,
-        spot=replace(
-            geometry.spot, scan_speed_m_s=sometimes(rng.uniform(0.1, MAX_GRAINS) * geometry.spot.diameter_m / exposure_s, 0.3)
-        ),
-        object_velocity_m_s=np.array([1.0, 0.5, 0.0])
-        * sometimes(rng.uniform(0.1, MAX_GRAINS) * grain_m / 3.0 / exposure_s, 0.2),
-        linewidth_hz=sometimes(10.0 ** rng.uniform(9.0, 10.7), 0.3),
+        spot=replace(geometry.spot, scan_speed_m_s=scan_speed, linewidth_hz=linewidth),
+        object_velocity_m_s=velocity,
         is_depolarised=bool(rng.random() < 0.3),
     )
     frames = int(rng.integers(1, 4))

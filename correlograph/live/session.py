@@ -32,7 +32,7 @@ from radiometry.noise.detection import DETECTION_LIMIT
 SHARP_ERROR = 0.7
 """Relative error of the estimate at which `fast` reconstructions of letters reach a correlation of 0.9 (docs/radiometry.md)."""
 
-KEPT_BYTES = 2**30
+KEPT_BYTES = 2**27
 """Memory for the latest frames, which can be saved."""
 
 TREND_FRAMES = 200
@@ -131,8 +131,8 @@ class LiveSession:
             self._forget_oldest()
             self._frame = self._measure(light, image)
             self.contrasts.append(self._frame.contrast)
-            self._kept.append(image)
-            while len(self._kept) > 1 and len(self._kept) * image.nbytes > KEPT_BYTES:
+            self._kept.append(_compact(image))
+            while len(self._kept) > 1 and sum(kept.nbytes for kept in self._kept) > KEPT_BYTES:
                 self._kept.popleft()
 
     @property
@@ -186,7 +186,13 @@ class LiveSession:
             if not self._estimators or not self._estimators[0].frames:
                 return None
             estimator = self._estimators[0]
-            return estimate_of(estimator, estimator.estimate(), self.camera, f"{estimator.frames} live frames", self._kept[-1])
+            return estimate_of(
+                estimator,
+                estimator.estimate(),
+                self.camera,
+                f"{estimator.frames} live frames",
+                self._kept[-1].astype(np.float32),
+            )
 
     def report(self, estimate: Estimate) -> LiveReport:
         """Return the state that belongs to an estimate of this session."""
@@ -236,10 +242,10 @@ class LiveSession:
 
     def _write(self, frames: list[np.ndarray], folder: Path) -> None:
         if self.camera.lag_geometry is None or self.exposure_s is None:
-            save_array(folder / "frames.npy", np.stack(frames))
+            save_array(folder / "frames.npy", np.stack(frames).astype(np.float32))
             return
         for number, frame in enumerate(frames):
-            write_frame(folder / f"frame_{number:04d}.exr", frame, self._header(number))
+            write_frame(folder / f"frame_{number:04d}.exr", frame.astype(np.float32), self._header(number))
 
     def _header(self, number: int) -> FrameHeader:
         camera = self.camera
@@ -261,6 +267,13 @@ class LiveSession:
             camera.row_pitch_m,
             camera.column_pitch_m,
         )
+
+
+def _compact(image: np.ndarray) -> np.ndarray:
+    """Return a frame as 16-bit integers if it consists of such numbers, with half of the memory."""
+    with np.errstate(invalid="ignore"):
+        integers = image.astype(np.uint16)
+    return integers if (integers == image).all() else image
 
 
 def _gain(image: np.ndarray) -> PhotonTransfer:
