@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from typing import Any, NoReturn
 
-from correlograph.errors import MAX_FOUND_CHARS, InputError
+from correlograph.errors import MAX_FOUND_CHARS, InputError, missing_package
 
 
 class ArgumentParser(argparse.ArgumentParser):
@@ -82,6 +82,10 @@ def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str
         main(argv)
     except InputError as error:
         _leave(f"error: {error}", 2, arrived)
+    except ModuleNotFoundError as error:
+        if not isinstance(found := missing_package(error), InputError):
+            raise
+        _leave(f"error: {found}", 2, arrived)
     except BrokenPipeError:  # the reader of the output, such as `head`, has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         sys.exit(128 + signal.SIGPIPE if hasattr(signal, "SIGPIPE") else 1)

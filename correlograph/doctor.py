@@ -62,7 +62,7 @@ def _packages() -> bool:
     _tell(
         "packages",
         ", ".join(f"{package} {number}" for package, number in found.items()),
-        f"'pip install correlograph' brings {', '.join(missing)}" if missing else "",
+        f"pip install 'correlograph[all]' brings {', '.join(missing)}" if missing else "",
     )
     return not missing
 

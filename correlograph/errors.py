@@ -24,6 +24,23 @@ class InputError(ValueError):
         return type(self), self._parts
 
 
+EXTRAS = {
+    **dict.fromkeys(("mitsuba", "drjit", "trimesh", "finufft"), "sim"),
+    **dict.fromkeys(("OpenEXR", "h5py", "astropy"), "files"),
+    **dict.fromkeys(("zarr", "numcodecs"), "data"),
+    **dict.fromkeys(("dask", "distributed"), "cluster"),
+}
+"""The optional dependency group of pyproject.toml that installs a package."""
+
+
+def missing_package(error: ModuleNotFoundError) -> Exception:
+    """Return an InputError that names the group of a missing optional package; the error itself for any other module."""
+    package = (error.name or "").partition(".")[0]
+    if package not in EXTRAS:
+        return error
+    return InputError(package, "this package, which is optional", "none", f"pip install 'correlograph[{EXTRAS[package]}]'")
+
+
 SI_MAX = 1e15
 SI_MIN = 1e-30
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from importlib.util import find_spec
 from multiprocessing import active_children, connection, get_context, parent_process
 from typing import Any
 
@@ -41,6 +42,8 @@ def check_scheduler(address: str) -> None:
         found = (done.stderr.strip().splitlines() or [""])[-1][:120] if done.returncode else None
     except subprocess.TimeoutExpired:
         found = "silence for 30 s"
+    if found is not None and find_spec("distributed") is None:
+        raise InputError("--scheduler", "the package dask", "none", "pip install 'correlograph[cluster]'")
     if found is not None:
         raise InputError(
             "--scheduler", "a Dask scheduler that answers", f"{address} ({found})", "start one with 'dask scheduler'"

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR
 
-from correlograph.errors import InputError, check_positive
+from correlograph.errors import InputError, check_positive, missing_package
 from correlograph.files.exr_version import add_version, read_version
 from correlograph.files.output import atomic, silence_output
 
@@ -42,14 +41,33 @@ class FrameHeader:
     column_pitch_m: float | None = None
 
 
+def _library() -> Any:
+    """Return OpenEXR. Raises InputError if it is not installed."""
+    try:
+        import OpenEXR
+    except ModuleNotFoundError as error:
+        raise missing_package(error) from None
+    return OpenEXR
+
+
+def can_write_frames() -> bool:
+    """Return whether OpenEXR is installed."""
+    try:
+        _library()
+    except InputError:
+        return False
+    return True
+
+
 def write_frame(path: Path, photoelectrons: np.ndarray, header: FrameHeader) -> None:
     """Write a frame (H, W) with its header; the file appears only when it is complete."""
-    attributes: dict[str, Any] = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    library = _library()
+    attributes: dict[str, Any] = {"compression": library.ZIP_COMPRESSION, "type": library.scanlineimage}
     attributes.update({name: value for name, value in asdict(header).items() if value is not None and name != "version"})
     pixels = np.ascontiguousarray(photoelectrons, np.float32)
     with atomic(path) as partial:
         stream = io.BytesIO()  # the library refuses names that are not UTF-8
-        OpenEXR.File(attributes, {CHANNEL: pixels}).write(stream)
+        library.File(attributes, {CHANNEL: pixels}).write(stream)
         partial.write_bytes(add_version(stream.getvalue(), header.version, -(-pixels.shape[0] // _LINES_PER_BLOCK)))
 
 
@@ -58,8 +76,9 @@ def read_frame(path: Path) -> tuple[np.ndarray, FrameHeader | None]:
 
     Raises InputError for a damaged file or one with colour channels.
     """
+    library = _library()
     try:
-        with silence_output(), OpenEXR.File(io.BytesIO(path.read_bytes()), separate_channels=True) as file:
+        with silence_output(), library.File(io.BytesIO(path.read_bytes()), separate_channels=True) as file:
             if len(file.parts) != 1:
                 raise ValueError(f"{len(file.parts)} parts instead of one")
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}

@@ -167,8 +167,7 @@ def _open_hdf5(path: Path, file: Path, dataset: str, files: ExitStack) -> Stack:
 
 
 def _open_zarr(path: Path, store: Path, name: str) -> Stack:
-    import zarr
-
+    zarr = _require("zarr", store)
     opened = zarr.open(str(store), mode="r", path=name.strip("/"))
     if isinstance(opened, zarr.Group):
         names = [key for key, _ in opened.arrays()]

@@ -52,7 +52,7 @@ def serve(acquisition: Acquisition, folder: Path, port: int = 0) -> Page:
     try:
         import panel as pn
     except ImportError:
-        raise InputError("live", "the package panel", "none", "pip install correlograph[live]") from None
+        raise InputError("live", "the package panel", "none", "pip install panel") from None
     for name in ("tornado.access", "asyncio"):  # requests of browsers, and browsers that leave in the middle of a message
         logging.getLogger(name).setLevel(logging.CRITICAL)
     token = secrets.token_urlsafe(24)

@@ -16,7 +16,7 @@ import numpy as np
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata
 from correlograph.files.corrections import Corrections
-from correlograph.files.exr_frames import FrameHeader, write_frame
+from correlograph.files.exr_frames import FrameHeader, can_write_frames, write_frame
 from correlograph.files.manifest import record_temporary
 from correlograph.files.output import output_folder, save_array, sole_writer
 from correlograph.version import version
@@ -219,7 +219,7 @@ class LiveSession:
     def save(self, folder: Path) -> Path:
         """Write the kept frames into a new folder that `invert` reads, and return it.
 
-        They are EXR files with metadata if the camera is known, and otherwise one file frames.npy.
+        They are EXR files with metadata if the camera is known and OpenEXR is installed, and otherwise one file frames.npy.
         """
         with self._lock:
             frames = list(self._kept)
@@ -241,7 +241,7 @@ class LiveSession:
         return target
 
     def _write(self, frames: list[np.ndarray], folder: Path) -> None:
-        if self.camera.lag_geometry is None or self.exposure_s is None:
+        if self.camera.lag_geometry is None or self.exposure_s is None or not can_write_frames():
             save_array(folder / "frames.npy", np.stack(frames).astype(np.float32))
             return
         for number, frame in enumerate(frames):

@@ -27,7 +27,7 @@ def test_a_wheel_renders_and_inverts(tmp_path):
     assert run(sys.executable, "-m", "venv", tmp_path / "new", cwd=tmp_path).returncode == 0
     python = tmp_path / "new" / "bin" / "python"
     pip = (python, "-m", "pip", "install", "--quiet", "--retries", 1, "--extra-index-url", INDEX)
-    installed = run(*pip, wheel, "torch<2.14", cwd=tmp_path)
+    installed = run(*pip, f"{wheel}[all]", "torch<2.14", cwd=tmp_path)
     if installed.returncode and "No matching distribution" in installed.stderr:
         pytest.skip(f"no package index within reach: {installed.stderr.strip().splitlines()[-1][:200]}")
     assert installed.returncode == 0, installed.stderr[-800:]
