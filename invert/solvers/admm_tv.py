@@ -34,11 +34,12 @@ def shrink_gradients(field: torch.Tensor, threshold: torch.Tensor) -> torch.Tens
 
 @dataclass(frozen=True)
 class AdmmTvState(Images):
-    """Images, and the scaled dual variables of modulus, support and gradient."""
+    """Images, the scaled dual variables of modulus, support and gradient, and the quadratic term that an FFT divides by."""
 
     dual_modulus: torch.Tensor
     dual_support: torch.Tensor
     dual_gradient: torch.Tensor
+    quadratic: torch.Tensor
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,9 @@ class AdmmTv(Solver[AdmmTvState]):
 
     def init(self, problem: PhaseProblem, rng: torch.Generator) -> AdmmTvState:
         image = problem.random_starts(self.starts, rng)
-        return AdmmTvState(image, torch.zeros_like(image), torch.zeros_like(image), torch.zeros_like(gradients(image)))
+        quadratic = 2.0 + self.coupling * _laplacian(problem)
+        duals = (torch.zeros_like(image), torch.zeros_like(image), torch.zeros_like(gradients(image)))
+        return AdmmTvState(image, *duals, quadratic)
 
     def step(self, problem: PhaseProblem, state: AdmmTvState, number: int) -> AdmmTvState:
         image, target, support = state.image, problem.target, problem.support
@@ -69,13 +72,13 @@ class AdmmTv(Solver[AdmmTvState]):
         edges = shrink_gradients(gradients(image) + state.dual_gradient, threshold)
         right = (seen - state.dual_modulus) + (kept - state.dual_support)
         right = right - self.coupling * divergence(edges - state.dual_gradient)
-        quadratic = 2.0 + self.coupling * _laplacian(problem)
-        image = torch.fft.irfft2(torch.fft.rfft2(right) / quadratic, s=support.shape)
+        image = torch.fft.irfft2(torch.fft.rfft2(right) / state.quadratic, s=support.shape)
         return AdmmTvState(
             image,
             state.dual_modulus.add_(image - seen),
             state.dual_support.add_(image - kept),
             state.dual_gradient.add_(gradients(image) - edges),
+            state.quadratic,
         )
 
 
