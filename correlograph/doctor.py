@@ -12,6 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from correlograph.command import ArgumentParser
+from correlograph.errors import EXTRAS
 
 PACKAGES = ("correlograph", "mitsuba", "drjit", "torch", "numpy", "OpenEXR", "finufft", "zarr", "dask")
 
@@ -64,7 +65,7 @@ def _packages() -> bool:
         ", ".join(f"{package} {number}" for package, number in found.items()),
         f"pip install 'correlograph[all]' brings {', '.join(missing)}" if missing else "",
     )
-    return not missing
+    return not set(missing) - set(EXTRAS)
 
 
 def _simulator() -> bool:

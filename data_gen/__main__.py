@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -151,7 +152,7 @@ def _recipe(options: Any) -> tuple[Any, dict[str, Any]]:
         },
         "photographs": [list(pair) for pair in zip(photographs.names, photographs.hashes, strict=True)] if photographs else [],
         "skipped": [list(pair) for pair in photographs.skipped] if photographs else [],
-        "versions": {package: version(package) for package in PACKAGES},
+        "versions": {package: version(package) for package in PACKAGES if package != "mitsuba" or find_spec(package)},
     }
     return recipe, manifest
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import time
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from typing import Any
 
@@ -12,6 +12,7 @@ from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.captured_frames import describe_files, stray_light_of
 from correlograph.files.corrections import Corrections
+from correlograph.workers import check_scheduler
 from invert.assess.reliability import assess_reliability, describe_limits, has_shifted, is_speckle
 from invert.assess.speckle_test import speckle_test
 from invert.blur_fit import estimate_blur, likelihood_before_division
@@ -51,6 +52,9 @@ def reconstruct(source: Source, **options: Any) -> Result:
 
     Raises InputError for input that cannot be inverted.
     """
+    unknown = options.keys() - {one.name for one in fields(Request)}
+    if unknown:
+        raise TypeError(f"reconstruct() has no option {', '.join(sorted(unknown))}")
     return fulfil(Request(**options), source)
 
 
@@ -100,6 +104,8 @@ def fulfil(request: Request, source: Source) -> Result:
 def _read(request: Request, source: Source) -> tuple[Capture | Estimate, list[str]]:
     """Return a source as an estimate, or as a capture of prepared frames with notes on what was done to them."""
     request.check_source(source)
+    if request.scheduler is not None:
+        check_scheduler(request.scheduler)
     shown = read_source(source, request.camera or CameraMetadata(), request.autocorrelation)
     if isinstance(shown, Capture):
         return prepare(shown, request.corrections or Corrections())
@@ -143,9 +149,9 @@ def _add_fields(request: Request, capture: Capture, result: Result) -> tuple[Res
     if not result.object_found:
         return result, []
     begin = time.perf_counter()
-    fields, notes = _retrieve_fields(request, capture, result)
+    found, notes = _retrieve_fields(request, capture, result)
     seconds = result.seconds | {"fields": time.perf_counter() - begin}
-    return replace(result, fields=fields, seconds=seconds), notes
+    return replace(result, fields=found, seconds=seconds), notes
 
 
 def _retrieve_fields(request: Request, capture: Capture, result: Result) -> tuple[FieldReconstruction | None, list[str]]:

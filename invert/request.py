@@ -13,7 +13,6 @@ from correlograph.files.corrections import Corrections
 from correlograph.files.output import path_of
 from correlograph.progress import Progress, no_progress
 from correlograph.ranges import BLUR, LAG_COUNT, PATCH, SEED
-from correlograph.workers import check_scheduler
 from invert.choices import (
     BALANCED,
     FIELD,
@@ -91,8 +90,6 @@ class Request:
             if value is not None and not isinstance(value, kind):
                 raise InputError(name, f"a {kind.__name__}", f"{value!r:.60}", f"create one with correlograph.{kind.__name__}")
         self._check_numbers()
-        if self.scheduler is not None:
-            check_scheduler(self.scheduler)
         if self.weights is not None and self.method.weights is None:
             found, remedy = f"method {self.method}", f"select method {UNET} or remove weights"
             raise InputError("weights", f"method {UNET} or {FIELD}", found, remedy)
@@ -136,8 +133,8 @@ class Request:
 
     def for_capture(self) -> Request:
         """Return the options for frames in memory that are already corrected and carry their metadata."""
-        kept = replace(self, camera=None, corrections=None, mean_model="auto", autocorrelation=None)
-        return replace(kept, sums_file=None, scheduler=None)
+        of_frames = {"camera": None, "corrections": None, "mean_model": "auto", "autocorrelation": None}
+        return replace(self, **of_frames, sums_file=None, scheduler=None)
 
     def check_source(self, source: object) -> None:
         """Raise InputError for metadata given twice."""

@@ -59,8 +59,10 @@ class Corner:
         for name, value in vars(self).items():
             if name != "frame_shape" and name not in angles:
                 check_positive(name, value, zero_allowed=name in may_be_zero)
+        if min(self.frame_shape) < 1:
+            raise InputError("frame_shape", "at least one row and one column", f"{self.frame_shape}", "enlarge the frame")
         for name in angles:
-            if not 0.0 <= getattr(self, name) <= MAX_ANGLE_DEG:
+            if check_positive(name, getattr(self, name), zero_allowed=True) > MAX_ANGLE_DEG:
                 raise InputError(name, f"0 to {MAX_ANGLE_DEG:g} degrees", getattr(self, name), "turn it")
         if self.wall_albedo > 1.0:
             raise InputError("wall_albedo", "0 to 1", self.wall_albedo, "correct the value")
@@ -130,7 +132,7 @@ class Corner:
             columns=self.frame_shape[1],
             electronics=electronics,
             baffle=self._baffle(),
-            **{name: f"{value:.9g}" for name, value in vars(self).items() if isinstance(value, float)},
+            **{name: f"{value:.9g}" for name, value in vars(self).items() if name != "frame_shape"},
         )
 
     def _baffle(self) -> str:

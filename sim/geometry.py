@@ -78,7 +78,9 @@ class Geometry:
 
     def with_electronics(self, **values: Any) -> Geometry:
         """Return the same scene with other values of the camera's electronics."""
-        return replace(self, camera=replace(self.camera, electronics=replace(self.camera.electronics, **values)))
+        electronics = replace(self.camera.electronics, **values)
+        path = replace(self.light_path, quantum_efficiency=electronics.quantum_efficiency)
+        return replace(self, camera=replace(self.camera, electronics=electronics), light_path=path)
 
     def with_exposure(self, exposure_s: float) -> Geometry:
         """Return the same scene at another exposure."""

@@ -60,13 +60,15 @@ def main(argv: Sequence[str] | None = None) -> None:
             "source", "a folder or file, or --simulate SCENE", "neither" if options.source is None else "both", "choose one"
         )
     _return_memory()
-    source, exposure_s = open_source(options)
     from correlograph.files.corrections import Corrections
+
+    corrections = Corrections(options.dark, options.flat, options.mask)
+    corrections.check()
+    source, exposure_s = open_source(options)
     from correlograph.live.page import serve
     from correlograph.live.session import LiveSession
     from correlograph.live.threads import Acquisition
 
-    corrections = Corrections(options.dark, options.flat, options.mask)
     session = LiveSession(source.camera, exposure_s, options.forget, corrections)
     acquisition = Acquisition(source, session, options.until)
     page = serve(acquisition, Path(options.output), options.port)

@@ -7,11 +7,21 @@ from dataclasses import fields
 from pathlib import Path
 
 from correlograph.command import ArgumentParser, exit_at_once, run_command
+from correlograph.errors import SI_MAX, InputError
 from correlograph.ranges import SI, Range
-from scenes.corner import Corner
+from scenes.corner import MAX_ANGLE_DEG, Corner
 
 SCENE_FILES = ("scene.xml", "object.png", "scene.png")
 SIDE = Range(1, 2**16)
+ANGLE, ELECTRONS = Range(0.0, MAX_ANGLE_DEG), Range(0.0, SI_MAX)
+RANGES = {
+    "source_angle_deg": ANGLE,
+    "camera_angle_deg": ANGLE,
+    "wall_albedo": Range(0.0, 1.0),
+    "read_noise": ELECTRONS,
+    "full_well": ELECTRONS,
+    "bits": Range(0, 32),
+}
 
 HELP = {
     "object_width_m": "width of the picture",
@@ -41,7 +51,7 @@ def parser() -> ArgumentParser:
     p.add_argument("--pixels", nargs=2, type=SIDE, metavar=("WIDTH", "HEIGHT"), help="of the camera (2464 2056)")
     for one in fields(Corner):
         if one.name in HELP:
-            kind = SIDE if one.name == "bits" else SI
+            kind = RANGES.get(one.name, SI)
             option = f"--{one.name.replace('_', '-')}"
             p.add_argument(option, type=kind, default=one.default, help=f"{HELP[one.name]} ({one.default:g})")
     p.add_overwrite()
@@ -57,18 +67,22 @@ def main(argv: Sequence[str] | None = None) -> None:
     corner = Corner(**values)
     with exit_at_once():
         import sim
+    import numpy as np
     from PIL import Image
 
     from correlograph.files.figures import save_figure
     from correlograph.files.images import read_image
     from correlograph.files.manifest import claim
-    from correlograph.files.output import atomic, output_folder, replace_files, staging_folder
+    from correlograph.files.output import atomic, output_folder, replace_files, sole_writer, staging_folder
 
     pixels = read_image(options.picture)[0]
     folder = output_folder(options.output)
     claim(folder, SCENE_FILES, overwrite=options.overwrite)
-    with staging_folder(folder) as staging:
-        grey = (255.0 * pixels / (float(pixels.max()) or 1.0)).round().astype("uint8")
+    if not np.isfinite(pixels).all() or pixels.min() < 0.0 or pixels.max() == 0.0:
+        found = f"{pixels.min():g} to {pixels.max():g}"
+        raise InputError("picture", "finite grey levels, zero or more, and one that is brighter", found, "use another picture")
+    with sole_writer(folder), staging_folder(folder) as staging:
+        grey = (255.0 * pixels / pixels.max()).round().astype("uint8")
         with atomic(staging / "object.png") as partial:
             Image.fromarray(grey).save(partial, format="PNG")
         with atomic(staging / "scene.xml") as partial:

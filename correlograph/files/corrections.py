@@ -75,6 +75,16 @@ class Corrections:
             found += files_of(Path(value)) if is_named else [None]
         return tuple(found)
 
+    def check(self) -> None:
+        """Refuse files that do not exist, before any frame is read."""
+        for name, file in vars(self).items():
+            if file is None or isinstance(file, np.ndarray):
+                continue
+            path = Path(file)
+            if not (path.is_file() or (path.is_dir() and name != "mask")):
+                several = "" if name == "mask" else ", or a stack or a folder of them"
+                raise InputError(f"--{name}", f"an image of the frames' size{several}", f"no {path}", "check the path")
+
     def apply(self, capture: Capture) -> Capture:
         """Return the capture with corrected frames. Raises InputError for unsuitable files."""
         if self.is_empty:

@@ -43,16 +43,14 @@ class Page:
 
 
 def serve(acquisition: Acquisition, folder: Path, port: int = 0) -> Page:
-    """Start the server of the page. Raises InputError if Panel is missing or the port is taken.
+    """Start the server of the page. Raises InputError if the port is taken.
 
     Args:
         folder: where captures are saved.
         port: 0 for a free one.
     """
-    try:
-        import panel as pn
-    except ImportError:
-        raise InputError("live", "the package panel", "none", "pip install panel") from None
+    import panel as pn
+
     for name in ("tornado.access", "asyncio"):  # requests of browsers, and browsers that leave in the middle of a message
         logging.getLogger(name).setLevel(logging.CRITICAL)
     token = secrets.token_urlsafe(24)
@@ -73,7 +71,7 @@ def serve(acquisition: Acquisition, folder: Path, port: int = 0) -> Page:
 def _build(pn: Any, acquisition: Acquisition, folder: Path) -> Any:
     """Build the page of one browser."""
     images = {name: pn.pane.PNG(None, width=320, height=320, name=name) for name in PICTURES}
-    shown = [-1]
+    shown: list[Any] = [None]
     values, message = pn.pane.Markdown(sizing_mode="stretch_width"), pn.pane.Markdown()
     restart = pn.widgets.Button(name="Restart the estimate")
     balanced = pn.widgets.Button(name="Reconstruct with quality balanced")
@@ -91,8 +89,9 @@ def _build(pn: Any, acquisition: Acquisition, folder: Path) -> Any:
 
     def refresh() -> None:
         values.object = table(acquisition)
-        if shown[0] != acquisition.received:
-            shown[0] = acquisition.received
+        now = (acquisition.latest, acquisition.estimate, acquisition.result)
+        if shown[0] is None or any(new is not old for new, old in zip(now, shown[0], strict=True)):
+            shown[0] = now
             for name, picture in pictures(acquisition).items():
                 images[name].object = picture
 

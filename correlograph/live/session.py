@@ -143,7 +143,8 @@ class LiveSession:
     def restart(self) -> None:
         """Forget all frames, for example after a change of the alignment."""
         with self._lock:
-            self._estimators = [self._new_estimator()] if self._shape else []
+            self._estimators = []
+            self._gains.clear()
             self._kept.clear()
             self.contrasts.clear()
 

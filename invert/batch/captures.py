@@ -75,10 +75,7 @@ class Job:
         """Refuse unusable files that options name, before any capture is read."""
         if self.request.weights:
             load_network(self.request.weights, "cpu")
-        for name, file in vars(self.request.corrections or Corrections()).items():
-            if file and not (file.is_file() or (file.is_dir() and name != "mask")):
-                several = "" if name == "mask" else ", or a stack or a folder of them"
-                raise InputError(f"--{name}", f"an image of the frames' size{several}", f"no {file}", "check the path")
+        (self.request.corrections or Corrections()).check()
         self.read_truth()
 
     def run(self, files: Sequence[Path], folder: Path, *, overwrite: bool = False) -> tuple[Result, dict[str, object]]:
@@ -88,12 +85,12 @@ class Job:
             overwrite: whether to replace existing files of the same names that this program did not write.
         """
         self.check()
-        truth, digest, is_new = self.read_truth(), self.sha256(find_frames(files)), not folder.exists()
+        digest, is_new = self.sha256(find_frames(files)), not folder.exists()
         try:
             with sole_writer(output_folder(folder)):
                 claim(folder, (*RESULT_FILES, SUMS_FILE), overwrite=overwrite)
                 result = fulfil(replace(self.request, sums_file=folder / SUMS_FILE), files)
-                return result, result.save(folder, truth, digest, fields=self.save_fields)
+                return result, result.save(folder, self.read_truth(), digest, fields=self.save_fields)
         finally:
             if is_new and folder.is_dir() and not any(folder.iterdir()):
                 folder.rmdir()  # nothing was reconstructed

@@ -37,7 +37,7 @@ SEARCH_STREAM, HELD_OUT_STREAM = 1_000_003, 7_368_787
 
 
 @dataclass(frozen=True)
-class Outcome:
+class FrameOutcome:
     """Field of one frame (modes, box rows, box columns), prediction of its held-out pixels, and expected signal per binned pixel."""
 
     field: torch.Tensor
@@ -101,7 +101,7 @@ class FrameRetrieval:
             self, modes=modes, background=background, filter_background=background, dark=dark, signal=signal, steps=steps
         )
 
-    def retrieve(self, job: tuple[torch.Tensor, int, torch.Tensor | None]) -> Outcome:
+    def retrieve(self, job: tuple[torch.Tensor, int, torch.Tensor | None]) -> FrameOutcome:
         """Return the outcome of one frame.
 
         Args:
@@ -125,7 +125,7 @@ class FrameRetrieval:
         coarse_spectrum = intensity_spectrum(self.coarse_prior.to(self.device), model)
         filtered = model.grid.on_frame(model.blur(filter_counts(plain, coarse_spectrum, model)))
         prediction = predict_held_out(plain, refinement.expected(state), expected_counts(filtered, plain))
-        return Outcome(refinement.field(state).cpu(), prediction, counts.signal)
+        return FrameOutcome(refinement.field(state).cpu(), prediction, counts.signal)
 
     def _counts(self, number: int) -> FrameCounts:
         """Return the counts of a frame, with all of the mean counted as signal."""

@@ -28,7 +28,7 @@ from invert.field.counts import Calibration
 from invert.field.despeckling import Despeckled, despeckle
 from invert.field.field import Field
 from invert.field.forward_model import ForwardModel, power
-from invert.field.frame_retrieval import FRAMES_FOR_CALIBRATION, FrameRetrieval, Outcome
+from invert.field.frame_retrieval import FRAMES_FOR_CALIBRATION, FrameOutcome, FrameRetrieval
 from invert.field.grid import FieldGrid, field_grid
 from invert.field.prior import FLOORS, prior_from_albedo, priors_from_albedo
 from invert.field.reconstruction import FieldReconstruction
@@ -53,11 +53,11 @@ shows 0.29."""
 class Pass:
     """Outcomes of all frames with one prior, and their despeckled intensity."""
 
-    outcomes: Sequence[Outcome]
+    outcomes: Sequence[FrameOutcome]
     albedo: Despeckled
 
     @classmethod
-    def of(cls, outcomes: Sequence[Outcome]) -> Pass:
+    def of(cls, outcomes: Sequence[FrameOutcome]) -> Pass:
         """Combine the outcomes of all frames."""
         with one_torch_thread():
             return cls(outcomes, despeckle(intensities(outcomes)))
@@ -68,7 +68,7 @@ class Pass:
         return Certificate.of([one.prediction for one in self.outcomes])
 
 
-def intensities(outcomes: Sequence[Outcome]) -> torch.Tensor:
+def intensities(outcomes: Sequence[FrameOutcome]) -> torch.Tensor:
     """Return |E|^2 (frames, modes, box rows, box columns), scaled to the mean signal of the frames."""
     mean = float(np.mean([one.signal for one in outcomes]))
     return torch.stack([power(one.field) * (mean / one.signal) for one in outcomes])
@@ -105,7 +105,7 @@ def retrieve_fields(
             FrameRetrieval(capture, numbers, model, calibration, prior, uneven, seed, device), bar.update
         )
 
-        def run_pass(with_prior: torch.Tensor, starts: Sequence[torch.Tensor | None], done: Sequence[Outcome]) -> Pass:
+        def run_pass(with_prior: torch.Tensor, starts: Sequence[torch.Tensor | None], done: Sequence[FrameOutcome]) -> Pass:
             jobs = list(zip([with_prior] * len(numbers), numbers, starts, strict=True))[len(done) :]
             return Pass.of([*done, *_in_threads(retrieval.retrieve, jobs, bar.update)])
 
@@ -155,7 +155,7 @@ def bright_frames(capture: Capture) -> tuple[int, ...]:
     )
 
 
-def _choose_modes(retrieval: FrameRetrieval, progress: Progress) -> tuple[FrameRetrieval, Sequence[Outcome]]:
+def _choose_modes(retrieval: FrameRetrieval, progress: Progress) -> tuple[FrameRetrieval, Sequence[FrameOutcome]]:
     """Return the retrieval with one polarisation mode and a background, or with two modes; and the outcome of the first frame, if it is
     known.
 

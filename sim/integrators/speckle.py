@@ -49,8 +49,11 @@ class Speckle(mi.SamplingIntegrator):
         from sim.recording import Recording
         from sim.scene import Scene
 
-        index = sensor if isinstance(sensor, int) else scene.sensors().index(sensor)
-        if self._seen is None or (self._seen.mitsuba, self._seen.sensor) != (scene, scene.sensors()[index]):
+        sensors = scene.sensors()
+        if not isinstance(sensor, int) and sensor not in sensors:
+            raise InputError("sensor", "a sensor of the scene", f"{sensor!s:.60}", "add it to the scene")
+        index = sensor if isinstance(sensor, int) else sensors.index(sensor)
+        if self._seen is None or (self._seen.mitsuba, self._seen.sensor) != (scene, sensors[index]):
             self._seen = Scene(scene).through(index)
         plan = self._seen.plan(self.settings)
         if self._prepared is None or self._prepared.plan is not plan:

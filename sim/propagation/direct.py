@@ -52,9 +52,7 @@ def predict(task: Task) -> list[Option]:
 
 
 def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
-    """Return the field on the wall, complex64 or complex128 (H, W); `terms.progress` is called with the number of tiles
-    done.
-    """
+    """Return the field on the wall, complex64 or complex128 (H, W)."""
     height, width = wall.shape
     dtype = np.float32 if terms.precision == "float32" else np.float64
     field = np.zeros(wall.shape, np.complex64 if terms.precision == "float32" else np.complex128)
@@ -78,7 +76,6 @@ def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
             total += _sum_tiles(centre, offset, chosen, wall, dtype, terms.device).reshape(total.shape)
         for (row, column), tile in zip(tiles, total, strict=True):
             field[row : row + TILE, column : column + TILE] = tile[: height - row, : width - column]
-        terms.progress(len(tiles))
     return torch.from_numpy(field).to(terms.device)
 
 

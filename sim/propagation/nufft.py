@@ -138,7 +138,6 @@ def propagate(scatterers: Scatterers, wall: Wall, terms: Terms) -> torch.Tensor:
             waves = transform(places, np.ascontiguousarray(expansion.beta * first, dtype)).reshape(summands, size, size)
             patch = (expansion.alpha * waves).sum(0)
             field[row : row + size, column : column + size] = patch[: height - row, : width - column]
-            terms.progress(1)
     return torch.from_numpy(field).to(terms.device)
 
 

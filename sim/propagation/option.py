@@ -73,7 +73,6 @@ class Terms:
     Attributes:
         tolerance, patches: used by nufft only; if `patches` is None, they are planned for `tolerance`.
         visible: transmission past occluders; None if nothing occludes.
-        progress: called with the number of parts done.
     """
 
     precision: Precision = "float64"
@@ -81,4 +80,3 @@ class Terms:
     patches: Any = None
     device: str = "cpu"
     visible: Visibility | None = None
-    progress: Callable[[int], object] = lambda parts: None

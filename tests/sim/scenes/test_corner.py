@@ -66,6 +66,8 @@ def test_random_corners_are_what_was_asked_for(tmp_path, seed):
         ("detector_distance_m", -1.0),
         ("wall_albedo", 2.0),
         ("f_number", float("nan")),
+        ("frame_shape", (0, 10)),
+        ("source_angle_deg", "steep"),
         ("camera_angle_deg", 95.0),
     ],
 )
@@ -74,9 +76,27 @@ def test_impossible_numbers_are_refused(name, value):
         Corner(**{name: value})
 
 
+def test_whole_numbers_are_numbers():
+    assert 'z="2"' in Corner(detector_distance_m=2, power_w=1).as_xml("object.png")
+
+
 def test_the_command_writes_a_scene_that_renders(tmp_path, command):
     picture = scene_path("corner_letter").parent / "7.png"
-    arguments = ["new-scene", picture, "-o", tmp_path / "lab", "--pixels", 400, 500, "--source-distance-m", 0.4]
+    arguments = [
+        "new-scene",
+        picture,
+        "-o",
+        tmp_path / "lab",
+        "--pixels",
+        400,
+        500,
+        "--source-distance-m",
+        0.4,
+        "--camera-angle-deg",
+        0,
+        "--read-noise",
+        0,
+    ]
     code, out, _ = command(dispatch, *arguments)
     assert code == 0
     assert "500 x 400 pixels" in out
