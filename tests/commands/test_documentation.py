@@ -95,6 +95,7 @@ def test_commands_run_as_they_stand(tmp_path):
 def test_tutorial_runs(tmp_path, monkeypatch):
     """Every command and the Python block of the tutorial run in their order; two independent captures agree."""
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
     text = TUTORIAL.read_text()
     for line in text.splitlines():
         if line.startswith("    python -m") and "shots/" not in line:
