@@ -144,10 +144,12 @@ class Corner:
         return _BAFFLE.format(half=f"{0.5 * BAFFLE_SIZE * place[0]:.9g}", x=f"{place[0]:.9g}", z=f"{place[1]:.9g}")
 
 
-_PHASE_SCREEN = """<bsdf type="phase_screen">
+_ROUGH = """<bsdf type="phase_screen">
             <float name="height_rms" value="2e-6"/>
-            <float name="correlation_length" value="10e-6"/>
-            <bsdf type="diffuse"><spectrum name="reflectance" value="{wall_albedo}"/></bsdf>
+            <float name="correlation_length" value="10e-6"/>"""
+
+_WALL = f"""{_ROUGH}
+            <bsdf type="diffuse"><spectrum name="reflectance" value="{{wall_albedo}}"/></bsdf>
         </bsdf>"""
 
 _BAFFLE = """
@@ -183,7 +185,7 @@ _SCENE = f"""<?xml version="1.0" encoding="utf-8"?>
             <scale x="{{source_half}}" y="{{source_half}}"/>
             <lookat origin="{{source}}" target="0, 0, 0" up="0, 1, 0"/>
         </transform>
-        {_PHASE_SCREEN}
+        {_WALL}
     </shape>
 
     <shape type="rectangle" id="hidden_object">
@@ -191,9 +193,7 @@ _SCENE = f"""<?xml version="1.0" encoding="utf-8"?>
             <scale x="{{half_width}}" y="{{half_height}}"/>
             <rotate z="1" angle="180"/>
         </transform>
-        <bsdf type="phase_screen">
-            <float name="height_rms" value="2e-6"/>
-            <float name="correlation_length" value="10e-6"/>
+        {_ROUGH}
             <bsdf type="diffuse">
                 <texture type="bitmap" name="reflectance">
                     <string name="filename" value="$albedo"/>
@@ -212,7 +212,7 @@ _SCENE = f"""<?xml version="1.0" encoding="utf-8"?>
             <rotate y="1" angle="180"/>
             <translate z="{{detector_distance_m}}"/>
         </transform>
-        {_PHASE_SCREEN}
+        {_WALL}
         <sensor type="speckle_camera">
             <float name="pixel_pitch" value="{{pixel_pitch_m}}"/>
             <float name="magnification" value="{{magnification}}"/>

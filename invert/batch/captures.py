@@ -67,16 +67,12 @@ class Job:
         text = f"{options} {self.truth_pitch_m} {self.save_fields}"
         return hashlib.sha256(f"{version()} {REVISION} {text} {datasets}".encode() + content.digest()).hexdigest()
 
-    def read_truth(self) -> Truth | None:
-        """Return the known albedo, if there is one."""
-        return Truth.read(self.truth, self.truth_pitch_m) if self.truth else None
-
-    def check(self) -> None:
-        """Refuse unusable files that options name, before any capture is read."""
+    def check(self) -> Truth | None:
+        """Refuse unusable files that options name, before any capture is read; return the known albedo, if there is one."""
         if self.request.weights:
             load_network(self.request.weights, "cpu")
         (self.request.corrections or Corrections()).check()
-        self.read_truth()
+        return Truth.read(self.truth, self.truth_pitch_m) if self.truth else None
 
     def run(self, files: Sequence[Path], folder: Path, *, overwrite: bool = False) -> tuple[Result, dict[str, object]]:
         """Reconstruct one capture into a folder; return the result and the content of result.json.
@@ -84,13 +80,13 @@ class Job:
         Args:
             overwrite: whether to replace existing files of the same names that this program did not write.
         """
-        self.check()
+        truth = self.check()
         digest, is_new = self.sha256(find_frames(files)), not folder.exists()
         try:
             with sole_writer(output_folder(folder)):
                 claim(folder, (*RESULT_FILES, SUMS_FILE), overwrite=overwrite)
                 result = fulfil(replace(self.request, sums_file=folder / SUMS_FILE), files)
-                return result, result.save(folder, self.read_truth(), digest, fields=self.save_fields)
+                return result, result.save(folder, truth, digest, fields=self.save_fields)
         finally:
             if is_new and folder.is_dir() and not any(folder.iterdir()):
                 folder.rmdir()  # nothing was reconstructed

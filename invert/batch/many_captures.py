@@ -35,9 +35,8 @@ def invert_captures(
 
     Results do not depend on the number of workers. Raises InputError at the end if captures failed.
     """
-    job.check()
+    truth = job.check()
     _claim(captures, output, overwrite=overwrite)
-    truth = job.read_truth()
     known = {name: _known(job, files, output / name) for name, files in captures.items()}
     rows = {name: {"name": name, **row} for name, row in known.items() if row is not None}
     missing = [name for name in captures if name not in rows]
