@@ -10,6 +10,7 @@ import sys
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Callable
 
 import pytest
 
@@ -98,6 +99,17 @@ def wait_for(browser, pattern: str, seconds: float = 90.0) -> re.Match[str]:
     raise AssertionError(f"{pattern!r} is not in {page_text(browser)!r}")
 
 
+def wait_until(condition: Callable[[], bool], otherwise: str, seconds: float = 90.0) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, otherwise
+        time.sleep(0.3)
+
+
+def frames_in_the_estimate(browser) -> int:
+    return int(wait_for(browser, r"frames in the estimate (\d+) ")[1])
+
+
 def test_a_simulated_capture_is_detected_saved_and_inverted(browser, live, tmp_path):
     process, address = live("-D", "exposure=0.02")
     browser.get(address)
@@ -111,8 +123,9 @@ def test_a_simulated_capture_is_detected_saved_and_inverted(browser, live, tmp_p
         "floor over peak",
     ):
         assert name in page_text(browser)
+    before = frames_in_the_estimate(browser)
     press(browser, "Restart the estimate")
-    wait_for(browser, r"frames in the estimate [1-9] ")
+    wait_until(lambda: frames_in_the_estimate(browser) < before, "the estimate was not restarted")
     press(browser, "Reconstruct with quality balanced")
     wait_for(browser, r"confidence [\d.]+ \(balanced\)")
     press(browser, "Save the frames")
