@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
@@ -69,6 +70,7 @@ def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str
     os.environ["MPLBACKEND"] = "agg"  # commands open no windows
     # Torch's threads otherwise wait for one another in busy loops, which slows two jobs on shared cores tenfold.
     os.environ.setdefault("GOMP_SPINCOUNT", "1000")
+    warnings.filterwarnings("ignore", module="astropy|tifffile|PIL|zarr|h5py")  # damaged files are named in one line of our own
     os.environ["PYTHONWARNINGS"] = ",".join(filter(None, (os.environ.get("PYTHONWARNINGS"), QUIET_TRACKER)))
 
     def interrupt(number: int, _: Any) -> NoReturn:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from correlograph.errors import InputError
+from correlograph.files.decoding import decoding
 from correlograph.files.exr_frames import FrameHeader, read_frame
 from correlograph.lags import LAG_SIDE
 
@@ -75,26 +76,18 @@ def _read_pixels(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
     kind = file.suffix.lower()
     if kind == ".exr":
         return read_frame(file)
-    try:
+    with decoding(file):
         if kind == ".npy":
             pixels = np.load(file, allow_pickle=False, mmap_mode="r")
             if not isinstance(pixels, np.ndarray):
                 raise InputError("frame", "one array", f"an archive of several in {file.name}", "save it as .npy")
             _check_pixels(pixels.size, file)
-            pixels = np.array(pixels)
-        elif kind in (".png", ".jpg", ".jpeg"):
-            pixels = one_of_equal_channels(_read_picture(file))
-        elif kind in (".tif", ".tiff"):
-            pixels = one_of_equal_channels(_read_tiff(file))
-        else:
-            raise InputError("picture", "an EXR, TIFF, PNG, JPEG or NPY file", file.name, "convert it")
-    except InputError:
-        raise
-    except Exception as error:  # every decoder raises its own exceptions
-        raise InputError(
-            "frame", "a picture that can be read", f"{file} ({type(error).__name__})", "write it again or leave it out"
-        ) from None
-    return pixels, None
+            return np.array(pixels), None
+        if kind in (".png", ".jpg", ".jpeg"):
+            return one_of_equal_channels(_read_picture(file)), None
+        if kind in (".tif", ".tiff"):
+            return one_of_equal_channels(_read_tiff(file)), None
+    raise InputError("picture", "an EXR, TIFF, PNG, JPEG or NPY file", file.name, "convert it")
 
 
 def one_of_equal_channels(pixels: np.ndarray) -> np.ndarray:

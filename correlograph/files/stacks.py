@@ -18,6 +18,7 @@ from weakref import finalize
 import numpy as np
 
 from correlograph.errors import InputError
+from correlograph.files.decoding import decoding
 from correlograph.files.exr_frames import FrameHeader
 from correlograph.files.images import (
     MAX_PIXELS,
@@ -76,7 +77,8 @@ class Stack:
 
     def read(self, number: int) -> Frame:
         """Return a frame, float32 (H, W), with its header if the simulator wrote it. Raises InputError if it is damaged."""
-        return self._read(number)
+        with decoding(self.path):
+            return self._read(number)
 
     def __reduce__(self) -> tuple[Callable[[Path], Stack], tuple[Path]]:
         """Open the file again in the process that loads a pickled stack."""
@@ -89,26 +91,21 @@ def open_stack(path: Path) -> Stack:
     kind, source = Path(file).suffix.lower(), Path(file)
     if dataset and kind not in {*HDF5_KINDS, ZARR_KIND}:
         raise InputError("frame", "an HDF5 file or a Zarr store before '::'", source.name, "name the file only")
-    with ExitStack() as files:  # closes them on an error, otherwise when the stack is no longer used
-        try:
-            if kind in (".tif", ".tiff"):
-                stack = _open_tiff(source, files)
-            elif kind in (".npy", ".npz"):
-                stack = _open_numpy(source)
-            elif kind in HDF5_KINDS:
-                stack = _open_hdf5(path, source, dataset, files)
-            elif kind in FITS_KINDS:
-                stack = _open_fits(source, files)
-            elif kind == ZARR_KIND:
-                stack = _open_zarr(path, source, dataset)
-            elif kind == RAW_KIND:
-                stack = _stack_of_array(source, RawFrames(source))
-            else:
-                stack = Stack(path, 1, lambda _: read_image(source))
-        except InputError:
-            raise
-        except Exception as error:  # every decoder raises its own exceptions
-            raise _unreadable(source, error) from None
+    with ExitStack() as files, decoding(source):  # closes them on an error, otherwise when the stack is no longer used
+        if kind in (".tif", ".tiff"):
+            stack = _open_tiff(source, files)
+        elif kind in (".npy", ".npz"):
+            stack = _open_numpy(source)
+        elif kind in HDF5_KINDS:
+            stack = _open_hdf5(path, source, dataset, files)
+        elif kind in FITS_KINDS:
+            stack = _open_fits(source, files)
+        elif kind == ZARR_KIND:
+            stack = _open_zarr(path, source, dataset)
+        elif kind == RAW_KIND:
+            stack = _stack_of_array(source, RawFrames(source))
+        else:
+            stack = Stack(path, 1, lambda _: read_image(source))
         finalize(stack, files.pop_all().close)
         return stack
 
@@ -227,17 +224,12 @@ def _stack_of_array(path: Path, array: Any) -> Stack:
     axis = int(np.argmax(shape[:-2])) if count > 1 else 0
 
     def read(number: int) -> Frame:
-        try:
-            if is_plain:  # pages of a memory map that were read would count as memory of the process
-                size = shape[-2] * shape[-1]
-                start = array.offset + number * size * array.itemsize
-                pixels = np.fromfile(array.filename, array.dtype, size, offset=start).reshape(shape[-2:])
-            else:
-                pixels = np.array(array[tuple(number if one == axis else 0 for one in range(len(shape) - 2))])
-        except InputError:
-            raise
-        except (OSError, ValueError) as error:
-            raise _unreadable(path, error) from None
+        if is_plain:  # pages of a memory map that were read would count as memory of the process
+            size = shape[-2] * shape[-1]
+            start = array.offset + number * size * array.itemsize
+            pixels = np.fromfile(array.filename, array.dtype, size, offset=start).reshape(shape[-2:])
+        else:
+            pixels = np.array(array[tuple(number if one == axis else 0 for one in range(len(shape) - 2))])
         if lacks_data and not pixels.any():
             found = f"none for frame {number} in {path.name}"
             raise InputError("frame", "data", found, "copy the file again with all parts, or leave the frame out")
@@ -280,7 +272,3 @@ def _require(package: str, file: Path) -> Any:
         name = package.split(".")[0]
         found = f"no package {name}, which reads {file.name}"
         raise InputError("frame", "a file that can be read", found, f"pip install {name}, or correlograph[files]") from None
-
-
-def _unreadable(file: Path, error: Exception) -> InputError:
-    return InputError("frame", "a file that can be read", f"{file} ({type(error).__name__})", "write it again or leave it out")

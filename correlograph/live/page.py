@@ -163,9 +163,11 @@ def table(acquisition: Acquisition) -> str:
     rows = [("frames received", f"{acquisition.received}, {acquisition.frames_per_s:.3g} per second")]
     if acquisition.dropped:
         rows.append(("frames dropped", f"{acquisition.dropped}, because this machine is slower than the camera"))
-    skipped = getattr(acquisition.source, "skipped", [])
-    if skipped:
-        rows.append(("files skipped", f"{len(skipped)}, the latest {skipped[-1]}".replace("|", "/")))
+    if waiting := getattr(acquisition.source, "waiting", ""):
+        rows.append(("waiting", waiting))
+    for name, skipped in (("files", getattr(acquisition.source, "skipped", [])), ("frames", acquisition.skipped)):
+        if skipped:
+            rows.append((f"{name} skipped", f"{len(skipped)}, the latest {skipped[-1]}"))
     if acquisition.report is not None:
         rows += _report_rows(acquisition.report, acquisition.frames_per_s)
     if acquisition.result is not None:
@@ -174,7 +176,7 @@ def table(acquisition: Acquisition) -> str:
         rows.append(("stopped", acquisition.problem))
     elif acquisition.finished.is_set():
         rows.append(("stopped", "the reconstruction is sure enough, or the source has ended"))
-    return "\n".join(["| | |", "|---|---|", *(f"| **{name}** | {value} |" for name, value in rows)])
+    return "\n".join(["| | |", "|---|---|", *(f"| **{name}** | {value.replace('|', '/')} |" for name, value in rows)])
 
 
 def _report_rows(report: LiveReport, rate: float) -> list[tuple[str, str]]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata
+from correlograph.files.captured_frames import check_frame
 from correlograph.files.corrections import Corrections
 from correlograph.files.exr_frames import FrameHeader, can_write_frames, write_frame
 from correlograph.files.manifest import record_temporary
@@ -114,17 +115,18 @@ class LiveSession:
         self._frame: FrameReport | None = None
 
     def add(self, frame: np.ndarray) -> None:
-        """Add a frame (H, W). Raises InputError for another size than that of the frames before."""
+        """Add a frame (H, W). Raises InputError for one that cannot be speckle, and for another size than that of the frames before."""
         image = np.asarray(frame, np.float32)
         with self._lock:
+            if self._estimators and image.shape != self._shape:
+                expected = " x ".join(map(str, self._shape))
+                raise InputError("frame", f"{expected} pixels, as before", f"shape {image.shape}", "restart the estimate")
+            check_frame(image, Path("a frame of the camera"))
             if not self._estimators:
                 if not self.corrections.is_empty:
                     self._correct = self.corrections.for_frames([image])[0]
                 self._shape = image.shape
                 self._estimators = [self._new_estimator()]
-            if image.shape != self._shape:
-                expected = " x ".join(map(str, self._shape))
-                raise InputError("frame", f"{expected} pixels, as before", f"shape {image.shape}", "restart the live view")
             light = image if self._correct is None else self._correct(image)
             for estimator in self._estimators:
                 estimator.add(light)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -20,7 +22,7 @@ POLL_S = 0.2
 """Interval at which a folder or file is checked for new frames."""
 
 PATIENCE_S = 5.0
-"""Time for which an unreadable file counts as one that is still being written."""
+"""Time for which an unreadable frame counts as one that is still being written."""
 
 
 class Frames(Protocol):
@@ -31,10 +33,35 @@ class Frames(Protocol):
     def __iter__(self) -> Iterator[np.ndarray]: ...
 
 
+@dataclass
+class _Progress:
+    """How far a file is read.
+
+    Attributes:
+        read: frames that were delivered or skipped.
+        first: digest of the first frame; another one means that a new recording has replaced the file.
+        settled: state of the file in which nothing is left to read.
+        failing_since: when a frame could not be read for the first time.
+    """
+
+    read: int = 0
+    first: bytes | None = None
+    settled: tuple[int, int] | None = None
+    failing_since: float | None = None
+
+    @property
+    def is_late(self) -> bool:
+        """Whether an unreadable frame no longer counts as one that is still being written."""
+        now = time.monotonic()
+        self.failing_since = now if self.failing_since is None else self.failing_since
+        return now - self.failing_since > PATIENCE_S
+
+
 class GrowingFiles:
     """Frames of a folder to which files are added, or of one file that grows, until the reader stops.
 
-    A file that cannot be read within `PATIENCE_S` is skipped; `skipped` holds its name and the reason.
+    A frame that cannot be read within `PATIENCE_S` is skipped; `skipped` holds its file and the reason. A file whose first frame changes is
+    read again from its start. While the folder or file is absent, `waiting` says so, and reading goes on when it is back.
     """
 
     def __init__(self, path: Path, camera: CameraMetadata) -> None:
@@ -43,45 +70,68 @@ class GrowingFiles:
             raise InputError("source", "a folder or a file of frames", f"none at {path}", "check the path")
         self.path, self.camera = path, camera
         self.skipped: list[str] = []
-        self._known: dict[Path, int] = {}
-        self._failing: dict[Path, float] = {}
-        self._read_size: dict[Path, int] = {}
+        self.waiting = ""
+        self._progress: dict[Path, _Progress] = {}
 
     def __iter__(self) -> Iterator[np.ndarray]:
         while True:
             yielded = False
-            for file in self._files():
-                for frame in self._new_frames(file):
-                    yielded = True
-                    yield frame
+            for frame in self.poll():
+                yielded = True
+                yield frame
             if not yielded:
                 time.sleep(POLL_S)
 
-    def _files(self) -> list[Path]:
-        if is_stack(self.path):
-            return [self.path]
-        visible = (file for file in self.path.iterdir() if is_stack(file) and not file.name.startswith("."))
-        return sorted(visible, key=lambda file: (file.stat().st_mtime_ns, file.name))
+    def poll(self) -> Iterator[np.ndarray]:
+        """Yield the frames that have arrived since the last call."""
+        for file in self._files():
+            yield from self._new_frames(file, self._progress.setdefault(file, _Progress()))
 
-    def _new_frames(self, file: Path) -> Iterator[np.ndarray]:
-        """Yield the frames that a file has gained; after an unreadable frame, the file is tried again later from that frame."""
-        size = file.stat().st_size
-        if self._failing.get(file, 0.0) == float("inf") or (self._known.get(file, 0) and size == self._read_size.get(file)):
-            return
+    def _files(self) -> list[Path]:
         try:
+            if self.path.is_dir() and not is_stack(self.path):
+                files = [file for file in self.path.iterdir() if is_stack(file) and not file.name.startswith(".")]
+            else:
+                files = [self.path]
+            dated = sorted((file.stat().st_mtime_ns, file) for file in files)
+        except OSError:  # deleted before, or while it was listed
+            self.waiting = "" if self.path.exists() else f"nothing at {self.path}; reading goes on when it is back"
+            return []
+        self.waiting = ""
+        return [file for _, file in dated]
+
+    def _new_frames(self, file: Path, progress: _Progress) -> Iterator[np.ndarray]:
+        is_open = False
+        try:
+            found = file.stat()
+            # Arrays of a Zarr store grow in files of their own.
+            state = (found.st_size, found.st_mtime_ns) if file.is_file() else None
+            if state is not None and state == progress.settled:
+                return
             stack = open_stack(file)
-            for number in range(self._known.get(file, 0), stack.count):
-                frame = stack.read(number)[0]
-                self._known[file] = number + 1
+            if progress.first is not None and _digest(stack.read(0)[0]) != progress.first:
+                progress.read = 0
+            is_open = True
+            while progress.read < stack.count:
+                frame = stack.read(progress.read)[0]
+                progress.first = _digest(frame) if progress.read == 0 else progress.first
+                progress.read, progress.failing_since = progress.read + 1, None
                 yield frame
-        except InputError as problem:
-            first = self._failing.setdefault(file, time.monotonic())
-            if time.monotonic() - first > PATIENCE_S:
-                self._failing[file] = float("inf")
-                self.skipped.append(f"{file.name}: {problem}")
-        else:
-            self._failing.pop(file, None)
-            self._read_size[file] = size
+        except FileNotFoundError:
+            return  # `_files` reports it if it stays away
+        except (InputError, OSError) as problem:
+            if not progress.is_late:
+                return
+            self.skipped.append(f"{file.name}: {problem}")
+            if is_open:
+                progress.read += 1
+                return
+            progress.read, progress.first = 0, None
+        progress.settled, progress.failing_since = state, None
+
+
+def _digest(frame: np.ndarray) -> bytes:
+    return hashlib.blake2b(np.ascontiguousarray(frame), digest_size=16).digest()
 
 
 class SimulatedCamera:

@@ -27,6 +27,7 @@ class Acquisition:
     Attributes:
         report, result: the latest; None before.
         received, dropped: frames of the source, and how many of them were never added.
+        skipped: frames that the session refused, with the reason.
         problem: why the source or the estimate ended; empty while all is well.
         until: confidence of a reconstruction at which reading stops; None to continue.
     """
@@ -38,6 +39,7 @@ class Acquisition:
         self.result: Result | None = None
         self.latest: np.ndarray | None = None
         self.received = self.dropped = 0
+        self.skipped: list[str] = []
         self.problem = ""
         self.finished = Event()
         self._waiting: deque[np.ndarray] = deque()
@@ -78,8 +80,8 @@ class Acquisition:
     def _guard(self, work) -> None:
         try:
             work()
-        except InputError as problem:
-            self.problem = str(problem)
+        except Exception as problem:  # a camera's own reader may raise anything, and the page must say why it stands still
+            self.problem = str(problem) if isinstance(problem, InputError) else f"{type(problem).__name__}: {problem}"
             self.stop()
 
     def _read(self) -> None:
@@ -103,7 +105,11 @@ class Acquisition:
                 if not self._waiting:
                     return
                 frame = self._waiting.popleft()
-            self.session.add(frame)
+            try:
+                self.session.add(frame)
+            except InputError as problem:
+                self.skipped.append(str(problem))
+                continue
             self.latest = np.asarray(frame)
 
     def _reconstruct(self) -> None:

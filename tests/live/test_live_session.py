@@ -100,6 +100,13 @@ def test_frames_of_another_size_are_refused():
     session.add(np.ones((300, 200), np.float32) * np.random.default_rng(0).random((300, 200)))
     with pytest.raises(InputError, match="300 x 200"):
         session.add(np.ones((200, 300), np.float32))
+    frame = np.random.default_rng(0).random((300, 200))
+    frame[3, 4] = np.nan
+    with pytest.raises(InputError, match="NaN"):
+        session.add(frame)
+    assert session.frames == 1
+    session.restart()
+    session.add(np.random.default_rng(0).random((200, 300)))
     with pytest.raises(InputError, match="frames to save"):
         LiveSession(CAMERA).save("/nonexistent")
 
@@ -193,6 +200,24 @@ def test_frames_that_arrive_too_fast_are_dropped_and_counted():
     assert acquisition.received == 20
     assert acquisition.dropped > WAITING
     assert acquisition.session.frames + acquisition.dropped == 20
+
+
+def test_bad_frames_are_named_and_a_failing_source_says_why():
+    class Failing(Camera):
+        def __iter__(self):
+            yield from super().__iter__()
+            raise RuntimeError("the cable is loose")
+
+    frames = letter_frames(3)
+    frames[1] = frames[1][:-8]
+    acquisition = Acquisition(Failing(frames), LiveSession(CAMERA))
+    acquisition.start()
+    acquisition.finished.wait(60.0)
+    acquisition.join()
+    assert acquisition.session.frames == 2
+    shown = table(acquisition)
+    assert "| **frames skipped** | 1, the latest frame: expected" in shown
+    assert "| **stopped** | RuntimeError: the cable is loose |" in shown
 
 
 def test_it_stops_when_a_reconstruction_is_sure_enough():
