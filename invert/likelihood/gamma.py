@@ -54,7 +54,7 @@ class Likelihood:
         half = half_of(estimate).clone()
         half[:, 0, 0] = 0.0  # zero lag holds the mean brightness
         height = half.abs().amax((-2, -1)).clamp_min(torch.finfo(half.dtype).tiny)
-        self.estimate = half / height[:, None, None]
+        self.values = half / height[:, None, None]
         self.floor = (floor / height).clamp_min(MIN_FLOOR)[:, None, None]
         self.dof, self.inflation = dof[:, None, None] / inflation, inflation
         self.used, self.pedestal = lags_used(lags).to(half), pedestal_profile(lags).to(half)
@@ -96,16 +96,16 @@ class Likelihood:
 
     def by_lag(self, expected: torch.Tensor) -> torch.Tensor:
         """Return the contribution of each lag to the log-likelihood of expectations, (n, 64, 128), at most 0."""
-        perfect = (self.estimate.clamp_min(MIN_ESTIMATE) / expected).log()
-        return self.used * self.dof * (1.0 - self.estimate / expected + perfect)
+        perfect = (self.values.clamp_min(MIN_ESTIMATE) / expected).log()
+        return self.used * self.dof * (1.0 - self.values / expected + perfect)
 
     def misfit(self, albedo: torch.Tensor) -> float:
         """Return the log-likelihood deficit (nats) of an albedo (64, 64) relative to a model with one free mean per lag,
         none of them below the floor, minus its expectation under noise; for one estimate.
         """
-        best = float(self.by_lag(self.estimate.clamp_min(self.floor)).sum())
+        best = float(self.by_lag(self.values.clamp_min(self.floor)).sum())
         dof = float(self.dof) * self.inflation
-        above = int((self.used * (self.estimate > self.floor)).sum())
+        above = int((self.used * (self.values > self.floor)).sum())
         by_noise = float(self.dof) * (math.log(dof) - float(digamma(dof))) * above
         return best - by_noise - float(self(albedo[None]))
 
@@ -114,7 +114,7 @@ class LikelihoodPoint:
     """A likelihood at albedos (n, 64, 64), with its derivatives; the gradient is zero at an albedo of zeros."""
 
     def __init__(self, likelihood: Likelihood, albedo: torch.Tensor, weight: torch.Tensor) -> None:
-        estimate, floor, used, pedestal = likelihood.estimate, likelihood.floor, likelihood.used, likelihood.pedestal
+        estimate, floor, used, pedestal = likelihood.values, likelihood.floor, likelihood.used, likelihood.pedestal
         self._likelihood, self._model, self._albedo = likelihood, likelihood.model, albedo.to(estimate.dtype)
         self._spectrum = self._model.spectrum(self._albedo)
         signal = self._model.signal((self._spectrum * self._spectrum.conj()).real)

@@ -132,8 +132,8 @@ def sample_posterior(chain: Chain, candidates: torch.Tensor, options: Annealing)
     denoised_means: list[torch.Tensor] = []
     sigma = observation.dof.new_full((len(candidates),), CANDIDATE_SIGMA)
     candidates = apply_shrunken_data_step(data, candidates, sigma, options.ascent)
-    side = lag_grid_of(observation.estimate).object_side
-    zeros = torch.zeros(options.samples, side, side, device=observation.estimate.device)
+    side = lag_grid_of(observation.values).object_side
+    zeros = torch.zeros(options.samples, side, side, device=observation.values.device)
     first = replace(options, **INITIAL_SCHEDULE)
     samples, _ = run_annealing(chain, zeros, first)
     mean = zero_pad(samples[0])
@@ -191,7 +191,7 @@ def apply_shrunken_data_step(data: Observation, denoised: torch.Tensor, sigma: t
 
 def floor_fraction(data: Observation) -> torch.Tensor:
     """Return the fraction of the noise floor in the lags next to zero lag, (n,), 0 to 1."""
-    near = mean_near_zero_lag(fill_zero_lag_by_neighbours(data.estimate))
+    near = mean_near_zero_lag(fill_zero_lag_by_neighbours(data.values))
     return (data.floor / near.clamp_min(1e-30)).clamp(0.0, 1.0)
 
 

@@ -29,14 +29,14 @@ class Observation:
     """Observation of n objects, the conditioning input of the networks.
 
     Attributes:
-        estimate: (n, 127, 127), zero lag at [63, 63], floor included.
+        values: estimates (n, 127, 127), zero lag at [63, 63], floor included.
         floor, dof: noise level of each, (n,).
         denoised: output of the denoiser, the signal without floor and noise, (n, 127, 127); zeros before denoising.
         classical: classical reconstructions from the estimate and from its denoised signal, (n, PICTURES, 64, 64), maximum 1 each:
             from each, the mean of the best starts and the start with the lowest residual; zeros before retrieval.
     """
 
-    estimate: torch.Tensor
+    values: torch.Tensor
     floor: torch.Tensor
     dof: torch.Tensor
     denoised: torch.Tensor
@@ -50,11 +50,11 @@ class Observation:
         return cls(estimate, floor, dof, torch.zeros_like(estimate), pictures)
 
     def __len__(self) -> int:
-        return len(self.estimate)
+        return len(self.values)
 
     def likelihood(self) -> Likelihood:
         """Return the likelihood of the estimates."""
-        return Likelihood(self.estimate, self.floor, self.dof.clamp(*DOF_RANGE))
+        return Likelihood(self.values, self.floor, self.dof.clamp(*DOF_RANGE))
 
     def part(self, which: slice, device: str | torch.device) -> Observation:
         """Return some of the objects on a device."""
@@ -68,7 +68,7 @@ def _normalise_features(seen: Observation) -> tuple[torch.Tensor, torch.Tensor, 
     floor over height and K, logarithmic (n, 2); and the height (n,).
     """
     floor, freedom = seen.floor, seen.dof.clamp(*DOF_RANGE)
-    filled = fill_zero_lag_by_neighbours(seen.estimate)
+    filled = fill_zero_lag_by_neighbours(seen.values)
     signal = filled - floor[:, None, None]
     near = mean_near_zero_lag(signal)
     # without signal the height is a few times its error

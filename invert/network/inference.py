@@ -89,7 +89,7 @@ def predict(network: nn.Module, observation: Observation) -> Any:
 
     Networks that reconstruct return albedos (n, 64, 64) and logits of their predicted correlations with the truth.
     """
-    with torch.autocast(observation.estimate.device.type, dtype=torch.bfloat16):
+    with torch.autocast(observation.values.device.type, dtype=torch.bfloat16):
         return network(observation)
 
 
@@ -107,7 +107,7 @@ def denoise(network: CorrelographyNet, observation: Observation, augmentations: 
     """Return the signals (n, 127, 127) of observations, floor and noise removed, averaged over augmentations."""
     denoised = []
     for transform, inverse in AUGMENTATIONS[:augmentations]:
-        transformed = Observation.from_estimate(transform(observation.estimate), observation.floor, observation.dof)
+        transformed = Observation.from_estimate(transform(observation.values), observation.floor, observation.dof)
         denoised.append(inverse(predict(network.denoiser, transformed)))
     return torch.stack(denoised).mean(0)
 
@@ -140,7 +140,7 @@ def fuse(
     """
     pairs = [AUGMENTATIONS[index % augmentations] for index in range(len(classical))]
     estimate, denoised = (
-        torch.cat([transform(one) for transform, _ in pairs]) for one in (observation.estimate, observation.denoised)
+        torch.cat([transform(one) for transform, _ in pairs]) for one in (observation.values, observation.denoised)
     )
     images = torch.stack([transform(one) for (transform, _), one in zip(pairs, classical, strict=True)])
     floor, dof = observation.floor.expand(len(classical)), observation.dof.expand(len(classical))

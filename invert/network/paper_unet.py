@@ -30,7 +30,7 @@ class PaperUnet(nn.Module):
         self.draw = nn.Conv2d(width, 1, 3, padding=1)
 
     def picture(self, seen: Observation) -> torch.Tensor:
-        return paper_picture(seen.estimate)
+        return paper_picture(seen.values)
 
     def forward(self, seen: Observation) -> tuple[torch.Tensor, torch.Tensor]:
         x, skipped = self.picture(seen).to(memory_format=torch.channels_last), []
@@ -47,4 +47,4 @@ class PaperModulusUnet(PaperUnet):
     """The same U-net with |F(r)| as its input, a mapping that Metzler et al. 2020 (section 5.C) found harder to learn."""
 
     def picture(self, seen: Observation) -> torch.Tensor:
-        return modulus_picture(seen.estimate, seen.floor)
+        return modulus_picture(seen.values, seen.floor)

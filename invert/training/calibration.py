@@ -89,7 +89,7 @@ def _observe(batch: Batch, weights: Path, quality: Quality) -> Observed:
 
     features, achieved = [], []
     errors: dict[str, list[float]] = {size: [] for size in SIZES}
-    for lags, truth in zip(tqdm(batch.seen.estimate, desc=quality.name, disable=None), batch.truth, strict=True):
+    for lags, truth in zip(tqdm(batch.seen.values, desc=quality.name, disable=None), batch.truth, strict=True):
         found = reconstruct(Estimate("target", lags.numpy()), quality=quality, weights=weights).reconstruction
         if found.features is None:
             continue

@@ -75,7 +75,7 @@ class Chains:
         ended = self.state["left"][which] == 0
         rounds = torch.randint(1, ROUNDS + 1, (len(truth),), generator=rng)
         begun = {
-            "estimate": seen.estimate,
+            "estimate": seen.values,
             "floor": seen.floor,
             "dof": seen.dof,
             "truth": truth,

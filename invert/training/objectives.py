@@ -40,7 +40,7 @@ class DenoisedLags(Stateless):
     measure = "share of the noise left"
 
     def loss(self, module: nn.Module, batch: Batch, _: torch.Generator | None = None) -> torch.Tensor:
-        measured = batch.seen.estimate - batch.seen.floor[:, None, None]
+        measured = batch.seen.values - batch.seen.floor[:, None, None]
         return noise_left(predict(module, batch.seen), batch.signal, measured).mean()
 
     def measure_progress(self, module: nn.Module, batch: Batch) -> float:

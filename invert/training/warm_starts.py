@@ -81,7 +81,7 @@ def _chunk(network: CorrelographyNet, targets: torch.Tensor, seed: int, chunk: i
     from invert.training.data import make_varied_batch
 
     batch = make_varied_batch(targets, CHUNK, torch.Generator().manual_seed((seed << 32) + chunk))
-    read = [read_measurement(estimate.numpy()) for estimate in batch.seen.estimate]
+    read = [read_measurement(estimate.numpy()) for estimate in batch.seen.values]
     seen = make_observation(read)
     denoised = denoise(network, seen, 1)
     pictures = torch.stack(
@@ -95,7 +95,7 @@ def _chunk(network: CorrelographyNet, targets: torch.Tensor, seed: int, chunk: i
     return {
         "albedo": (255.0 * batch.truth).round().to(torch.uint8).numpy(),
         "classical": (255.0 * pictures).round().to(torch.uint8).numpy(),
-        "estimate": seen.estimate.half().numpy(),
+        "estimate": seen.values.half().numpy(),
         "denoised": denoised.half().numpy(),
         "floor": seen.floor.numpy(),
         "dof": seen.dof.numpy(),

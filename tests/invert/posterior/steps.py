@@ -23,5 +23,5 @@ MIRRORED_STEM = steps((14, 37, 30, 5), (14, 20, 5, 17), (27, 20, 5, 11))
 @lru_cache(maxsize=1)
 def noisy() -> Measurement:
     """`RIGHT` at a floor of 0.3 and K 64."""
-    estimate = at_noise(RIGHT[None], 0.3, 64.0, torch.Generator().manual_seed(2)).seen.estimate[0]
+    estimate = at_noise(RIGHT[None], 0.3, 64.0, torch.Generator().manual_seed(2)).seen.values[0]
     return read_measurement(estimate.numpy())

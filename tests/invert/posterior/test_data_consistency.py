@@ -42,7 +42,7 @@ def test_the_gradient_is_that_of_the_likelihood(albedo):
     guess = (0.8 * albedo.roll(1, -1) + 0.2 * albedo).requires_grad_()
     found = seen.likelihood().at(guess.detach()).gradient()
     for number in range(2):
-        shown = Measurement(seen.estimate[number].numpy(), NoiseLevel(FLOOR, DOF, 40), 1.0, 0.0, 100.0, ())
+        shown = Measurement(seen.values[number].numpy(), NoiseLevel(FLOOR, DOF, 40), 1.0, 0.0, 100.0, ())
         likelihood = Likelihood.of(shown, kind=torch.float64)
         (expected,) = torch.autograd.grad(likelihood(guess[number : number + 1].double()).sum(), guess, retain_graph=True)
         ours, theirs = found[number], expected[number]
@@ -93,7 +93,7 @@ def test_curvature_is_the_derivative_of_the_gradient(albedo):
     truth = albedo[:1]
     seen = make_observation(truth, (6,))
     signal = autocorrelate_windowed(truth)
-    seen = replace(seen, estimate=signal / signal[:, 63, 64, None, None] + FLOOR)
+    seen = replace(seen, values=signal / signal[:, 63, 64, None, None] + FLOOR)
     way = torch.zeros_like(truth)
     way[0, 20:31, 18:22] = torch.rand(11, 4, generator=torch.Generator().manual_seed(7)) - 0.5
     at = seen.likelihood().at(truth)

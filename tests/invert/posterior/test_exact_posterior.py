@@ -59,7 +59,7 @@ def test_samples_have_the_posteriors_probabilities(floor, dof, monkeypatch):
     What is expected on the way has the posterior's mean, too, and the mean of twenty of it less noise.
     """
     monkeypatch.setattr(annealing, "apply_shrunken_data_step", lambda data, expected, *_: expected)
-    estimate = at_noise(toy(TRUTH)[None], floor, dof, torch.Generator().manual_seed(7)).seen.estimate[0]
+    estimate = at_noise(toy(TRUTH)[None], floor, dof, torch.Generator().manual_seed(7)).seen.values[0]
     measurement = read_measurement(estimate.numpy())
     exact = ExactExpectation(measurement)
     options = Annealing(SAMPLES, rounds=1, steps=24, first=16.0)

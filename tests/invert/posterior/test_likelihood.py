@@ -89,7 +89,7 @@ def test_misfit_is_that_of_noise_for_the_object_and_more_for_others():
     """The object's own is noise about zero: a sum over lags of variance 1 / 2 each, in nats, at large K."""
     misfits = []
     for seed in range(6):
-        estimate = at_noise(RIGHT[None], 0.3, 64.0, torch.Generator().manual_seed(seed)).seen.estimate[0]
+        estimate = at_noise(RIGHT[None], 0.3, 64.0, torch.Generator().manual_seed(seed)).seen.values[0]
         likelihood = Likelihood.of(read_measurement(estimate.numpy()))
         misfits.append([likelihood.misfit(one) for one in (RIGHT, MIRRORED_STEM, torch.zeros(64, 64))])
     right, wrong, nothing = np.mean(misfits, 0)

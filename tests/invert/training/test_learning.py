@@ -67,7 +67,7 @@ def lags_seen(seen: Observation) -> torch.Tensor:
 
 
 def test_features_know_no_unit_and_never_see_zero_lag(observation):
-    observation = replace(observation, denoised=0.5 * observation.estimate)
+    observation = replace(observation, denoised=0.5 * observation.values)
     for features, shape in (
         (picture_features, (FUSION_CHANNELS, 32, 32)),
         (sketch_features, (SKETCH_CHANNELS, 32, 32)),
@@ -77,16 +77,16 @@ def test_features_know_no_unit_and_never_see_zero_lag(observation):
         assert reference.shape == (6, *shape)
         scaled = replace(observation, **{name: getattr(observation, name) * 1e-9 for name in ("estimate", "floor", "denoised")})
         torch.testing.assert_close(features(scaled), reference, rtol=1e-3, atol=1e-4)
-        struck = observation.estimate.clone()
+        struck = observation.values.clone()
         struck[:, 63, 63] = 1e6
-        torch.testing.assert_close(features(replace(observation, estimate=struck)), reference)
+        torch.testing.assert_close(features(replace(observation, values=struck)), reference)
         empty = Observation.from_estimate(torch.zeros(1, 127, 127), torch.zeros(1), torch.ones(1))
         assert torch.isfinite(features(empty)).all()
-    torch.testing.assert_close(paper_picture(struck), paper_picture(observation.estimate))
+    torch.testing.assert_close(paper_picture(struck), paper_picture(observation.values))
 
 
 def test_half_a_plane_is_the_whole(observation):
-    lags = observation.estimate
+    lags = observation.values
     half = half_plane(lags)
     assert half.shape == (6, 128, 64)
     torch.testing.assert_close(half[:, 64 + 5, 7], lags[:, 63 + 5, 63 + 7])
@@ -102,14 +102,14 @@ def test_denoiser_returns_an_autocorrelation_in_estimate_units(observation):
     denoiser = CorrelographyNet(16).denoiser.eval()
     with torch.no_grad():
         signal = denoiser(observation)
-        scaled = denoiser(replace(observation, estimate=observation.estimate * 1e-6, floor=observation.floor * 1e-6))
+        scaled = denoiser(replace(observation, values=observation.values * 1e-6, floor=observation.floor * 1e-6))
     torch.testing.assert_close(signal, signal.flip((-2, -1)))
     torch.testing.assert_close(1e6 * scaled, signal, rtol=1e-3, atol=1e-3)
 
 
 def test_noise_left_is_the_share_that_is_left(objects):
     batch = at_noise(objects.float() / 255.0, 0.3, 64.0, torch_rng())
-    measured = batch.seen.estimate - 0.3
+    measured = batch.seen.values - 0.3
     halved = batch.signal + 0.5 * (measured - batch.signal)
     halved[:, 63, 63] = batch.signal[:, 63, 63]  # zero lag is never measured
     np.testing.assert_allclose(noise_left(measured, batch.signal, measured).exp(), 1.0, atol=0.1)
@@ -164,14 +164,14 @@ def test_the_registered_loss_is_not_deceived(objects):
 
 def test_batches_depend_on_the_seed_alone(objects):
     first, second = (make_varied_batch(objects, 40, torch_rng(9)) for _ in range(2))
-    torch.testing.assert_close(first.seen.estimate, second.seen.estimate, rtol=0, atol=0)
-    estimate = first.seen.estimate
+    torch.testing.assert_close(first.seen.values, second.seen.values, rtol=0, atol=0)
+    estimate = first.seen.values
     torch.testing.assert_close(estimate, estimate.flip((-2, -1)), rtol=1e-5, atol=1e-6)
     assert (first.truth.amax((-2, -1)) == 0.0).sum() <= 8
     outer = estimate[:, torch.from_numpy(RING > LAGS - 8)]
     np.testing.assert_allclose(np.median(outer.mean(1) / first.seen.floor), 1.0, atol=0.1)
     paper = paper_noise(objects, 200, torch_rng()).seen
-    corner = paper.estimate[:, :20, :20]
+    corner = paper.values[:, :20, :20]
     assert float(corner.mean()) * 255 == pytest.approx(70.0, rel=0.03)
     assert float(corner.var() / corner.mean() ** 2) == pytest.approx(0.015, rel=0.1)
 
@@ -294,7 +294,7 @@ def test_the_network_draws_an_f_that_is_not_mirrored(rng):
     image = np.zeros((64, 64), np.float32)
     image[14:48, 20:25], image[14:19, 20:42], image[28:33, 20:37] = 1.0, 1.0, 1.0
     batch = at_noise(torch.from_numpy(image)[None], 80.0 / 255.0, 64.0, torch_rng())
-    measurement = read_measurement(batch.seen.estimate[0].numpy())
+    measurement = read_measurement(batch.seen.values[0].numpy())
     for quality, wanted in (("fast", 0.7), ("balanced", 0.85)):
         result = reconstructor(UNET, quality_named(quality)).run(measurement)
         pearson, _ = aligned_pearson(result.albedo, image)
