@@ -80,7 +80,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Find the captures among the inputs; reconstruct one, or all of them on workers."""
     options = parser().parse_args(argv)
     workers = _check(options)
-    from invert.batch.captures import find_captures
+    from correlograph.progress import stage
+
+    with stage("loading"):
+        from invert.batch.captures import find_captures
 
     job = _job(options)
     captures = find_captures(options.inputs, options.autocorrelation)
@@ -121,7 +124,7 @@ def _invert_many(job: Job, captures: Captures, options: Any, workers: int) -> No
     output = output_folder(options.output)
     with sole_writer(output):
         invert_captures(job, captures, output, workers, options.scheduler, overwrite=options.overwrite)
-    print(f"{len(captures)} captures: {output / 'table.md'}")
+    print(f"{len(captures)} captures, their confidence in {output / 'table.md'}")
 
 
 def _job(options: Any) -> Job:

@@ -35,6 +35,9 @@ MIN_GAIN_FRACTION_OF_ALL = 0.2
 RECONSTRUCTIONS_PER_BLUR = 2
 """Reconstructions per blur; the one with the lower misfit counts."""
 
+MAX_RECONSTRUCTIONS = RECONSTRUCTIONS_PER_BLUR * (1 + len(BLURS))
+"""Maximum number of reconstructions of a search."""
+
 
 def likelihood_before_division(estimate: Estimate) -> Likelihood:
     """Return the likelihood of an estimate that is not divided by its transfer, so that its noise is uniform over the lags."""

@@ -8,6 +8,8 @@ from dataclasses import fields, replace
 from functools import partial
 from typing import Any
 
+from tqdm import tqdm
+
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.captured_frames import describe_files, stray_light_of
@@ -15,7 +17,7 @@ from correlograph.files.corrections import Corrections
 from correlograph.workers import check_scheduler
 from invert.assess.reliability import assess_reliability, describe_limits, has_shifted, is_speckle
 from invert.assess.speckle_test import speckle_test
-from invert.blur_fit import estimate_blur, likelihood_before_division
+from invert.blur_fit import MAX_RECONSTRUCTIONS, estimate_blur, likelihood_before_division
 from invert.choices import FAST, UNET
 from invert.field.reconstruction import FieldReconstruction
 from invert.field.retrieval import retrieve_fields
@@ -23,6 +25,7 @@ from invert.measure.estimate import Estimate, estimate_from_frames
 from invert.measure.preparation import mean_frame, prepare
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction, reconstructor
+from invert.network.checkpoints import read_weights, untrained_parts
 from invert.output.outcome import MethodSettings
 from invert.output.result import Result
 from invert.request import Request
@@ -54,7 +57,9 @@ def reconstruct(source: Source, **options: Any) -> Result:
     """
     unknown = options.keys() - {one.name for one in fields(Request)}
     if unknown:
-        raise TypeError(f"reconstruct() has no option {', '.join(sorted(unknown))}")
+        camera = {one.name for one in fields(CameraMetadata)}
+        hint = "; give lengths in camera=CameraMetadata(...)" if unknown & camera else ""
+        raise TypeError(f"reconstruct() has no option {', '.join(sorted(unknown))}{hint}")
     return fulfil(Request(**options), source)
 
 
@@ -98,6 +103,10 @@ def fulfil(request: Request, source: Source) -> Result:
         result, more = _add_fields(request, capture, result)
         notes += more + describe_files(capture)
         warnings += stray_light_of(capture)
+    if request.weights is not None and (missing := untrained_parts(read_weights(request.weights)[1])):
+        warnings.append(
+            f"{request.weights.name} holds parts that were not trained ({', '.join(missing)}); train them or use the shipped weights"
+        )
     return replace(result, warnings=tuple(warnings), notes=tuple(notes))
 
 
@@ -126,13 +135,26 @@ def _retrieve(request: Request, estimate: Estimate) -> tuple[Estimate, Measureme
     """Find an unknown blur and reconstruct; the estimate that is returned knows the blur."""
     draft = None
     if request.finds_blur:
-        network = reconstructor(UNET, FAST, request.device, request.weights)
-        estimate, draft = estimate_blur(estimate, lambda seen, number: network.run(seen, request.seed + number))
+        estimate, draft = _find_blur(request, estimate)
     measurement = read_measurement(estimate.values, estimate.quantisation, estimate.transfer)
     if draft is not None and (request.method, request.quality) == (UNET, FAST):
         return estimate, measurement, draft
     chosen = reconstructor(request.method, request.quality, request.device, request.weights)
     return estimate, measurement, chosen.run(measurement, request.seed, request.progress)
+
+
+def _find_blur(request: Request, estimate: Estimate) -> tuple[Estimate, Reconstruction | None]:
+    """Return the estimate with the blur that was found, and the reconstruction of quality `fast` from it."""
+    network = reconstructor(UNET, FAST, request.device, request.weights)
+    with tqdm(total=MAX_RECONSTRUCTIONS, desc="blur", unit="reconstruction", disable=None, leave=False, delay=1.0) as bar:
+
+        def draft(measurement: Measurement, number: int) -> Reconstruction:
+            found = network.run(measurement, request.seed + number)
+            bar.update()
+            request.progress(0)  # whoever waits may end the work here
+            return found
+
+        return estimate_blur(estimate, draft)
 
 
 def _may_be_one_pattern(capture: Capture, estimate: Estimate, found: Reconstruction) -> bool:

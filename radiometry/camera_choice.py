@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from tqdm import tqdm
+
 from correlograph.errors import InputError
 from radiometry.cameras import Camera
 from radiometry.prediction import Prediction, predict
@@ -128,7 +130,8 @@ def compare_cameras(
         the plans, best first, and one line for each combination that is impossible.
     """
     plans, impossible = [], []
-    for camera, choice in itertools.product(cameras, choices):
+    pairs = list(itertools.product(cameras, choices))
+    for camera, choice in tqdm(pairs, desc="cameras", unit="camera", disable=None, leave=False):
         try:
             plans.append(_predict_one(geometry, camera, choice, check, frames, required_error))
         except InputError as error:

@@ -66,10 +66,10 @@ class FieldForecast:
     def describe(self) -> str:
         """Return the forecast in one line."""
         cells = "" if self.cells_m is None else ", cells of {:.0f} x {:.0f} um".format(*(1e6 * cell for cell in self.cells_m))
-        verdict = "suffice" if self.suffices else f"are too few, {self.needed_photons_per_grain:g} are needed"
+        verdict = "enough" if self.suffices else "too few"
         looks = "1 look" if self.looks == 1 else f"{self.looks} looks"
         resolution = "" if self.resolution_m is None else f" that resolve {1e6 * self.resolution_m:.0f} um before despeckling"
-        light = f"{self.photons_per_grain:.2g} photons per grain of the object's box {verdict}"
+        light = f"{self.photons_per_grain:.0f} photons per grain of the object's box ({self.needed_photons_per_grain:g} needed: {verdict})"
         return f"{light}{cells}, {looks}{resolution}, {self.cpu_s:.2g} CPU s"
 
 

@@ -71,10 +71,12 @@ class Corner:
         at_detector = x * self.detector_distance_m / z
         if min(x, at_detector) < clear:
             degrees = math.degrees(math.atan2(clear, min(self.source_distance_m, self.detector_distance_m)))
-            found = f"{self.source_angle_deg:g} degrees, at which one wall stands before the other"
-            raise InputError(
-                "source_angle_deg", f"about {degrees:.0f} degrees or more", found, "turn the source or use smaller walls"
+            found = (
+                f"{self.source_angle_deg:g} degrees, at which the source ({self.source_width_m:.3g} m wide) stands before the "
+                f"photographed wall ({self.detector_width_m:.3g} m) or the object ({self.object_width_m:.3g} m)"
             )
+            remedy = "turn the source, or correct spot_diameter_m, pixel_pitch_m, magnification or object_width_m"
+            raise InputError("source_angle_deg", f"about {degrees:.0f} degrees or more", found, remedy)
 
     @property
     def source_m(self) -> tuple[float, float]:

@@ -83,10 +83,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Load the scene, plan, render, write."""
     options = parser().parse_args(argv)
     _check(options)
-    from sim import activate
+    from correlograph.progress import stage
 
-    with exit_at_once():
-        activate()
+    with stage("loading"):
+        from sim import activate
+
+        with exit_at_once():
+            activate()
     from sim.backend.variant import log_to_standard_error
     from sim.effects import parse_effects
     from sim.plan import Settings
@@ -95,12 +98,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     from sim.scene_file import parse_definitions
 
     log_to_standard_error()
-    scene = load(options.scene, **parse_definitions(options.definitions))
-    plan = scene.plan(
-        Settings(options.accuracy, options.tolerance, options.propagator, options.precision, parse_effects(options.effects))
-    )
-    monte_carlo = scene.monte_carlo()
-    content = as_json(plan, options.frames, monte_carlo)
+    with stage("planning"):
+        scene = load(options.scene, **parse_definitions(options.definitions))
+        plan = scene.plan(
+            Settings(options.accuracy, options.tolerance, options.propagator, options.precision, parse_effects(options.effects))
+        )
+        monte_carlo = scene.monte_carlo()
+        content = as_json(plan, options.frames, monte_carlo)
     if options.plan:
         if options.output is not None:
             _draw_plan(scene, options.output, overwrite=options.overwrite)

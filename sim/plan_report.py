@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from correlograph.ranges import FRAMES
 from radiometry.light_budget_rows import light_budget
 from radiometry.noise.detection import DETECTION_LIMIT
 from radiometry.prediction import predict
@@ -27,6 +28,9 @@ DISAGREEMENT = 0.02
 
 
 MAX_NAMED_SHAPES = 3
+
+MIN_OBJECT_LAGS = 4.0
+"""Lags across an object below which no shape can be seen."""
 
 MAX_STRAY_SHARE = 0.3
 """Ratio of stray light to object light above which a warning is given; the stray light's r*r is then a tenth of the object's."""
@@ -178,6 +182,8 @@ def required_exposure(plan: Plan, frames: int) -> str:
     longer_s = plan.prediction.detection_exposure_s(frames)
     # K, and with it the square of the significance, is proportional to the number of frames.
     count = math.ceil(frames * (DETECTION_LIMIT / expected) ** 2)
+    if count > FRAMES.most:
+        return f"{frames} frames of {longer_s:.2g} s" if longer_s is not None else f"more than {FRAMES.most} frames; add light"
     by_exposure = "" if longer_s is None else f"{frames} frames of {longer_s:.2g} s, or "
     return f"{by_exposure}{count} of {exposure_s:g} s to detect the object"
 
@@ -246,7 +252,8 @@ def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[s
             "the light budget counts all of it as scattered"
         )
     common = overlap(geometry)
-    if common > 0.0:
+    # With a laser at rest, a moving object is tracked by the speckle that its frames share.
+    if common > 0.0 and not (geometry.spot.scan_step_m == 0.0 and np.any(geometry.object_velocity_m_s)):
         warnings.append(
             f"scan_step: {100 * common:.3g} % of the spot is common to consecutive frames, whose speckle then "
             f"correlates by {common**2:.2g}, with fewer degrees of freedom than predicted; move it by "
@@ -258,6 +265,11 @@ def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[s
                 f"hidden_object: {width_m * 1e3:.3g} mm across, but the 64 lags of {pitch_m * 1e6:.4g} um that "
                 f"truth.npy and invert hold end at {64e3 * pitch_m:.3g} mm; render a smaller one, or invert with "
                 "a smaller --patch"
+            )
+        if width_m < MIN_OBJECT_LAGS * pitch_m:
+            warnings.append(
+                f"hidden_object: {width_m * 1e3:.3g} mm across, {width_m / pitch_m:.2g} lags of {pitch_m * 1e6:.4g} um, too few to "
+                "show its shape; enlarge it, come closer or photograph more of the wall"
             )
     if budget.per_pixel == 0.0:
         warnings.append("hidden_object: none of its light reaches the camera; check its albedo, its facing, and occluders")

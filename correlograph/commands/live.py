@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from correlograph.command import ArgumentParser, exit_at_once, run_command
 from correlograph.errors import InputError
+from correlograph.progress import stage
 from correlograph.ranges import CONFIDENCE, SEED, SI, WAVELENGTH, Range
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     try:
         page.wait()
     finally:
-        acquisition.stop()
+        acquisition.abandon()
         acquisition.join()
 
 
@@ -96,14 +97,15 @@ def open_source(options: Any) -> tuple[Frames, float | None]:
         camera = CameraMetadata(options.wavelength_m, options.pixel_pitch_m, options.distance_m)
         camera.check_complete()
         return GrowingFiles(Path(options.source), camera), options.exposure_s
-    with exit_at_once():
-        import sim
-    from sim.recording import Recording
-    from sim.scene_file import parse_definitions
+    with stage("reading the scene"):
+        with exit_at_once():
+            import sim
+        from sim.recording import Recording
+        from sim.scene_file import parse_definitions
 
-    scene = sim.load(options.simulate, **parse_definitions(options.definitions))
-    exposure_s = scene.geometry.camera.electronics.exposure_s
-    return SimulatedCamera(Recording(scene.plan(), options.seed), options.frames_per_s), exposure_s
+        scene = sim.load(options.simulate, **parse_definitions(options.definitions))
+        recording = Recording(scene.plan(), options.seed)
+    return SimulatedCamera(recording, options.frames_per_s), scene.geometry.camera.electronics.exposure_s
 
 
 if __name__ == "__main__":

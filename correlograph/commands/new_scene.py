@@ -65,7 +65,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     if options.pixels is not None:
         values["frame_shape"] = (options.pixels[1], options.pixels[0])
     corner = Corner(**values)
-    with exit_at_once():
+    if not options.picture.is_file():
+        raise InputError("picture", "a picture of the object", f"no {options.picture}", "check the path")
+    from correlograph.progress import stage
+
+    with stage("loading"), exit_at_once():
         import sim
     import numpy as np
     from PIL import Image
@@ -87,9 +91,10 @@ def main(argv: Sequence[str] | None = None) -> None:
             Image.fromarray(grey).save(partial, format="PNG")
         with atomic(staging / "scene.xml") as partial:
             partial.write_text(corner.as_xml("object.png", len(pixels) / len(pixels[0])), encoding="utf-8")
-        scene = sim.load(staging / "scene.xml")
-        page, scene.name = str(scene.plan()), str(folder / "scene.xml")
-        save_figure(staging / "scene.png", scene.draw())
+        with stage("planning"):
+            scene = sim.load(staging / "scene.xml")
+            page, scene.name = str(scene.plan()), str(folder / "scene.xml")
+            save_figure(staging / "scene.png", scene.draw())
         replace_files(staging, folder, SCENE_FILES, "scene.xml")
     print(page)
     print(f"next: python -m sim {folder / 'scene.xml'} -o {folder / 'frames'}")

@@ -17,6 +17,7 @@ from correlograph.files.figures import add_scale_bar, figure_as_html, show_figur
 from correlograph.files.file_frames import FileFrames
 from correlograph.files.file_metadata import FileMetadata, rendered_metadata
 from correlograph.files.output import output_folder, path_of, save_array, save_json
+from correlograph.lags import LAG_SIDE
 from correlograph.ranges import FRAMES, WAVELENGTH
 
 if TYPE_CHECKING:
@@ -53,6 +54,14 @@ class CameraMetadata:
             raise InputError(
                 "pixel_pitch_m", "half a wavelength or more, in metres on the wall", found, "check whether the two are swapped"
             )
+        if (
+            self.distance_m is not None
+            and self.pixel_pitch_m is not None
+            and self.pixel_pitch_m * LAG_SIDE > 2.0 * self.distance_m
+        ):
+            found = f"{self.pixel_pitch_m:.3g} m at a distance of {self.distance_m:.3g} m"
+            remedy = "give all lengths in metres; no object could be resolved to half a wavelength"
+            raise InputError("pixel_pitch_m", f"at most {2.0 * self.distance_m / LAG_SIDE:.3g} m", found, remedy)
 
     def check_complete(self) -> None:
         """Raise InputError if only some of wavelength, pixel pitch and distance are known, or one length of the pupil."""
@@ -184,6 +193,8 @@ class Capture:
         Raises InputError for anything else.
         """
         path = path_of("capture", folder)
+        if not path.exists():
+            raise InputError("capture", "a folder or file of frames", f"no {path}", "check the path")
         if not (path / "sim.json").is_file() and path.exists() and not (path / "truth.npy").exists():
             from correlograph.files.captured_frames import read_capture
 

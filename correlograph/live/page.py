@@ -26,6 +26,9 @@ SHOWN_PIXELS = 480
 """Largest side of an image on the page."""
 
 PICTURES = ("frame", "histogram and contrast", "autocorrelation", "reconstruction")
+MIN_SILENCE_S = 3.0
+"""Time without a frame after which the page states it."""
+
 SKIPPED = 4
 """Step over rows and columns of a frame for its histogram."""
 
@@ -83,7 +86,7 @@ def _build(pn: Any, acquisition: Acquisition, folder: Path) -> Any:
         except InputError as problem:
             message.object = f"not saved: {problem}"
 
-    restart.on_click(lambda event: acquisition.session.restart())
+    restart.on_click(lambda event: acquisition.restart())
     balanced.on_click(lambda event: acquisition.request("balanced"))
     save.on_click(on_save)
 
@@ -92,8 +95,9 @@ def _build(pn: Any, acquisition: Acquisition, folder: Path) -> Any:
         now = (acquisition.latest, acquisition.estimate, acquisition.result)
         if shown[0] is None or any(new is not old for new, old in zip(now, shown[0], strict=True)):
             shown[0] = now
-            for name, picture in pictures(acquisition).items():
-                images[name].object = picture
+            found = pictures(acquisition)
+            for name, image in images.items():
+                image.object = found.get(name)
 
     refresh()
     pn.state.add_periodic_callback(refresh, REFRESH_MS)
@@ -160,7 +164,7 @@ def png(image: np.ndarray, colours: str) -> bytes:
 
 def table(acquisition: Acquisition) -> str:
     """Return the measured values as a Markdown table."""
-    rows = [("frames received", f"{acquisition.received}, {acquisition.frames_per_s:.3g} per second")]
+    rows = [("frames received", _arrival(acquisition))]
     if acquisition.dropped:
         rows.append(("frames dropped", f"{acquisition.dropped}, because this machine is slower than the camera"))
     if waiting := getattr(acquisition.source, "waiting", ""):
@@ -168,6 +172,8 @@ def table(acquisition: Acquisition) -> str:
     for name, skipped in (("files", getattr(acquisition.source, "skipped", [])), ("frames", acquisition.skipped)):
         if skipped:
             rows.append((f"{name} skipped", f"{len(skipped)}, the latest {skipped[-1]}"))
+    if acquisition.requested:
+        rows.append(("requested", f"a reconstruction with quality {acquisition.requested}"))
     if acquisition.report is not None:
         rows += _report_rows(acquisition.report, acquisition.frames_per_s)
     if acquisition.result is not None:
@@ -177,6 +183,16 @@ def table(acquisition: Acquisition) -> str:
     elif acquisition.finished.is_set():
         rows.append(("stopped", "the reconstruction is sure enough, or the source has ended"))
     return "\n".join(["| | |", "|---|---|", *(f"| **{name}** | {value.replace('|', '/')} |" for name, value in rows)])
+
+
+def _arrival(acquisition: Acquisition) -> str:
+    """Return how many frames have arrived and how fast, or for how long none has."""
+    silence = acquisition.seconds_without_frame
+    if silence is None:
+        return "0; waiting for the first"
+    if silence > max(MIN_SILENCE_S, 3.0 / max(acquisition.frames_per_s, 1e-3)):
+        return f"{acquisition.received}; the latest {silence:.0f} s ago"
+    return f"{acquisition.received}, {acquisition.frames_per_s:.3g} per second"
 
 
 def _report_rows(report: LiveReport, rate: float) -> list[tuple[str, str]]:

@@ -20,6 +20,7 @@ from correlograph.files.corrections import Corrections
 from correlograph.files.exr_frames import FrameHeader, can_write_frames, write_frame
 from correlograph.files.manifest import record_temporary
 from correlograph.files.output import output_folder, save_array, sole_writer
+from correlograph.progress import Progress, no_progress
 from correlograph.version import version
 from invert.measure.estimate import Estimate, estimate_of
 from invert.measure.spectrum import estimate_noise, read_measurement
@@ -215,9 +216,9 @@ class LiveSession:
         )
 
     @staticmethod
-    def reconstruct(estimate: Estimate, quality: str) -> Result:
+    def reconstruct(estimate: Estimate, quality: str, progress: Progress = no_progress) -> Result:
         """Reconstruct the object from an estimate of this session, as `correlograph.reconstruct` does."""
-        return reconstruct(estimate, quality=quality)
+        return reconstruct(estimate, quality=quality, progress=progress)
 
     def save(self, folder: Path) -> Path:
         """Write the kept frames into a new folder that `invert` reads, and return it.

@@ -21,6 +21,10 @@ WAITING = 4
 """Frames that wait to be added. If more arrive, the oldest of them is dropped and counted."""
 
 
+class _AbandonedError(Exception):
+    """The process ends, and nobody waits for this reconstruction."""
+
+
 class Acquisition:
     """Reads a source and keeps the latest report and reconstruction; `start` begins, `stop` ends.
 
@@ -44,7 +48,8 @@ class Acquisition:
         self.finished = Event()
         self._waiting: deque[np.ndarray] = deque()
         self._arrived = Condition()
-        self._quality = "fast"
+        self._abandoned = Event()
+        self._requested = ""
         self._threads: list[Thread] = []
         self._times: deque[float] = deque(maxlen=32)
 
@@ -60,6 +65,16 @@ class Acquisition:
         with self._arrived:
             self._arrived.notify_all()
 
+    def abandon(self) -> None:
+        """Stop reading, and end a running reconstruction."""
+        self._abandoned.set()
+        self.stop()
+
+    def restart(self) -> None:
+        """Forget all frames, and what was found in them."""
+        self.session.restart()
+        self.report = self.estimate = self.result = None
+
     def join(self, timeout_s: float = 60.0) -> None:
         """Wait until the frames that were read are added and the last reconstruction is complete. The thread that reads the
         source is not waited for, because it may be blocked.
@@ -69,7 +84,17 @@ class Acquisition:
 
     def request(self, quality: str) -> None:
         """Ask for one reconstruction of another quality; the ones after it are `fast` again."""
-        self._quality = quality
+        self._requested = quality
+
+    @property
+    def requested(self) -> str:
+        """Quality of the reconstruction that was asked for and is not complete; empty if there is none."""
+        return self._requested
+
+    @property
+    def seconds_without_frame(self) -> float | None:
+        """Time since the latest frame arrived; None before the first."""
+        return time.monotonic() - self._times[-1] if self._times else None
 
     @property
     def frames_per_s(self) -> float:
@@ -116,14 +141,27 @@ class Acquisition:
         seen = 0
         while True:
             begin, all_added = time.monotonic(), not self._threads[1].is_alive()
-            estimate = self.session.estimate() if self.session.frames else None
-            if estimate is not None and estimate.record is not None and estimate.record.frames != seen:
+            estimate, requested = self.session.estimate() if self.session.frames else None, self._requested
+            is_new = estimate is not None and estimate.record is not None and estimate.record.frames != seen
+            if estimate is not None and estimate.record is not None and (is_new or requested):
                 seen = estimate.record.frames
                 self.estimate, self.report = estimate, self.session.report(estimate)
-                quality, self._quality = self._quality, "fast"
-                self.result = self.session.reconstruct(estimate, quality)
+                try:
+                    result = self.session.reconstruct(estimate, requested or "fast", self._go_on)
+                except _AbandonedError:
+                    return
+                if requested:
+                    self._requested = ""
+                if self.session.frames < seen:  # restarted meanwhile
+                    continue
+                self.result = result
                 if self.until is not None and self.result.confidence >= self.until:
                     self.stop()
             elif all_added:
                 return
             time.sleep(max(0.05, INTERVAL_S - (time.monotonic() - begin)))
+
+    def _go_on(self, steps: int = 1) -> None:
+        """Progress of a reconstruction: end it if the process ends."""
+        if self._abandoned.is_set():
+            raise _AbandonedError

@@ -65,10 +65,12 @@ def main(argv: Sequence[str] | None = None) -> None:
 
     from correlograph.files.manifest import claim, recorded
     from correlograph.files.output import output_folder, sole_writer
+    from correlograph.progress import stage
     from invert.evaluation.report import write_report
 
-    levels = _levels(options)
-    levels = chain([next(levels)], levels)  # refuses unusable input before a folder is created
+    with stage("preparing the first level"):
+        levels = _levels(options)
+        levels = chain([next(levels)], levels)  # refuses unusable input before a folder is created
     output = output_folder(options.output)
     cells = output_folder(output / "cells")
     with sole_writer(output), sole_writer(cells):

@@ -33,6 +33,22 @@ RECONSTRUCTING = ("unet", "paper", "paper-modulus")
 """Networks that reconstruct an estimate."""
 
 
+PARTS = ("denoiser", "sketch", "fusion", "sampler")
+"""Parts of the default network in the order in which they are trained."""
+
+
+def untrained_parts(card: dict[str, Any]) -> list[str]:
+    """Return the parts of the default network that neither the run of a card nor one of its earlier runs has trained."""
+    if card.get("network") != "unet":
+        return []
+    trained, run = set(), card.get("run")
+    while isinstance(run, dict):
+        trained.add(run.get("part"))
+        earlier = run.get("start_from")
+        run = earlier.get("run") if isinstance(earlier, dict) else None
+    return [part for part in PARTS if part not in trained]
+
+
 def save_weights(path: Path, tensors: dict[str, torch.Tensor], card: dict[str, Any]) -> None:
     """Write tensors with metadata (strict JSON) in the header; the file appears only when it is complete."""
     tensors = {name: value.contiguous() for name, value in tensors.items()}

@@ -123,9 +123,10 @@ def _result_panels(result: Outcome, albedo: np.ndarray, truth: np.ndarray | None
         )
     )
     title = "reconstructed albedo" if result.fields is None else "albedo from fields"
-    panels.append(_albedo_panel(title, albedo, pitch_m))
+    unit = "lags" if result.fields is None else "pixels"
+    panels.append(_albedo_panel(title, albedo, pitch_m, unit))
     if truth is not None:
-        panels.append(_albedo_panel("true albedo", truth, pitch_m))
+        panels.append(_albedo_panel("true albedo", truth, pitch_m, unit))
     return panels
 
 
@@ -168,8 +169,8 @@ def _posterior_panels(samples: Samples, pitch_m: float | None) -> list[_Panel]:
     return panels
 
 
-def _albedo_panel(title: str, albedo: np.ndarray, pitch_m: float | None) -> _Panel:
-    return _Panel(title, albedo, 0.0, float(albedo.max()) or 1.0, pitch_m)
+def _albedo_panel(title: str, albedo: np.ndarray, pitch_m: float | None, unit: str = "lags") -> _Panel:
+    return _Panel(title, albedo, 0.0, float(albedo.max()) or 1.0, pitch_m, unit)
 
 
 def report_lines(result: Outcome, pearson: float | None) -> list[str]:

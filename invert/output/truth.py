@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from correlograph.errors import InputError
+from correlograph.errors import InputError, check_positive
 from correlograph.files.capture import Capture
 from correlograph.files.capture_folder import check_complete
 from correlograph.files.images import read_image
@@ -20,36 +21,48 @@ SAME_PITCH = 0.01
 
 @dataclass(frozen=True)
 class Truth:
-    """A known albedo, square and non-negative, and its pixel pitch along rows and columns (None if unknown)."""
+    """A known albedo, non-negative, and its pixel pitch along rows and columns (None if unknown).
+
+    An albedo of known pitch is padded to a square; one without has a pixel per lag and must be square.
+    """
 
     albedo: np.ndarray
     pitches_m: tuple[float, float] | None = None
     name: str = "the array"
 
     def __post_init__(self) -> None:
-        """Raise InputError for anything else than a square albedo."""
+        """Raise InputError for anything else."""
         array = np.asarray(self.albedo)
-        is_square = array.ndim == 2 and array.shape[0] == array.shape[1] and array.size > 0 and array.dtype.kind in "uifb"
+        is_image = array.ndim == 2 and array.size > 0 and array.dtype.kind in "uifb"
+        if self.pitches_m is not None:
+            pitches = self.pitches_m if isinstance(self.pitches_m, Sequence) else (self.pitches_m, self.pitches_m)
+            rows, columns = (check_positive("pitches_m", pitch) for pitch in pitches)
+            object.__setattr__(self, "pitches_m", (rows, columns))
+            if is_image:
+                margins = [(max(array.shape) - side) // 2 for side in array.shape]
+                array = np.pad(
+                    array, [(low, max(array.shape) - side - low) for low, side in zip(margins, array.shape, strict=True)]
+                )
+        is_square = is_image and array.shape[0] == array.shape[1]
         if not is_square or not np.isfinite(array).all() or (array < 0).any():
             expected = "a square albedo, one pixel per lag, zero or more"
             found = f"shape {array.shape} in {self.name}" if not is_square else f"negative or infinite values in {self.name}"
-            raise InputError("--truth", expected, found, "resample it to the lag pitch")
+            raise InputError("--truth", expected, found, "resample it to the lag pitch, or give its own (--truth-pitch-m)")
         object.__setattr__(self, "albedo", array.astype(np.float32))
 
     @classmethod
-    def read(cls, path: Path, pitch_m: float | None = None) -> Truth:
-        """Read a truth, padded to a square; its pitch, if it is not given, is in the sim.json beside it, if there is one. Raises
+    def read(cls, path: str | Path, pitch_m: float | None = None) -> Truth:
+        """Read a truth; its pitch, if it is not given, is in the sim.json beside it, if there is one. Raises
         InputError for anything else.
         """
+        path = Path(path)
         if not path.is_file():
             raise InputError("--truth", "an albedo, one pixel per lag", f"no {path}", "check the path")
         check_complete(path.parent)
         albedo, _ = read_image(path)
         if pitch_m is None:
             return cls(albedo, _recorded_pitches(path.with_name("sim.json")), path.name)
-        side = max(albedo.shape)
-        margins = [((side - length) // 2, side - length - (side - length) // 2) for length in albedo.shape]
-        return cls(np.pad(albedo, margins), (pitch_m, pitch_m), path.name)
+        return cls(albedo, (pitch_m, pitch_m), path.name)
 
     @classmethod
     def of(cls, capture: Capture) -> Truth:

@@ -8,6 +8,7 @@ exception: each process has its own chains, and a checkpoint holds those of the 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
@@ -20,7 +21,7 @@ from correlograph.errors import InputError, check_device, memory_bytes
 from correlograph.files.manifest import claim
 from correlograph.files.output import sole_writer
 from correlograph.ranges import SEED, Range
-from invert.network.checkpoints import NETWORKS
+from invert.network.checkpoints import NETWORKS, PARTS, read_weights, untrained_parts
 from invert.training.losses import LOSSES
 from invert.training.training_loop import Training
 
@@ -51,7 +52,7 @@ def parser() -> ArgumentParser:
     )
     p.add_argument(
         "--part",
-        choices=("denoiser", "sketch", "fusion", "sampler"),
+        choices=PARTS,
         default="denoiser",
         help="part of the network unet to train (denoiser)",
     )
@@ -101,6 +102,8 @@ def _train(options: Any, rank: int, world: int) -> None:
     targets, held_out = ([pair[which] for pair in pairs] for which in (0, 1))
     training = Training(options, rank, world)
     training.resume()
+    if rank == 0 and training.step:
+        print(f"continues at step {training.step} of {options.steps}", file=sys.stderr)
     validation = training.validation(held_out)
     with tqdm(total=options.steps, initial=training.step, unit="step", disable=None if rank == 0 else True) as bar:
         while training.step < options.steps:
@@ -114,6 +117,9 @@ def _train(options: Any, rank: int, world: int) -> None:
                     bar.write(training.last_line())
     if rank == 0:
         training.finish([manifest(address) for address in options.dataset])
+        missing = untrained_parts(read_weights(options.output)[1])
+        hint = f"; not trained yet: {', '.join(missing)} (docs/methods.md, Training)" if missing else ""
+        print(f"{options.output}, {options.output.with_suffix('.png').name} and .json{hint}")
 
 
 def _join_processes(device: str) -> tuple[int, int]:

@@ -49,7 +49,7 @@ def test_the_capture_is_complete(capture):
 def test_the_letter_comes_back_unmirrored(capture, tmp_path, command):
     code, out, err = command(invert, capture, "-o", tmp_path, "--truth", capture / "truth.npy")
     assert code == 0
-    assert re.fullmatch(r"note: --method field would show finer detail: .* suffice, .*\n", err)
+    assert re.fullmatch(r"note: --method field would show finer detail: .* enough\), .*\n", err)
     assert "report.png" in out
     result = json.loads((tmp_path / "result.json").read_text())
     albedo, truth = np.load(tmp_path / "albedo.npy"), np.load(capture / "truth.npy")

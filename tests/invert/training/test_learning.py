@@ -75,7 +75,7 @@ def test_features_know_no_unit_and_never_see_zero_lag(observation):
     ):
         reference = features(observation)
         assert reference.shape == (6, *shape)
-        scaled = replace(observation, **{name: getattr(observation, name) * 1e-9 for name in ("estimate", "floor", "denoised")})
+        scaled = replace(observation, **{name: getattr(observation, name) * 1e-9 for name in ("values", "floor", "denoised")})
         torch.testing.assert_close(features(scaled), reference, rtol=1e-3, atol=1e-4)
         struck = observation.values.clone()
         struck[:, 63, 63] = 1e6
