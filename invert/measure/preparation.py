@@ -12,7 +12,7 @@ from correlograph.files.capture import Capture
 from correlograph.files.corrections import Corrections
 from correlograph.files.file_frames import FileFrames
 from radiometry.autocorrelation import automatic_patch_size
-from radiometry.estimation.camera_offset import camera_offset
+from radiometry.estimation.camera_offset import camera_offset, offset_from_speckle
 from radiometry.estimation.illumination import is_uneven
 from radiometry.estimation.photon_transfer import photon_transfer
 
@@ -37,10 +37,13 @@ def prepare(capture: Capture, corrections: Corrections) -> tuple[Capture, list[s
         return corrections.apply(capture), notes
     first = [np.asarray(frame) for frame in capture.frames[:OFFSET_FRAMES]]
     if corrections.flat is not None or _is_uneven(capture, first):
-        offset = camera_offset(first)
-        if offset is not None:
+        # Read noise lowers the offset from the noise, but not the one from the speckle.
+        found = [one for one in (camera_offset(first), offset_from_speckle(first)) if one is not None]
+        if found:
+            offset = max(found)
             notes.append(
-                f"an offset of about {offset:.3g} counts, found from the noise of the frames, was subtracted; a dark frame gives it exactly"
+                f"an offset of about {offset:.3g} counts, found from noise and speckle of the frames, was subtracted; a dark frame "
+                "gives it exactly"
             )
             return replace(corrections, dark=np.full(first[0].shape, offset, np.float32)).apply(capture), notes
         if corrections.flat is not None:

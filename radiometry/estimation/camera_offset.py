@@ -1,4 +1,4 @@
-"""Offset of a camera, from the noise of its frames: the variance of shot noise vanishes where the frame equals the offset."""
+"""Offset of a camera from its frames: where a frame equals the offset, shot noise and speckle vanish."""
 
 from __future__ import annotations
 
@@ -14,6 +14,10 @@ SIGNIFICANT_SIGMA = 5.0
 
 MAX_ERROR = 0.1
 """Maximum standard error of an offset in units of the light that remains above it."""
+
+
+BLOCKS = 8
+"""Blocks along each axis in which light and speckle are compared."""
 
 
 def camera_offset(frames: Sequence[np.ndarray]) -> float | None:
@@ -34,3 +38,39 @@ def camera_offset(frames: Sequence[np.ndarray]) -> float | None:
     light = float(np.mean([float(image.mean()) for image in images])) - offset
     is_known = offset > SIGNIFICANT_SIGMA * error and light > 0.0 and error < MAX_ERROR * light
     return float(offset) if is_known else None
+
+
+def offset_from_speckle(frames: Sequence[np.ndarray]) -> float | None:
+    """Return the offset of unevenly lit frames (H, W) in their unit; None if their speckle does not determine it.
+
+    Speckle of one object has the same contrast k everywhere, so that its standard deviation in a block is k (mean - offset). It follows
+    from the covariance of diagonal neighbours, to which noise of pixels, rows and columns adds nothing. The speckle of a block moves
+    mean and deviation together; polynomials of the position are therefore the instruments of the fit (two-stage least squares).
+    """
+    means, deviations = np.mean([_light_and_speckle(frame) for frame in frames], 0)
+    place = (np.arange(BLOCKS) + 0.5) / BLOCKS - 0.5
+    row, column = (axis.ravel() for axis in np.meshgrid(place, place, indexing="ij"))
+    instruments = np.stack([np.ones_like(row), row, column, row**2, row * column, column**2], 1)
+    regressors = np.stack([np.ones_like(means), means], 1)
+    smooth = instruments @ np.linalg.lstsq(instruments, regressors, rcond=None)[0]
+    inverse = np.linalg.pinv(smooth.T @ smooth)
+    constant, contrast = inverse @ smooth.T @ deviations
+    residual = deviations - regressors @ (constant, contrast)
+    covariance = inverse * float(residual @ residual) / (len(means) - 2)
+    if contrast <= SIGNIFICANT_SIGMA * covariance[1, 1] ** 0.5:
+        return None
+    offset = -constant / contrast
+    slopes = np.array([-1.0, -offset]) / contrast
+    error, light = float((slopes @ covariance @ slopes) ** 0.5), float(means.mean()) - offset
+    return float(offset) if offset > SIGNIFICANT_SIGMA * error and light > 0.0 and error < MAX_ERROR * light else None
+
+
+def _light_and_speckle(frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and standard deviation of the speckle in each block of a frame (H, W)."""
+    rows, columns = (side // BLOCKS for side in frame.shape)
+    cut = np.asarray(frame, np.float64)[: rows * BLOCKS, : columns * BLOCKS]
+    blocks = cut.reshape(BLOCKS, rows, BLOCKS, columns).swapaxes(1, 2).reshape(-1, rows, columns)
+    means = blocks.mean((1, 2))
+    above = blocks - means[:, None, None]
+    shared = 0.5 * ((above[:, 1:, 1:] * above[:, :-1, :-1]).mean((1, 2)) + (above[:, 1:, :-1] * above[:, :-1, 1:]).mean((1, 2)))
+    return means, np.sqrt(shared.clip(0.0))

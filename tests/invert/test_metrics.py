@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from PIL import Image
 from scipy import ndimage
 
+from correlograph.errors import InputError
 from invert.albedo.metrics import Scores, agreement, aligned_pearson, bootstrap_error, register_subpixel, score
+from invert.output.truth import Truth
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
 
 
@@ -80,3 +83,18 @@ def test_bootstrap_error_is_that_of_a_mean(rng):
     values = rng.standard_normal(400)
     assert bootstrap_error(values) == pytest.approx(values.std() / 20.0, rel=0.1)
     assert bootstrap_error(np.ones(5)) == 0.0
+
+
+def test_a_truth_of_known_pitch_need_not_be_square(tmp_path):
+    drawn = np.zeros((4, 7), np.float32)
+    drawn[1, 2:5] = 1.0
+    Image.fromarray((255 * drawn).astype(np.uint8)).save(tmp_path / "drawn.png")
+    for truth in (Truth(drawn, (2.0, 2.0)), Truth.read(str(tmp_path / "drawn.png"), 2.0)):
+        assert truth.albedo.shape == (7, 7)
+        assert truth.albedo[2, 2:5].all()
+        assert np.count_nonzero(truth.albedo) == 3
+        assert truth.pitches_m == (2.0, 2.0)
+    with pytest.raises(InputError, match="truth-pitch-m"):
+        Truth(drawn)
+    with pytest.raises(InputError, match="pitches_m"):
+        Truth(drawn, (1.0, -1.0))

@@ -220,6 +220,47 @@ def test_bad_frames_are_named_and_a_failing_source_says_why():
     assert "| **stopped** | RuntimeError: the cable is loose |" in shown
 
 
+def test_requests_and_restarts_need_no_further_frame():
+    class Pausing(Camera):
+        def __iter__(self):
+            yield from super().__iter__()
+            time.sleep(120.0)
+
+    def wait_until(condition) -> None:
+        deadline = time.monotonic() + 60.0
+        while not condition():
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+
+    acquisition = Acquisition(Pausing(letter_frames(2)), LiveSession(CAMERA))
+    acquisition.start()
+    wait_until(lambda: acquisition.result is not None)
+    before = acquisition.result
+    acquisition.request("fast")
+    wait_until(lambda: acquisition.result is not before)
+    assert not acquisition.requested
+    acquisition.request("balanced")
+    assert "a reconstruction with quality balanced" in table(acquisition)
+    time.sleep(2.0)
+    begin = time.monotonic()
+    acquisition.abandon()
+    acquisition.join()
+    assert time.monotonic() - begin < 10.0
+    acquisition.restart()
+    assert pictures(acquisition).keys() == {"frame", "histogram and contrast"}
+
+
+def test_the_page_says_for_how_long_no_frame_has_arrived(monkeypatch):
+    acquisition = Acquisition(Camera(letter_frames(2)), LiveSession(CAMERA))
+    assert "waiting for the first" in table(acquisition)
+    acquisition.start()
+    acquisition.finished.wait(60.0)
+    acquisition.join()
+    now = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now + 40.0)
+    assert "| **frames received** | 2; the latest 4" in table(acquisition)
+
+
 def test_it_stops_when_a_reconstruction_is_sure_enough():
     acquisition = Acquisition(Camera(letter_frames(40), 0.3), LiveSession(CAMERA), until=0.6)
     acquisition.start()

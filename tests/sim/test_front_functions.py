@@ -70,7 +70,12 @@ def test_frames_of_a_camera_are_a_capture(tmp_path):
 
 @pytest.mark.parametrize(
     ("values", "word"),
-    [((633, 10, 1.5), "wavelength_m"), ((10e-6, 633e-9, 1.0), "swapped"), ((532e-9, 1e-7, 1.0), "half a wavelength")],
+    [
+        ((633, 10, 1.5), "wavelength_m"),
+        ((10e-6, 633e-9, 1.0), "swapped"),
+        ((532e-9, 1e-7, 1.0), "half a wavelength"),
+        ((532e-9, 6.9, 1.0), "metres"),
+    ],
 )
 def test_implausible_metadata_are_refused(values, word):
     with pytest.raises(cg.InputError, match=word):

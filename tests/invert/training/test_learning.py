@@ -14,7 +14,7 @@ from invert.albedo.metrics import aligned_pearson
 from invert.choices import BALANCED, DEFAULT_WEIGHTS, UNET, quality_named
 from invert.measure.spectrum import read_measurement
 from invert.methods import reconstructor
-from invert.network.checkpoints import load_network, save_weights
+from invert.network.checkpoints import load_network, read_weights, save_weights, untrained_parts
 from invert.network.features import (
     FUSION_CHANNELS,
     LAG_CHANNELS,
@@ -304,3 +304,12 @@ def test_the_network_draws_an_f_that_is_not_mirrored(rng):
         assert abs(result.confidence - pearson) < 0.2
     twice = reconstructor(UNET, BALANCED).run(measurement)
     np.testing.assert_array_equal(twice.albedo, result.albedo)
+
+
+def test_parts_without_training_are_named():
+    denoiser = {"network": "unet", "run": {"part": "denoiser", "start_from": None}}
+    sketch = {"network": "unet", "run": {"part": "sketch", "start_from": denoiser}}
+    assert untrained_parts(denoiser) == ["sketch", "fusion", "sampler"]
+    assert untrained_parts(sketch) == ["fusion", "sampler"]
+    assert untrained_parts({"network": "paper", "run": {}}) == []
+    assert untrained_parts(read_weights(DEFAULT_WEIGHTS)[1]) == []
