@@ -92,6 +92,13 @@ def test_commands_run_as_they_stand(tmp_path):
 
 
 @pytest.mark.slow
+def test_quoted_numbers_are_those_of_the_program():
+    command = [sys.executable, "-m", "benchmarks.quoted_numbers", "--check"]
+    done = subprocess.run(command, cwd=ROOT, env=environment(), capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr[-800:]
+
+
+@pytest.mark.slow
 def test_tutorial_runs(tmp_path, monkeypatch):
     """Every command and the Python block of the tutorial run in their order; two independent captures agree."""
     monkeypatch.chdir(tmp_path)
