@@ -131,7 +131,8 @@ class GrowingFiles:
 
 
 def _digest(frame: np.ndarray) -> bytes:
-    return hashlib.blake2b(np.ascontiguousarray(frame), digest_size=16).digest()
+    """Return a digest of every 64th pixel, which suffices to tell two exposures apart."""
+    return hashlib.blake2b(np.ascontiguousarray(frame[::8, ::8]), digest_size=16).digest()
 
 
 class SimulatedCamera:
