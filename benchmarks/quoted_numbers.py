@@ -19,7 +19,7 @@ from radiometry.prediction import Prediction, predict
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
-QUOTED = re.compile(r"(-?[\d.]+)(<!--(\w+)-->)")
+MARKER = re.compile(r"(-?[\d.]+)(<!--(\w+)-->)")
 SCENE = "corner_letter"
 
 
@@ -63,14 +63,14 @@ def main() -> None:
     parser.add_argument("--check", action="store_true", help="change nothing")
     options = parser.parse_args()
     texts = {page: page.read_text() for page in PAGES}
-    names = {name for text in texts.values() for _, _, name in QUOTED.findall(text)}
+    names = {name for text in texts.values() for _, _, name in MARKER.findall(text)}
     computed, differing = {name: NUMBERS[name]() for name in sorted(names)}, []
     for page, text in texts.items():
-        for number, _, name in QUOTED.findall(text):
+        for number, _, name in MARKER.findall(text):
             if number != computed[name]:
                 differing.append(f"{page.name}: {name} is {computed[name]}, not {number}")
         if not options.check:
-            page.write_text(QUOTED.sub(lambda found: computed[found[3]] + found[2], text))
+            page.write_text(MARKER.sub(lambda found: computed[found[3]] + found[2], text))
     print("\n".join(differing) or "all quoted numbers are those that the program computes")
     sys.exit(bool(differing) and options.check)
 

@@ -172,8 +172,8 @@ def table(acquisition: Acquisition) -> str:
     for name, skipped in (("files", getattr(acquisition.source, "skipped", [])), ("frames", acquisition.skipped)):
         if skipped:
             rows.append((f"{name} skipped", f"{len(skipped)}, the latest {skipped[-1]}"))
-    if acquisition.requested:
-        rows.append(("requested", f"a reconstruction with quality {acquisition.requested}"))
+    if acquisition.pending_quality:
+        rows.append(("requested", f"a reconstruction with quality {acquisition.pending_quality}"))
     if acquisition.report is not None:
         rows += _report_rows(acquisition.report, acquisition.frames_per_s)
     if acquisition.result is not None:

@@ -35,7 +35,7 @@ class Frames(Protocol):
 
 @dataclass
 class _Progress:
-    """How far a file is read.
+    """Progress of reading one file.
 
     Attributes:
         read: frames that were delivered or skipped.

@@ -22,7 +22,7 @@ WAITING = 4
 
 
 class _AbandonedError(Exception):
-    """The process ends, and nobody waits for this reconstruction."""
+    """The process ends before this reconstruction does."""
 
 
 class Acquisition:
@@ -87,7 +87,7 @@ class Acquisition:
         self._requested = quality
 
     @property
-    def requested(self) -> str:
+    def pending_quality(self) -> str:
         """Quality of the reconstruction that was asked for and is not complete; empty if there is none."""
         return self._requested
 

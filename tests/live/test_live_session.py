@@ -238,7 +238,7 @@ def test_requests_and_restarts_need_no_further_frame():
     before = acquisition.result
     acquisition.request("fast")
     wait_until(lambda: acquisition.result is not before)
-    assert not acquisition.requested
+    assert not acquisition.pending_quality
     acquisition.request("balanced")
     assert "a reconstruction with quality balanced" in table(acquisition)
     time.sleep(2.0)
