@@ -126,7 +126,7 @@ def _noise_model_levels(
         batch = at_noise(torch.from_numpy(truths), floor / 255.0, dof, rng)
         cases = [
             Case(str(number), Estimate(str(number), estimate.numpy()), truth)
-            for number, (estimate, truth) in enumerate(zip(batch.seen.estimate, truths, strict=True))
+            for number, (estimate, truth) in enumerate(zip(batch.seen.values, truths, strict=True))
         ]
         yield Level(name, f"b {floor:.0f}, K {dof:g}", cases)
 
