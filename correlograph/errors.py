@@ -48,10 +48,10 @@ SI_MIN = 1e-30
 def check_positive(name: str, value: float, *, zero_allowed: bool = False) -> float:
     """Return `value` as a float if it lies between 1e-30 and 1e15 (or zero, with `zero_allowed`).
 
-    Raises InputError for anything else, including NaN and text.
+    Raises InputError for anything else, including NaN, text and truth values.
     """
     try:
-        number = float(value)
+        number = float("nan") if isinstance(value, bool) else float(value)
     except (TypeError, ValueError, OverflowError):
         number = float("nan")
     if SI_MIN <= number <= SI_MAX or (zero_allowed and number == 0.0):

@@ -142,6 +142,8 @@ class Capture:
                 "camera", "a CameraMetadata", f"{self.camera!r:.60}", "create one with correlograph.CameraMetadata"
             )
         self.camera.check_complete()
+        if not isinstance(self.names, (tuple, list)) or not all(isinstance(name, str) for name in self.names):
+            raise InputError("names", "a tuple of names", f"{self.names!r:.60}", "name the files or frames")
         if isinstance(self.frames, FileFrames):  # they are checked when they are read
             return
         if not isinstance(self.frames, (Sequence, np.ndarray)) or isinstance(self.frames, str):

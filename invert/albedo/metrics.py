@@ -103,7 +103,7 @@ def _check_pair(image: np.ndarray, truth: np.ndarray) -> None:
     if any(np.asarray(one).dtype.kind not in "fiub" for one in (image, truth)):
         raise InputError("image and truth", "arrays of real numbers", f"{type(image).__name__}", "convert them")
     shapes = np.shape(image), np.shape(truth)
-    if shapes[0] != shapes[1] or len(shapes[0]) != 2:
+    if shapes[0] != shapes[1] or len(shapes[0]) != 2 or 0 in shapes[0]:
         raise InputError("image and truth", "two images of one shape", f"{shapes[0]} and {shapes[1]}", "resample one of them")
     if not (np.isfinite(image).all() and np.isfinite(truth).all()):
         raise InputError("image and truth", "finite numbers", "NaN or infinity", "correct the images")

@@ -36,8 +36,9 @@ class Truth:
         is_image = array.ndim == 2 and array.size > 0 and array.dtype.kind in "uifb"
         if self.pitches_m is not None:
             pitches = self.pitches_m if isinstance(self.pitches_m, Sequence) else (self.pitches_m, self.pitches_m)
-            rows, columns = (check_positive("pitches_m", pitch) for pitch in pitches)
-            object.__setattr__(self, "pitches_m", (rows, columns))
+            if len(pitches) != 2:
+                raise InputError("pitches_m", "the pitch along rows and along columns", f"{pitches!r:.60}", "give two numbers")
+            object.__setattr__(self, "pitches_m", tuple(check_positive("pitches_m", pitch) for pitch in pitches))
             if is_image:
                 margins = [(max(array.shape) - side) // 2 for side in array.shape]
                 array = np.pad(

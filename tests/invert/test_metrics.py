@@ -96,5 +96,8 @@ def test_a_truth_of_known_pitch_need_not_be_square(tmp_path):
         assert truth.pitches_m == (2.0, 2.0)
     with pytest.raises(InputError, match="truth-pitch-m"):
         Truth(drawn)
-    with pytest.raises(InputError, match="pitches_m"):
-        Truth(drawn, (1.0, -1.0))
+    for pitches in ((1.0, -1.0), (1.0,), "ab", True):
+        with pytest.raises(InputError, match="pitches_m"):
+            Truth(drawn, pitches)
+    with pytest.raises(InputError, match="two images"):
+        score(np.zeros((0, 0)), np.zeros((0, 0)))
