@@ -86,7 +86,11 @@ def _build(pn: Any, acquisition: Acquisition, folder: Path) -> Any:
         except InputError as problem:
             message.object = f"not saved: {problem}"
 
-    restart.on_click(lambda event: acquisition.restart())
+    def on_restart(event: object) -> None:
+        acquisition.restart()
+        message.object = f"the estimate starts again after frame {acquisition.received}"
+
+    restart.on_click(on_restart)
     balanced.on_click(lambda event: acquisition.request("balanced"))
     save.on_click(on_save)
 

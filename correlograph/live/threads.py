@@ -50,6 +50,7 @@ class Acquisition:
         self._arrived = Condition()
         self._abandoned = Event()
         self._requested = ""
+        self._restarts = 0
         self._threads: list[Thread] = []
         self._times: deque[float] = deque(maxlen=32)
 
@@ -72,6 +73,7 @@ class Acquisition:
 
     def restart(self) -> None:
         """Forget all frames, and what was found in them."""
+        self._restarts += 1
         self.session.restart()
         self.report = self.estimate = self.result = None
 
@@ -140,21 +142,21 @@ class Acquisition:
     def _reconstruct(self) -> None:
         seen = 0
         while True:
-            begin, all_added = time.monotonic(), not self._threads[1].is_alive()
+            begin, restarts, all_added = time.monotonic(), self._restarts, not self._threads[1].is_alive()
             estimate, requested = self.session.estimate() if self.session.frames else None, self._requested
             is_new = estimate is not None and estimate.record is not None and estimate.record.frames != seen
             if estimate is not None and estimate.record is not None and (is_new or requested):
                 seen = estimate.record.frames
-                self.estimate, self.report = estimate, self.session.report(estimate)
+                report = self.session.report(estimate)
+                if restarts == self._restarts:
+                    self.estimate, self.report = estimate, report
                 try:
                     result = self.session.reconstruct(estimate, requested or "fast", self._go_on)
                 except _AbandonedError:
                     return
-                if requested:
-                    self._requested = ""
-                if self.session.frames < seen:  # restarted meanwhile
+                if restarts != self._restarts:
                     continue
-                self.result = result
+                self._requested, self.result = "" if requested else self._requested, result
                 if self.until is not None and self.result.confidence >= self.until:
                     self.stop()
             elif all_added:
