@@ -25,7 +25,7 @@ from invert.measure.estimate import Estimate, estimate_from_frames
 from invert.measure.preparation import mean_frame, prepare
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction, reconstructor
-from invert.network.checkpoints import read_weights, untrained_parts
+from invert.network.checkpoints import load_network, untrained_parts
 from invert.output.outcome import MethodSettings
 from invert.output.result import Result
 from invert.request import Request
@@ -103,7 +103,7 @@ def fulfil(request: Request, source: Source) -> Result:
         result, more = _add_fields(request, capture, result)
         notes += more + describe_files(capture)
         warnings += stray_light_of(capture)
-    if request.weights is not None and (missing := untrained_parts(read_weights(request.weights)[1])):
+    if request.weights is not None and (missing := untrained_parts(load_network(request.weights, request.device)[1])):
         warnings.append(
             f"{request.weights.name} holds parts that were not trained ({', '.join(missing)}); train them or use the shipped weights"
         )

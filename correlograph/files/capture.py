@@ -197,7 +197,7 @@ class Capture:
         path = path_of("capture", folder)
         if not path.exists():
             raise InputError("capture", "a folder or file of frames", f"no {path}", "check the path")
-        if not (path / "sim.json").is_file() and path.exists() and not (path / "truth.npy").exists():
+        if not (path / "sim.json").is_file() and not (path / "truth.npy").exists():
             from correlograph.files.captured_frames import read_capture
 
             return read_capture([path], CameraMetadata())

@@ -32,6 +32,7 @@ class Acquisition:
         report, result: the latest; None before.
         received, dropped: frames of the source, and how many of them were never added.
         skipped: frames that the session refused, with the reason.
+        pending_quality: of the reconstruction that was asked for and is not complete; empty if there is none.
         problem: why the source or the estimate ended; empty while all is well.
         until: confidence of a reconstruction at which reading stops; None to continue.
     """
@@ -49,7 +50,7 @@ class Acquisition:
         self._waiting: deque[np.ndarray] = deque()
         self._arrived = Condition()
         self._abandoned = Event()
-        self._requested = ""
+        self.pending_quality = ""
         self._restarts = 0
         self._threads: list[Thread] = []
         self._times: deque[float] = deque(maxlen=32)
@@ -86,12 +87,7 @@ class Acquisition:
 
     def request(self, quality: str) -> None:
         """Ask for one reconstruction of another quality; the ones after it are `fast` again."""
-        self._requested = quality
-
-    @property
-    def pending_quality(self) -> str:
-        """Quality of the reconstruction that was asked for and is not complete; empty if there is none."""
-        return self._requested
+        self.pending_quality = quality
 
     @property
     def seconds_without_frame(self) -> float | None:
@@ -143,7 +139,7 @@ class Acquisition:
         seen = 0
         while True:
             begin, restarts, all_added = time.monotonic(), self._restarts, not self._threads[1].is_alive()
-            estimate, requested = self.session.estimate() if self.session.frames else None, self._requested
+            estimate, requested = self.session.estimate() if self.session.frames else None, self.pending_quality
             is_new = estimate is not None and estimate.record is not None and estimate.record.frames != seen
             if estimate is not None and estimate.record is not None and (is_new or requested):
                 seen = estimate.record.frames
@@ -156,7 +152,7 @@ class Acquisition:
                     return
                 if restarts != self._restarts:
                     continue
-                self._requested, self.result = "" if requested else self._requested, result
+                self.pending_quality, self.result = "" if requested else self.pending_quality, result
                 if self.until is not None and self.result.confidence >= self.until:
                     self.stop()
             elif all_added:

@@ -15,7 +15,6 @@ SIGNIFICANT_SIGMA = 5.0
 MAX_ERROR = 0.1
 """Maximum standard error of an offset in units of the light that remains above it."""
 
-
 BLOCKS = 8
 """Blocks along each axis in which light and speckle are compared."""
 
@@ -36,8 +35,7 @@ def camera_offset(frames: Sequence[np.ndarray]) -> float | None:
     slopes = np.array([-1.0, -offset, 0.0]) / gain
     error = float(np.sqrt(max(slopes @ curve.covariance @ slopes, 0.0)))
     light = float(np.mean([float(image.mean()) for image in images])) - offset
-    is_known = offset > SIGNIFICANT_SIGMA * error and light > 0.0 and error < MAX_ERROR * light
-    return float(offset) if is_known else None
+    return _if_known(offset, error, light)
 
 
 def offset_from_speckle(frames: Sequence[np.ndarray]) -> float | None:
@@ -62,6 +60,11 @@ def offset_from_speckle(frames: Sequence[np.ndarray]) -> float | None:
     offset = -constant / contrast
     slopes = np.array([-1.0, -offset]) / contrast
     error, light = float((slopes @ covariance @ slopes) ** 0.5), float(means.mean()) - offset
+    return _if_known(offset, error, light)
+
+
+def _if_known(offset: float, error: float, light: float) -> float | None:
+    """Return an offset that is significant, and precise in units of the light above it; None for any other."""
     return float(offset) if offset > SIGNIFICANT_SIGMA * error and light > 0.0 and error < MAX_ERROR * light else None
 
 

@@ -113,8 +113,9 @@ def test_a_simulated_capture_is_detected_saved_and_inverted(browser, live, tmp_p
         assert name in page_text(browser)
     press(browser, "Restart the estimate")
     begin = int(wait_for(browser, r"starts again after frame (\d+)")[1])
-    received = used = 0
+    received, used, deadline = 0, 0, time.monotonic() + 90.0
     while received <= begin:  # until the table is that of after the restart
+        assert time.monotonic() < deadline
         shown = wait_for(browser, r"frames received (\d+).* frames in the estimate (\d+) ")
         received, used = int(shown[1]), int(shown[2])
     assert used <= received - begin

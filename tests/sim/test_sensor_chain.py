@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -136,3 +138,14 @@ def test_shot_noise_is_a_stage_that_can_be_left_out(lab):
     silent = Simulation(lab, Settings(effects=(("shot_noise", False),)))
     np.testing.assert_array_equal(silent.frame(1, 0).numpy(), silent.expected_frame(1, 0).numpy())
     assert ShotNoise().is_set(lab.camera.electronics)
+
+
+def test_documents_quote_the_light_budget_of_the_program():
+    budget = cg.light_budget(cg.load("corner_letter"))
+    root = Path(__file__).parents[2]
+    rate = f"{budget.as_dict()['photoelectrons_per_frame_s'] / 1e6:.2f} million"
+    for name in ("docs/commands.md", "docs/radiometry.md"):
+        text = re.sub(r"<!--\w+-->", "", (root / name).read_text(encoding="utf-8"))
+        assert f"{budget.per_pixel_db:.2f} dB" in text, name
+        assert rate in text, name
+        assert set(re.findall(r"-180\.\d+ dB", text)) == {f"{budget.per_pixel_db:.2f} dB"}
