@@ -65,15 +65,14 @@ def draw_camera(number: int) -> tuple[dict[str, Any], Any, int]:
     geometry = replace(
         geometry,
         spot=replace(geometry.spot, scan_speed_m_s=scan_speed, linewidth_hz=linewidth),
-        object_velocity_m_s=velocity,
         is_depolarised=bool(rng.random() < 0.3),
-    )
+    ).with_velocity(velocity)
     frames = int(rng.integers(1, 4))
     used = {
         name: value for name, value in vars(electronics).items() if value and name not in ("quantum_efficiency", "shot_noise")
     }
     drawn = {"scene": scene, "frames": frames, "shape": [rows, columns], "pitch": scale, **used}
-    drawn |= {"scan": geometry.spot.scan_speed_m_s, "velocity": float(np.abs(geometry.object_velocity_m_s).max())}
+    drawn |= {"scan": geometry.spot.scan_speed_m_s, "velocity": float(np.abs(velocity).max())}
     return drawn | {"linewidth_hz": geometry.spot.linewidth_hz, "depolarised": geometry.is_depolarised}, geometry, frames
 
 

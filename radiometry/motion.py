@@ -35,14 +35,14 @@ class Motion:
         spot_way: displacement of the laser spot on the wall, in spot diameters.
         object_way_m: displacement of the object along its axes (rows, columns), across the line of sight.
         grain_m: grain of the illumination on the object, lambda d1 / D.
-        fringes_per_m2: phase turns per metre of displacement and per metre of distance from the object's centre,
-            (1 / d1 + 1 / z) / lambda.
+        fringes_per_m2: phase turns per metre of displacement and per metre of distance from the object's centre, both along these axes,
+            (2, 2): (1 / d1 + 1 / z) / lambda times the unit matrix for light along the line of sight.
     """
 
     spot_way: float
     object_way_m: tuple[float, float]
     grain_m: float
-    fringes_per_m2: float
+    fringes_per_m2: np.ndarray
 
     @property
     def moves(self) -> bool:
@@ -58,7 +58,8 @@ class Motion:
 
     def waves(self, row_m: np.ndarray, column_m: np.ndarray) -> np.ndarray:
         """Return the number of periods by which the fringes of lags (broadcast) move during the exposure."""
-        return (row_m * self.object_way_m[0] + column_m * self.object_way_m[1]) * self.fringes_per_m2
+        rows, columns = self.fringes_per_m2 @ self.object_way_m
+        return row_m * rows + column_m * columns
 
     @property
     def correlated_share(self) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 
 from correlograph.errors import InputError, check_positive
 from radiometry.sensor.electronics import Electronics
+from sim.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,7 @@ class CameraView:
         pixel_pitch_m: pitch of the pixels on the wall, across the line of sight of the camera.
         frame_interval_s: time between the starts of two frames; the exposure if that is longer.
         polarisation_channels: number of frames recorded in one exposure, each in another polarisation.
+        trajectory: motion of the camera in world axes, without rotation.
 
     Raises InputError for lengths that are not positive, and for a frame without pixels.
     """
@@ -35,6 +37,7 @@ class CameraView:
     electronics: Electronics = field(default_factory=Electronics)
     frame_interval_s: float = 0.0
     polarisation_channels: int = 1
+    trajectory: Trajectory = field(default_factory=Trajectory)
 
     def __post_init__(self) -> None:
         for name in ("pixel_pitch_m", "pupil_diameter_m", "pupil_distance_m"):
@@ -46,6 +49,14 @@ class CameraView:
     def pupil_distance_m(self) -> float:
         """Distance from the wall to the pupil."""
         return float(np.linalg.norm(self.pupil_centre - self.centre))
+
+    def view_shift(self, time_s: float) -> np.ndarray:
+        """Return the displacement on the wall of the point at the frame centre, which moves with the camera, (3,)."""
+        if not self.trajectory.moves:
+            return np.zeros(3)
+        moved, normal = self.trajectory.displacement(time_s), np.cross(self.right, self.down)
+        axis = self.centre - self.pupil_centre
+        return moved - axis * (moved @ normal) / (axis @ normal)
 
     @property
     def extent_m(self) -> tuple[float, float]:

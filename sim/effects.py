@@ -159,7 +159,7 @@ def _optical_effects(prediction: Prediction, samples: ObjectSamples, stray: Stra
             "motion",
             moved > tolerance,
             "share of the speckle's variance that is lost while the shutter is open"
-            if geometry.motion.moves
+            if geometry.moves or geometry.motion.moves
             else "nothing moves while the shutter is open",
             moved,
         ),

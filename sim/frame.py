@@ -15,13 +15,13 @@ from sim.effects import remaining_electronics
 from sim.geometry import Geometry
 from sim.optics.camera import mean_image, transfer_function
 from sim.optics.detector_roughness import exact_image, gamma_image
-from sim.optics.illumination import illuminate
-from sim.optics.motion import Pose, poses, travel_phase
+from sim.optics.illumination import Displaced, illuminate
+from sim.optics.motion import Moved, Pose, move, poses
 from sim.optics.other_light import StrayLight
 from sim.plan import Plan, Settings
 from sim.propagation.kernels import KERNELS
 from sim.propagation.option import Terms, Visibility
-from sim.propagation.sampling import kernel, middle, phasor
+from sim.propagation.sampling import Scatterers, kernel, middle, phasor
 
 
 @dataclass(frozen=True)
@@ -83,9 +83,12 @@ class Simulation:
     def _canvas_field(self, seed: int, number: int, mode: _Mode, oversampling: int) -> torch.Tensor:
         """Return the field on the frame and on a border, from which the camera blur brings light into the frame."""
         samples, option, pose = self._samples, self.propagator, mode.pose
+        moved = None if pose.time_s is None else move(self.geometry, samples, pose.time_s)
         height, width = samples.wall.shape
         wall = replace(
-            samples.wall, shape=(height * oversampling, width * oversampling), pitch_m=samples.wall.pitch_m / oversampling
+            samples.wall if moved is None else moved.wall,
+            shape=(height * oversampling, width * oversampling),
+            pitch_m=samples.wall.pitch_m / oversampling,
         )
         rows, columns = self.geometry.period_shape
         period = (rows * oversampling, columns * oversampling)
@@ -95,12 +98,12 @@ class Simulation:
             lambda frame: _stream(seed, frame, 2 * mode.polarisation),
             number,
             grain=self._models("source_grain"),
-            pose=pose,
+            spot_m=pose.spot_m,
+            moved=moved and Displaced(samples.place, moved.coordinates_m, moved.shift_m, self.geometry.wander_m),
         )
-        if any(pose.object_m):
-            lit = lit.astype(np.complex64)
-            lit[samples.place] *= phasor(travel_phase(self.geometry, samples.coordinates_m, pose), 1.0)
         scatterers, chosen = samples.lit(lit, period, mode.offset_hz), KERNELS[option.propagator]
+        if moved is not None:
+            scatterers = _displace(scatterers, moved, self.geometry.wavelength_m, on_lattice=chosen.on_lattice)
         terms = Terms(option.precision, device=self.device.type)
         if not chosen.on_lattice:
             visible = self.geometry.hidden_object.visible_from(self.geometry.camera.centre, wall.centre_m)
@@ -216,6 +219,13 @@ class Simulation:
         """
         noise = expose(self.expected_frame(seed, number).numpy(), self._electronics, _stream(seed, number, 1))
         return torch.from_numpy(noise)
+
+
+def _displace(scatterers: Scatterers, moved: Moved, wavelength_m: float, *, on_lattice: bool) -> Scatterers:
+    """Return scatterers with the phases and, for a propagator that uses them, the positions of moved samples."""
+    path = moved.path_m + moved.frame_path_m if on_lattice else moved.path_m
+    position = scatterers.position_m if on_lattice else moved.position_m
+    return replace(scatterers, position_m=position, amplitude=scatterers.amplitude * phasor(path, wavelength_m))
 
 
 def _stream(seed: int, number: int, purpose: int) -> np.random.Generator:

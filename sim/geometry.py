@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from radiometry.motion import Motion
 from radiometry.photons import photon_rate
 from sim.camera_view import CameraView
 from sim.propagation.sampling import canvas, period
+from sim.trajectory import Trajectory
 from sim.transport.flat_object import FlatObject
 from sim.transport.hidden_object import HiddenObject
 from sim.transport.monte_carlo import OtherLight
@@ -53,6 +54,18 @@ class PhotographedWall:
 
 
 @dataclass(frozen=True)
+class Movement:
+    """Motion of the shapes of one hidden object, which turn about their common centre (3,) in world axes."""
+
+    trajectory: Trajectory
+    centre: np.ndarray
+
+
+FORESEEN_S = 1.0
+"""Time from which the extent of a constant motion is judged."""
+
+
+@dataclass(frozen=True)
 class Geometry:
     """Geometry of a scene. Lengths in metres, vectors in world axes (3,).
 
@@ -61,7 +74,7 @@ class Geometry:
         direct_light: irradiance of the virtual detector by light straight from the virtual source, per laser power, in 1/m^2;
             zero if a baffle or the orientation of the walls blocks it.
         is_depolarised: whether the light of a frame is depolarised, so that the frame is the incoherent sum of two speckle patterns.
-        object_velocity_m_s: velocity of the hidden object in world axes (3,).
+        movements: motion of each hidden object, in the order of `VisibleSurface.part`; empty if none moves.
         other_light: stray laser light, by clutter or several reflections; None if a flat object replaces that of the scene.
     """
 
@@ -73,7 +86,7 @@ class Geometry:
     is_direct_path_blocked: bool
     direct_light: float
     is_depolarised: bool
-    object_velocity_m_s: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    movements: tuple[Movement, ...] = ()
     other_light: OtherLight | None = None
 
     def with_electronics(self, **values: Any) -> Geometry:
@@ -150,21 +163,101 @@ class Geometry:
         return self.wall.ambient_irradiance * photons * detector_to_pixel(path)
 
     @property
-    def object_speed_m_s(self) -> tuple[float, float]:
-        """Speed across the line of sight along the object's axes (rows, columns)."""
-        down, right = self.hidden_object.axes.coordinates(self.object_velocity_m_s)
+    def moves(self) -> bool:
+        """Whether an object or the camera moves."""
+        return self.camera.trajectory.moves or any(one.trajectory.moves for one in self.movements)
+
+    def with_velocity(self, velocity_m_s: np.ndarray) -> Geometry:
+        """Return the same scene with a hidden object of a constant velocity in world axes (3,)."""
+        movement = Movement(Trajectory(velocity_m_s=np.asarray(velocity_m_s, np.float64)), self.hidden_object.centre)
+        return replace(self, movements=(movement,))
+
+    def frame_time_s(self, number: int) -> float:
+        """Return when the exposure of a frame begins."""
+        return number * max(self.camera.frame_interval_s, self.camera.electronics.exposure_s)
+
+    def moments(self) -> np.ndarray:
+        """Return times that show every part of the motion."""
+        parts = [one.trajectory.moments(FORESEEN_S) for one in self.movements]
+        return np.unique(np.concatenate([*parts, self.camera.trajectory.moments(FORESEEN_S)]))
+
+    @property
+    def moves_on_lattice(self) -> bool:
+        """Whether the samples of the object keep their places on a grid: one object that moves across the line of sight without turning,
+        apart from a motion along it that changes the speckle by less than a hundredth of what the motion across it does.
+        """
+        if not self.movements:
+            return True
+        paths = [one.trajectory for one in self.movements]
+        if any(path.turns for path in paths) or not all(path.matches(paths[0]) for path in paths):
+            return False
+        ways = np.array([paths[0].displacement(time) for time in self.moments()])
+        along = np.abs(ways @ self.hidden_object.line_of_sight).max()
+        across = np.linalg.norm(self.hidden_object.axes.coordinates(ways), axis=-1).max()
+        scaled = along * 0.5 * max(self.camera.extent_m) / self.distance_m
+        return bool(scaled <= 0.01 * across * (1.0 + self.distance_m / self.source_distance_m))
+
+    @property
+    def wander_m(self) -> float:
+        """Distance by which parts of the object leave the grid that they occupy at rest, apart from a displacement of all."""
+        if self.moves_on_lattice:
+            return 0.0
+        ways = [np.array([one.trajectory.displacement(time) for time in self.moments()]) for one in self.movements]
+        apart = max(float(np.linalg.norm(way - ways[0], axis=1).max()) for way in ways)
+        return apart + 0.5 * max(self.hidden_object.extent_m)
+
+    def busiest_time_s(self) -> float:
+        """Return the beginning of the exposure in which objects and camera travel farthest."""
+        exposure_s, times = self.camera.electronics.exposure_s, self.moments()
+        paths = [(one.trajectory, 0.5 * max(self.hidden_object.extent_m)) for one in self.movements]
+        travelled = np.zeros(len(times))
+        for path, radius in [*paths, (self.camera.trajectory, 0.0)]:
+            steps = np.linalg.norm(np.diff([path.displacement(time) for time in times], axis=0), axis=1)
+            turns = [path.rotation(time) for time in times] if path.turns else []
+            angles = [(second * first.inv()).magnitude() for first, second in zip(turns, turns[1:], strict=False)]
+            travelled[1:] += np.cumsum(steps + radius * np.array(angles or np.zeros(len(times) - 1)))
+        begins = np.concatenate([times, times - exposure_s]).clip(0.0)
+        ways = np.interp(begins + exposure_s, times, travelled) - np.interp(begins, times, travelled)
+        return float(begins[int(np.argmax(ways))]) if ways.max() > ways[0] * (1.0 + 1e-9) else 0.0
+
+    @property
+    def object_way_m(self) -> tuple[float, float]:
+        """Displacement along the object's axes (rows, columns) across the line of sight in the exposure with the longest way; of the
+        fastest object."""
+        begin_s = self.busiest_time_s()
+        end_s = begin_s + self.camera.electronics.exposure_s
+        ways = [one.trajectory.displacement(end_s) - one.trajectory.displacement(begin_s) for one in self.movements]
+        down, right = self.hidden_object.axes.coordinates(max(ways, key=np.linalg.norm, default=np.zeros(3)))
         return float(down), float(right)
 
     @property
     def motion(self) -> Motion:
-        """Motion during one exposure."""
-        exposure_s, (down, right) = self.camera.electronics.exposure_s, self.object_speed_m_s
+        """Motion during the exposure with the longest way, as if it were uniform, without rotation."""
         return Motion(
-            self.spot.scan_speed_m_s * exposure_s / self.spot.diameter_m,
-            (down * exposure_s, right * exposure_s),
+            self.spot.scan_speed_m_s * self.camera.electronics.exposure_s / self.spot.diameter_m,
+            self.object_way_m,
             self.wavelength_m * self.source_distance_m / self.spot.diameter_m,
-            (1.0 / self.source_distance_m + 1.0 / self.distance_m) / self.wavelength_m,
+            self.fringes_per_m2,
         )
+
+    @property
+    def fringes_per_m2(self) -> np.ndarray:
+        """Phase turns of a sample per metre of its distance from the object's centre and per metre of displacement, (2, 2), along the
+        object's axes (rows, columns): second derivatives of the way from spot to wall. Obliquely, only what lies across a ray counts."""
+        axes = np.stack([self.hidden_object.axes.down, self.hidden_object.axes.right])
+        total = np.zeros((2, 2))
+        for end in (self.spot.centre, self.camera.centre):
+            way = end - self.hidden_object.centre
+            across = axes - np.outer(axes @ way, way) / (way @ way)
+            total += axes @ across.T / np.linalg.norm(way)
+        return total / self.wavelength_m
+
+    @property
+    def travel(self) -> np.ndarray:
+        """Pixels (rows, columns) by which the speckle moves per metre of the object's displacement along its axes, (2, 2)."""
+        grid = np.stack([self.hidden_object.axes.down, self.hidden_object.axes.right])
+        turns_per_pixel = grid @ np.stack([*self.hidden_object.axes.step], 1) * self.camera.pixel_pitch_m
+        return np.linalg.solve(turns_per_pixel / (self.wavelength_m * self.distance_m), self.fringes_per_m2)
 
     @property
     def seen_pitch_m(self) -> tuple[float, float]:

@@ -16,7 +16,7 @@ from radiometry.prediction import Prediction, patches_of, predict
 from sim.effects import FORCEABLE, Effect, decide
 from sim.geometry import Geometry
 from sim.optics.detector_roughness import oversampling
-from sim.optics.motion import sub_exposures
+from sim.optics.motion import sub_exposures, typical_positions
 from sim.optics.object_samples import ObjectSamples, sample_object
 from sim.optics.other_light import StrayLight, stray_light_of
 from sim.propagation.choose import choose, options
@@ -188,12 +188,22 @@ def _kernels(geometry: Geometry, samples: ObjectSamples, settings: Settings) -> 
     """
     if len(samples.amplitude) == 0:
         return [Option("fraunhofer", "float32", 0.0, 0.0, 0, "nothing reflects")]
-    bare = Scatterers(samples.position_m, samples.amplitude.astype(np.float64))
+    bare = Scatterers(typical_positions(geometry, samples), samples.amplitude.astype(np.float64))
     pitches_m, stretch = patches_of(geometry)[1], geometry.hidden_object.axes.stretch
     lag_m = (pitches_m[0] / stretch[0], pitches_m[1] / stretch[1])
     precisions = PRECISIONS if settings.precision is None else (settings.precision,)
     return options(
-        Task(samples.wall, samples.flat_m, bare, lag_m, settings.accuracy, settings.tolerance, precisions), settings.propagator
+        Task(
+            samples.wall,
+            samples.flat_m,
+            bare,
+            lag_m,
+            settings.accuracy,
+            settings.tolerance,
+            precisions,
+            leaves_lattice=not geometry.moves_on_lattice,
+        ),
+        settings.propagator,
     )
 
 

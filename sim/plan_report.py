@@ -253,7 +253,7 @@ def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[s
         )
     common = overlap(geometry)
     # With a laser at rest, a moving object is tracked by the speckle that its frames share.
-    if common > 0.0 and not (geometry.spot.scan_step_m == 0.0 and np.any(geometry.object_velocity_m_s)):
+    if common > 0.0 and not (geometry.spot.scan_step_m == 0.0 and geometry.moves):
         warnings.append(
             f"scan_step: {100 * common:.3g} % of the spot is common to consecutive frames, whose speckle then "
             f"correlates by {common**2:.2g}, with fewer degrees of freedom than predicted; move it by "

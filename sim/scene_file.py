@@ -17,6 +17,9 @@ from sim.backend.variant import check_loadable
 from sim.coloured_bitmaps import describe_colours
 from sim.plugins import refusals
 
+FILE_NAMES = ("filename", "trajectory")
+"""Names of the parameters that hold the name of a file."""
+
 MAX_ASSETS = 1000
 """Maximum number of files that a scene names or includes."""
 
@@ -101,7 +104,7 @@ def _inspect(path: Path, definitions: Mapping[str, str]) -> tuple[dict[str, str]
 
 def _file_parameters(root: ElementTree.Element, parameters: Mapping[str, str]) -> set[str]:
     """Return the parameters that occur in file names."""
-    texts = [node.get("value", "") for node in root.iter("string") if node.get("name") == "filename"]
+    texts = [node.get("value", "") for node in root.iter("string") if node.get("name") in FILE_NAMES]
     return {key for key in parameters if any(re.search(rf"\${re.escape(key)}\b", text) for text in texts)}
 
 
@@ -126,7 +129,7 @@ def _assets(root: ElementTree.Element, folder: Path, parameters: Mapping[str, st
         if len(files) > MAX_ASSETS:
             raise InputError("scene", f"at most {MAX_ASSETS} files", "more by nested includes", "include fewer files")
     for node in root.iter():
-        name = node.get("value", "") if node.tag == "string" and node.get("name") == "filename" else node.get("filename")
+        name = node.get("value", "") if node.tag == "string" and node.get("name") in FILE_NAMES else node.get("filename")
         if name is not None and node.tag != "include":
             files += _named_files(name, folders, parameters)
     return files

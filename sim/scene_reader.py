@@ -13,7 +13,7 @@ from correlograph.errors import InputError
 from radiometry.light_budget_rows import LightPath, closed_form
 from sim.backend.variant import check_compilable
 from sim.camera_view import CameraView
-from sim.geometry import Geometry, PhotographedWall, Spot
+from sim.geometry import Geometry, Movement, PhotographedWall, Spot
 from sim.plugins.laser import Laser
 from sim.plugins.phase_screen import PhaseScreen
 from sim.plugins.speckle_camera import SpeckleCamera
@@ -37,6 +37,7 @@ from sim.transport.hidden_object import HiddenObject, bounds, is_hidden_object
 from sim.transport.light_transport import LightTransport
 from sim.transport.monte_carlo import estimate_other_light
 from sim.transport.surfaces import check_surfaces
+from sim.trajectory import Trajectory
 
 
 def fingerprint(scene: mi.Scene) -> int:
@@ -75,8 +76,12 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
     centre = 0.5 * np.sum(bounds(hidden_shapes), axis=0)
     line = unit(centre - seen.place)
     check_facing(seen.normal, line, "the hidden_object")
+    moving = _moving_together(hidden_shapes)
     hidden_object = HiddenObject(
-        LightTransport(scene, laser, camera, view, wall_albedo), centre, lag_axes(view.right, view.down, line)
+        LightTransport(scene, laser, camera, view, wall_albedo),
+        centre,
+        lag_axes(view.right, view.down, line),
+        [shapes for shapes, _ in moving],
     )
     path = _light_path(laser, camera, hidden_object, lit, seen, view)
     return Geometry(
@@ -88,7 +93,7 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
         is_direct_path_blocked=is_blocked(scene, lit.place, seen.place),
         direct_light=direct_light(scene, path.source_albedo, (lit.place, lit.normal), (seen.place, seen.normal)),
         is_depolarised=_is_depolarised((source, *hidden_shapes), camera),
-        object_velocity_m_s=_velocity(hidden_shapes),
+        movements=tuple(Movement(path, 0.5 * np.sum(bounds(shapes), axis=0)) for shapes, path in moving),
         other_light=estimate_other_light(scene, camera=camera),
     )
 
@@ -136,6 +141,7 @@ def _view(camera: SpeckleCamera, seen: _WallPoint) -> CameraView:
         electronics=camera.electronics,
         frame_interval_s=camera.frame_interval_s,
         polarisation_channels=camera.polarisation_channels,
+        trajectory=camera.trajectory,
     )
 
 
@@ -215,9 +221,14 @@ def _is_depolarised(shapes: Iterable[mi.Shape], camera: SpeckleCamera) -> bool:
     return False
 
 
-def _velocity(shapes: list[mi.Shape]) -> np.ndarray:
-    """Return the velocity of the hidden object. Raises InputError if its shapes have different velocities."""
-    found = np.array([shape.bsdf().velocity_m_s if isinstance(shape.bsdf(), PhaseScreen) else np.zeros(3) for shape in shapes])
-    if np.ptp(found, axis=0).any():
-        raise InputError("hidden_object", "one velocity for all of its shapes", found.tolist(), "correct their phase_screens")
-    return found[0]
+def _moving_together(shapes: list[mi.Shape]) -> list[tuple[list[mi.Shape], Trajectory]]:
+    """Return the shapes of each hidden object, which share one motion, and this motion."""
+    found: list[tuple[list[mi.Shape], Trajectory]] = []
+    for shape in shapes:
+        path = shape.bsdf().trajectory if isinstance(shape.bsdf(), PhaseScreen) else Trajectory()
+        same = next((group for group, known in found if known.matches(path)), None)
+        if same is None:
+            found.append(([shape], path))
+        else:
+            same.append(shape)
+    return found

@@ -4,17 +4,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from radiometry.motion import airy, disc_overlap
 from sim.geometry import Geometry
-from sim.optics.motion import Pose
 
 Streams = Callable[[int], np.random.Generator]
 
 _MIN_SPOT_SAMPLES = 32
 """Minimum number of source samples across the spot, so that its speckle is Gaussian."""
+
+
+@dataclass(frozen=True)
+class Displaced:
+    """Where the samples of a moving object are.
+
+    Attributes:
+        place: row and column of each on the grid at rest, (n,) each.
+        coordinates_m: along the axes of the grid (rows, columns), (n, 2).
+        shift_m: displacement that all samples share; None if they have no single one.
+        reach_m: largest displacement at any time.
+    """
+
+    place: tuple[np.ndarray, np.ndarray]
+    coordinates_m: np.ndarray
+    shift_m: tuple[float, float] | None
+    reach_m: float
 
 
 def grain_m(geometry: Geometry) -> float:
@@ -34,7 +51,14 @@ def overlap(geometry: Geometry) -> float:
 
 
 def illuminate(
-    geometry: Geometry, grid: tuple[int, int], streams: Streams, number: int, *, grain: bool = True, pose: Pose | None = None
+    geometry: Geometry,
+    grid: tuple[int, int],
+    streams: Streams,
+    number: int,
+    *,
+    grain: bool = True,
+    spot_m: float | None = None,
+    moved: Displaced | None = None,
 ) -> np.ndarray:
     """Return the complex field on the object at the samples of `Geometry.object_pitch_m`; its mean intensity is 1 for a rough wall.
 
@@ -49,16 +73,18 @@ def illuminate(
         number: frame number. If the spots of frames overlap, all frames share one random wall and object; otherwise each
             frame has its own.
         grain: whether the speckle of the spot illuminates the object; uniform illumination otherwise.
-        pose: pose of spot and object; derived from the frame number if None.
+        spot_m: displacement of the spot; derived from the frame number if None.
+        moved: where the object's samples are, if they move.
 
     Returns:
         complex64 (rows, columns), multiplied by the object's own delta-correlated random phase.
     """
     pitch = geometry.object_pitch_m
-    pose = pose or Pose(number * (geometry.spot.scan_step_m or 0.0))
+    scanned = number * (geometry.spot.scan_step_m or 0.0)
+    spot_m = scanned if spot_m is None else spot_m
     sharing = overlap(geometry) > 0.0
     # one wall and one object for all frames, or for all sub-exposures of one frame
-    shared = sharing or geometry.spot.scan_speed_m_s > 0.0 or any(pose.object_m)
+    shared = sharing or geometry.spot.scan_speed_m_s > 0.0 or moved is not None
     rng = streams(0 if sharing else number)
     own_phase = np.exp(1j * rng.uniform(0.0, 2.0 * np.pi, grid).astype(np.float32))
     if not grain:
@@ -68,11 +94,13 @@ def illuminate(
         gaussian = rng.standard_normal((2, *grid), np.float32) * np.float32(np.sqrt(0.5))
         return gaussian[0] + 1j * gaussian[1]
     reach = 1.25 * max(n * step for n, step in zip(grid, pitch, strict=True))
+    if moved is not None:
+        reach += 2.0 * moved.reach_m
     wanted = geometry.wavelength_m * geometry.source_distance_m / reach
     across = max(_MIN_SPOT_SAMPLES, int(np.ceil(geometry.spot.diameter_m / wanted)))
     step = geometry.spot.diameter_m / across
     position = (np.arange(across) - 0.5 * (across - 1)) * step
-    spot_m = pose.spot_m if sharing else pose.spot_m - number * (geometry.spot.scan_step_m or 0.0)
+    spot_m = spot_m if sharing else spot_m - scanned
     first = math.floor(spot_m / step) if shared else 0
     if shared:  # one more column, over part of which the spot has moved
         along = position[0] + np.arange(first, first + across + 1) * step
@@ -85,10 +113,19 @@ def illuminate(
     specular = np.sqrt(specular_share(geometry))
     phase = 4.0 * np.pi / geometry.wavelength_m * geometry.spot.height_rms_m * heights
     source = (disc * (np.exp(1j * phase) - specular)).astype(np.complex64)
-    to_rows = _fourier_kernel(grid[0], pitch[0], position, geometry, pose.object_m[0])
-    to_columns = _fourier_kernel(grid[1], pitch[1], along, geometry, pose.object_m[1])
-    scattered = (to_rows @ source @ to_columns.T) / np.float32(np.sqrt(disc.sum()))
-    return (scattered + specular_field(geometry, grid)) * own_phase
+    rows, columns = ((np.arange(n) - 0.5 * (n - 1)) * step for n, step in zip(grid, pitch, strict=True))
+    if moved is None or moved.shift_m is not None:
+        down, right = (0.0, 0.0) if moved is None else moved.shift_m or (0.0, 0.0)
+        rows, columns = rows + down, columns + right
+        to_rows, to_columns = _fourier_kernel(rows, position, geometry), _fourier_kernel(columns, along, geometry)
+        scattered = (to_rows @ source @ to_columns.T) / np.float32(np.sqrt(disc.sum()))
+        return (scattered + specular_field(geometry, rows[:, None], columns[None])) * own_phase
+    rows, columns = moved.coordinates_m.T
+    to_rows, to_columns = _fourier_kernel(rows, position, geometry), _fourier_kernel(columns, along, geometry)
+    scattered = ((to_rows @ source) * to_columns).sum(1) / np.float32(np.sqrt(disc.sum()))
+    lit = np.zeros(grid, np.complex64)
+    lit[moved.place] = (scattered + specular_field(geometry, rows, columns)) * own_phase[moved.place]
+    return lit
 
 
 def specular_share(geometry: Geometry) -> float:
@@ -97,8 +134,9 @@ def specular_share(geometry: Geometry) -> float:
     return float(np.exp(-((4.0 * np.pi * geometry.spot.height_rms_m / geometry.wavelength_m) ** 2)))
 
 
-def specular_field(geometry: Geometry, grid: tuple[int, int]) -> np.ndarray | float:
-    """Return the field of the specular image of the spot on the object, in units of the Lambertian field there; 0 for a rough wall.
+def specular_field(geometry: Geometry, row_m: np.ndarray, column_m: np.ndarray) -> np.ndarray | float:
+    """Return the field of the specular image of the spot at coordinates on the object (broadcast), in units of the Lambertian field there;
+    0 for a rough wall.
 
     It is the Airy pattern of the spot around the specular direction (Goodman, Introduction to Fourier Optics, Eq. 4-30), with an
     irradiance P A / (lambda d1)^2 instead of the Lambertian P / (pi d1^2).
@@ -107,8 +145,7 @@ def specular_field(geometry: Geometry, grid: tuple[int, int]) -> np.ndarray | fl
     if share < 1e-12:
         return 0.0
     spot, hidden = geometry.spot, geometry.hidden_object
-    row, column = ((np.arange(n) - 0.5 * (n - 1)) * step for n, step in zip(grid, geometry.object_pitch_m, strict=True))
-    way = hidden.centre - spot.centre + row[:, None, None] * hidden.axes.down + column[None, :, None] * hidden.axes.right
+    way = hidden.centre - spot.centre + row_m[..., None] * hidden.axes.down + column_m[..., None] * hidden.axes.right
     missed = way / np.linalg.norm(way, axis=-1, keepdims=True) - spot.beam
     missed -= (missed @ spot.normal)[..., None] * spot.normal
     argument = np.pi * spot.diameter_m / geometry.wavelength_m * np.linalg.norm(missed, axis=-1)
@@ -125,10 +162,7 @@ def _strip(rng: np.random.Generator, across: int, first: int, count: int) -> np.
     return np.stack([np.random.default_rng([seed, column]).standard_normal(across) for column in columns], 1)
 
 
-def _fourier_kernel(
-    samples: int, pitch: float, source_position: np.ndarray, geometry: Geometry, displaced_m: float
-) -> np.ndarray:
-    """Return exp(-2 pi i x s / (lambda d1)) for object samples x and spot samples s, one axis, complex64 (samples, sources)."""
-    position = (np.arange(samples) - 0.5 * (samples - 1)) * pitch + displaced_m
+def _fourier_kernel(position: np.ndarray, source_position: np.ndarray, geometry: Geometry) -> np.ndarray:
+    """Return exp(-2 pi i x s / (lambda d1)) for object coordinates x and spot samples s, one axis, complex64 (samples, sources)."""
     turns = np.outer(position, source_position) / (geometry.wavelength_m * geometry.source_distance_m)
     return np.exp(-2j * np.pi * turns).astype(np.complex64)

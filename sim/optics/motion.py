@@ -1,21 +1,25 @@
-"""Motion during and between exposures: a spot that moves over the wall, and an object that moves.
+"""Motion during and between exposures: of the spot over the wall, of hidden objects, and of the camera.
 
-A frame is the mean intensity of sub-exposures, between which the speckle moves by a small fraction of a grain. An object
-displaced by u across the line of sight is illuminated by other grains, and its speckle moves over the wall by u (1 + z /
-d1). Both effects result from the phases of its scatterers. `radiometry/motion.py` gives the remaining speckle in closed
-form.
+A frame is the mean intensity of sub-exposures, between which the speckle moves by a small fraction of a grain. An object is a rigid set
+of scatterers. When it has moved, each of them lies in other light of the laser's speckle, and the way from the spot by it to the wall has
+another length. Both follow from its position. Displaced by u across the line of sight, an object moves its speckle by u (1 + z / d1);
+displaced by w along it, away from the wall, it spreads its speckle by 1 + w / z about the frame centre; turned about the line of sight, it
+turns its speckle. `radiometry/motion.py` gives the remaining speckle of a uniform motion in closed form. The light of each scatterer
+is that at rest: shading, occlusion, and the depth of the laser's speckle (8 lambda (d1 / D)^2) are taken as unchanged by the motion.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from correlograph.errors import InputError
+from radiometry.motion import airy, disc_overlap
 from sim.geometry import Geometry
 from sim.optics.object_samples import ObjectSamples
+from sim.propagation.sampling import Wall, path_difference
 
 STEPS_PER_GRAIN = 6
 """Minimum number of sub-exposures per grain of motion."""
@@ -23,38 +27,95 @@ STEPS_PER_GRAIN = 6
 MAX_STEPS = 512
 _SHARES = np.linspace(0.0, 1.0, 129)
 
+_CHOSEN = 8192
+"""Number of samples from which correlations are computed; more of them are drawn at random."""
+
 
 @dataclass(frozen=True)
 class Pose:
-    """Positions of spot and object in one sub-exposure.
+    """Spot and time of one sub-exposure.
 
     Attributes:
         spot_m: displacement of the spot on the wall.
-        object_m: displacement of the object along its axes (rows, columns).
+        time_s: time since the first frame; None if nothing moves.
     """
 
     spot_m: float = 0.0
-    object_m: tuple[float, float] = (0.0, 0.0)
+    time_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Moved:
+    """Samples of an object after a motion.
+
+    Attributes:
+        position_m: from the object's centre at rest, (n, 3).
+        coordinates_m: along the axes of the object's grid (rows, columns), (n, 2).
+        shift_m: displacement along these axes that all samples share; None if they have no single one.
+        path_m: change of the length of the way from the spot to each sample, (n,).
+        wall: pixels on the wall; a moving camera sees others.
+        frame_path_m: change of the length of the way from each sample to the frame centre, (n,).
+    """
+
+    position_m: np.ndarray
+    coordinates_m: np.ndarray
+    shift_m: tuple[float, float] | None
+    path_m: np.ndarray
+    wall: Wall
+    frame_path_m: np.ndarray
 
 
 def poses(geometry: Geometry, number: int, count: int, *, moving: bool) -> list[Pose]:
-    """Return the pose of spot and object at the middle of each of `count` sub-exposures.
+    """Return the pose of spot and objects at the middle of each of `count` sub-exposures.
 
     Args:
         moving: whether anything moves. A single sub-exposure omits the blur of a motion that is small in one frame, but not the
             displacement between frames.
     """
-    exposure_s, interval_s = geometry.camera.electronics.exposure_s, geometry.camera.frame_interval_s
-    begin_s = number * max(interval_s, exposure_s)
-    speed = geometry.object_speed_m_s
+    exposure_s, begin_s = geometry.camera.electronics.exposure_s, geometry.frame_time_s(number)
     scanned = number * (geometry.spot.scan_step_m or 0.0)
     times = (np.arange(count) + 0.5) / count * exposure_s
     return [
-        Pose(scanned + geometry.spot.scan_speed_m_s * float(time), tuple(float(part * (begin_s + time)) for part in speed))
+        Pose(scanned + geometry.spot.scan_speed_m_s * float(time), begin_s + float(time) if geometry.moves else None)
         if moving
         else Pose(scanned)
         for time in times
     ]
+
+
+def move(geometry: Geometry, samples: ObjectSamples, time_s: float, chosen: slice | np.ndarray = slice(None)) -> Moved:
+    """Return samples at a time; `chosen` selects some of them."""
+    rest, part = samples.position_m[chosen], samples.part[chosen]
+    position, shift = rest.copy(), None
+    for index, movement in enumerate(geometry.movements):
+        mine = part == index
+        centre = movement.centre - geometry.hidden_object.centre
+        displaced = movement.trajectory.displacement(time_s)
+        position[mine] = centre + movement.trajectory.rotation(time_s).apply(rest[mine] - centre) + displaced
+        shift = geometry.hidden_object.axes.coordinates(displaced)
+    one = (float(shift[0]), float(shift[1])) if geometry.moves_on_lattice and shift is not None else None
+    view = geometry.camera.view_shift(time_s)
+    wall = replace(samples.wall, centre_m=samples.wall.centre_m + view)
+    spot = geometry.spot.centre - geometry.hidden_object.centre
+    return Moved(
+        position,
+        samples.coordinates_m[chosen] + geometry.hidden_object.axes.coordinates(position - rest),
+        one,
+        path_difference(spot, position) - path_difference(spot, rest),
+        wall,
+        path_difference(wall.centre_m, position) - path_difference(samples.wall.centre_m, rest),
+    )
+
+
+def typical_positions(geometry: Geometry, samples: ObjectSamples) -> np.ndarray:
+    """Return positions (n, 3) of the samples, each at one of several times of the motion, for the choice of a propagator."""
+    if geometry.moves_on_lattice or len(samples.amplitude) == 0:
+        return samples.position_m
+    times = geometry.moments()
+    turn, position = np.arange(len(samples.amplitude)) % len(times), samples.position_m.copy()
+    for index, time in enumerate(times):
+        position[turn == index] = move(geometry, samples, float(time), turn == index).position_m
+    return position
 
 
 def sub_exposures(geometry: Geometry, samples: ObjectSamples, tolerance: float) -> int:
@@ -65,7 +126,7 @@ def sub_exposures(geometry: Geometry, samples: ObjectSamples, tolerance: float) 
     """
     if len(samples.amplitude) == 0:
         return 1
-    grains = _grains(geometry)
+    grains = _grains(geometry, samples)
     count = max(1, math.ceil(STEPS_PER_GRAIN * grains))
     if count > MAX_STEPS:
         raise InputError(
@@ -86,36 +147,56 @@ def sub_exposures(geometry: Geometry, samples: ObjectSamples, tolerance: float) 
 
 
 def variance_lost_to_motion(geometry: Geometry, samples: ObjectSamples) -> float:
-    """Return 1 - contrast^2 of the speckle: the fraction of its variance that is lost to motion during the exposure."""
-    if not geometry.motion.moves or len(samples.amplitude) == 0:
+    """Return 1 - contrast^2 of the speckle: the fraction of its variance that is lost to motion during the exposure with the longest way,
+    as if the motion in it were uniform."""
+    if not (geometry.moves or geometry.motion.moves) or len(samples.amplitude) == 0:
         return 0.0
     return float(1.0 - 2.0 * np.trapezoid((1.0 - _SHARES) * _likeness(geometry, samples), _SHARES))
 
 
 def _likeness(geometry: Geometry, samples: ObjectSamples) -> np.ndarray:
     """Return `correlation` after each fraction of the exposure in `_SHARES`."""
-    return np.array([correlation(geometry, samples, share * geometry.camera.electronics.exposure_s) for share in _SHARES])
+    exposure_s, begin_s = geometry.camera.electronics.exposure_s, geometry.busiest_time_s()
+    return np.array([correlation(geometry, samples, share * exposure_s, begin_s) for share in _SHARES])
 
 
-def correlation(geometry: Geometry, samples: ObjectSamples, seconds: float) -> float:
-    """Return the correlation of the speckle intensity after a time: the product of three factors, for the overlap
-    of the spots, for the object's motion through the illumination grains, and for the motion of the speckle over the wall."""
-    motion, share = geometry.motion, seconds / geometry.camera.electronics.exposure_s
-    power = samples.amplitude.astype(np.float64) ** 2
-    waves = motion.waves(*samples.coordinates_m.T) * share
-    travelled = abs((power * np.exp(2j * np.pi * waves)).sum()) / power.sum()
-    return float(motion.correlation(share) * travelled**2)
+def correlation(geometry: Geometry, samples: ObjectSamples, seconds: float, begin_s: float = 0.0) -> float:
+    """Return the correlation of the speckle intensity at the frame centre between a time and `seconds` later: the squared mean over the
+    light of the samples of three factors, for the overlap of the spots, for the way of a sample through the illumination grains, and
+    for the change of its path length.
+    """
+    chosen = _few(samples)
+    power = samples.amplitude[chosen].astype(np.float64) ** 2
+    before, after = (move(geometry, samples, time, chosen) for time in (begin_s, begin_s + seconds))
+    path = (after.path_m + after.frame_path_m) - (before.path_m + before.frame_path_m)
+    through = np.pi * np.linalg.norm(after.coordinates_m - before.coordinates_m, axis=1) / geometry.motion.grain_m
+    field = (power * airy(through) * np.exp(2j * np.pi / geometry.wavelength_m * (path - path.mean()))).sum() / power.sum()
+    spot = disc_overlap(geometry.spot.scan_speed_m_s * seconds / geometry.spot.diameter_m)
+    return float((spot * abs(field)) ** 2)
 
 
-def travel_phase(geometry: Geometry, coordinates_m: np.ndarray, pose: Pose) -> np.ndarray:
-    """Return the phase in cycles, (n,), that an object displacement u adds to samples at coordinates x, (n, 2):
-    x.u (1 / d1 + 1 / z) / lambda."""
-    return coordinates_m @ np.array(pose.object_m) * geometry.motion.fringes_per_m2
+def _few(samples: ObjectSamples) -> slice | np.ndarray:
+    count = len(samples.amplitude)
+    return slice(None) if count <= _CHOSEN else np.sort(np.random.default_rng(0).choice(count, _CHOSEN, replace=False))
 
 
-def _grains(geometry: Geometry) -> float:
-    """Return the largest motion in one exposure: of wall speckle or object in grains, of the spot in diameters."""
-    motion = geometry.motion
-    way = math.hypot(*motion.object_way_m)
-    on_wall = way * motion.fringes_per_m2 * max(geometry.hidden_object.extent_m)
-    return max(on_wall, way / motion.grain_m, motion.spot_way)
+def _grains(geometry: Geometry, samples: ObjectSamples) -> float:
+    """Return the largest motion in one exposure: in grains of the speckle at the centre and the corners of the frame, in grains of the
+    illumination, and in diameters of the spot."""
+    begin_s, exposure_s, chosen = geometry.busiest_time_s(), geometry.camera.electronics.exposure_s, _few(samples)
+    height, width = samples.wall.shape
+    rows, columns = np.array([0.5, 0.0, 0.0, 1.0, 1.0]) * height, np.array([0.5, 0.0, 1.0, 0.0, 1.0]) * width
+    largest, before = geometry.motion.spot_way, move(geometry, samples, begin_s, chosen)
+    on_wall, through = 0.0, 0.0
+    for time in begin_s + exposure_s * np.array([0.25, 0.5, 0.75, 1.0]):
+        after = move(geometry, samples, float(time), chosen)
+        through += float(np.linalg.norm(after.coordinates_m - before.coordinates_m, axis=1).max()) / geometry.motion.grain_m
+        ways = [
+            path_difference(pixel, moved.position_m) + moved.path_m
+            for moved in (before, after)
+            for pixel in moved.wall.pixels(rows, columns)
+        ]
+        turns = (np.array(ways[5:]) - np.array(ways[:5])) / geometry.wavelength_m
+        on_wall += float(np.ptp(turns, axis=1).max())
+        before = after
+    return max(largest, on_wall, through)

@@ -36,6 +36,8 @@ class ObjectSamples:
     path_m: np.ndarray
     coordinates_m: np.ndarray
     """Coordinates of each sample along the axes of the object's grid (rows, columns), (n, 2)."""
+    part: np.ndarray
+    """Index of the hidden object of each sample in `Geometry.movements`, (n,)."""
 
     @property
     def brightness(self) -> float:
@@ -85,4 +87,5 @@ def sample_object(geometry: Geometry) -> ObjectSamples:
         coordinates / hidden.axes.stretch,
         path,
         coordinates,
+        seen.part[place],
     )

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import mitsuba as mi
-import numpy as np
-
 from correlograph.errors import InputError
+from sim.plugins.motion import MOTION, read_motion
 from sim.plugins.parameters import Parameter, Parameters
 
 PARAMETERS = (
@@ -16,21 +15,20 @@ PARAMETERS = (
 
 class PhaseScreen(mi.BSDF):
     """Parameters (SI): one nested BSDF, `height_rms`, `correlation_length` of the surface heights, `depolarising`
-    (whether scattered light is unpolarised; false), and `velocity` (vector in m/s, of a moving hidden object)."""
+    (whether scattered light is unpolarised; false), and the motion of a hidden object: `velocity` (vector in m/s), `angular_velocity`
+    (vector along its axis, in degrees/s), `trajectory` (a CSV file, see `sim/trajectory.py`). Shapes of equal motion turn about their
+    common centre."""
 
     def __init__(self, props: mi.Properties) -> None:
         mi.BSDF.__init__(self, props)
         self._parameters = Parameters("phase_screen", PARAMETERS, props)
         self._take()
-        velocity = props.get("velocity", mi.ScalarVector3f(0.0))
-        self.velocity_m_s = np.asarray(velocity, np.float64).reshape(3)
-        if not np.isfinite(self.velocity_m_s).all():
-            raise InputError("phase_screen.velocity", "three finite numbers in m/s", self.velocity_m_s, "correct the value")
+        self.trajectory = read_motion("phase_screen", props)
         self.depolarising = bool(props.get("depolarising", False))
         others = {name: props[name] for name in props.unqueried()}
         nested = [value for value in others.values() if isinstance(value, mi.BSDF)]
         unknown = [name for name, value in others.items() if not isinstance(value, mi.BSDF)]
-        self._parameters.refuse_unknown(unknown, "depolarising", "velocity")
+        self._parameters.refuse_unknown(unknown, "depolarising", *MOTION)
         if len(nested) != 1:
             raise InputError("phase_screen", "exactly one nested BSDF", len(nested), 'nest one, such as <bsdf type="diffuse">')
         self.nested = nested[0]

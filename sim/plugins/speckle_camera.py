@@ -7,6 +7,7 @@ import numpy as np
 
 from correlograph.errors import InputError
 from radiometry.sensor.electronics import Electronics
+from sim.plugins.motion import MOTION, read_motion
 from sim.plugins.parameters import Parameter, Parameters
 
 ELECTRONIC = (
@@ -38,7 +39,8 @@ class SpeckleCamera(mi.Sensor):
 
     Parameters (SI): `to_world`; `pixel_pitch` on the sensor and `magnification` (their ratio is the pitch on the wall);
     `pupil_diameter`; `transmission`; `exposure` and the rest of `Electronics`; `polarisation_channels`, 2 for a camera that records
-    two frames of one exposure, each in one of two orthogonal polarisations. The film defines the number of pixels.
+    two frames of one exposure, each in one of two orthogonal polarisations; `velocity` (vector in m/s) and `trajectory` (a CSV file, see
+    `sim/trajectory.py`) of a camera that moves. The film defines the number of pixels.
     """
 
     def __init__(self, props: mi.Properties) -> None:
@@ -53,7 +55,11 @@ class SpeckleCamera(mi.Sensor):
         self.pupil_centre = matrix[:3, 3]
         self.axis = matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
         self.up = matrix[:3, 1] / np.linalg.norm(matrix[:3, 1])
-        self._parameters.refuse_unknown(props.unqueried(), "to_world")
+        self.trajectory = read_motion("speckle_camera", props)
+        if self.trajectory.turns:
+            expected, remedy = "a motion without rotation", "describe a small turn by the way of its view on the wall"
+            raise InputError("speckle_camera.trajectory", expected, "rotations", remedy)
+        self._parameters.refuse_unknown(props.unqueried(), "to_world", *MOTION)
 
     def _take(self) -> None:
         values = self._parameters

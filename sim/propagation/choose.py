@@ -18,7 +18,7 @@ def options(task: Task, wanted: str | None = None) -> list[Option]:
     """
     found: list[Option] = []
     for name, kernel in KERNELS.items():
-        if wanted not in (None, "auto", name):
+        if wanted not in (None, "auto", name) or (kernel.on_lattice and task.leaves_lattice):
             continue
         within = [option for option in found if option.predicted_error <= task.tolerance]
         if wanted == "auto" and any(

@@ -27,6 +27,7 @@ class Task:
         place, lag_m: see `validity.py`.
         accuracy: `statistical` or `field`.
         precisions: permitted precisions.
+        leaves_lattice: whether the scatterers move to places outside a grid, which a single FFT cannot follow.
     """
 
     wall: Wall
@@ -36,6 +37,7 @@ class Task:
     accuracy: str
     tolerance: float
     precisions: tuple[Precision, ...] = PRECISIONS
+    leaves_lattice: bool = False
 
     @cached_property
     def statistical_error(self) -> float:

@@ -42,7 +42,7 @@ class FlatObject:
         inside = [(place >= 0) & (place < len(self._cells)) for place in places]
         albedo = np.zeros(shape, np.float32)
         albedo[np.ix_(*inside)] = self._cells[np.ix_(*(place[held] for place, held in zip(places, inside, strict=True)))]
-        return VisibleSurface(albedo.astype(np.float64), albedo, np.zeros(shape))
+        return VisibleSurface(albedo.astype(np.float64), albedo, np.zeros(shape), np.zeros(shape, int))
 
     throughput = 0.0
 

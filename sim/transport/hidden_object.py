@@ -57,11 +57,14 @@ class HiddenObject:
 
     Rays leave this point through a grid in the plane across the line of sight that holds the object's centre; rows
     run along `axes.down`, columns along `axes.right`. Each ray stands for the solid angle of its cell.
+
+    Args:
+        groups: shapes that move together, for `VisibleSurface.part`; together they are all shapes of the object.
     """
 
-    def __init__(self, transport: LightTransport, centre: np.ndarray, axes: LagAxes) -> None:
-        self._scene = transport.scene
-        self._shapes = [shape for shape in self._scene.shapes() if is_hidden_object(shape)]
+    def __init__(self, transport: LightTransport, centre: np.ndarray, axes: LagAxes, groups: list[list[mi.Shape]]) -> None:
+        self._scene, self._groups = transport.scene, groups
+        self._shapes = [shape for group in groups for shape in group]
         self.axes = axes
         low, high = bounds(self._shapes)
         self.centre = centre
@@ -103,22 +106,24 @@ class HiddenObject:
     def sample(self, pitch_m: tuple[float, float], shape: tuple[int, int]) -> VisibleSurface:
         """Sample on a grid (rows, columns) of cells `pitch_m` along the axes, centred on the object."""
         inner = tuple(min(n, cells(extent, pitch, n)) for n, extent, pitch in zip(shape, self.extent_m, pitch_m, strict=True))
-        weight, depth = np.zeros(inner), np.zeros(inner)
+        light_of, depth = np.zeros((len(self._groups), *inner)), np.zeros(inner)
         fineness = self._rays_per_cell(pitch_m)
         rays = GridRays(self.axes, self._line_m, pitch_m, inner, fineness)
-        for carried, behind in self._layers(rays):
+        for carried, behind, group in self._layers(rays):
             light = carried.radiance * rays.angle
-            weight += cell_sums(light, inner, fineness)
+            for index, total in enumerate(light_of):
+                total += cell_sums(np.where(group == index, light, 0.0), inner, fineness)
             depth += cell_sums(light * behind, inner, fineness)
-        for light, coordinates, behind in self._beyond(rays):
+        for light, coordinates, behind, group in self._beyond(rays):
             cell = np.round(coordinates / pitch_m + 0.5 * (np.array(inner) - 1.0)).astype(int)
             held = ((cell >= 0) & (cell < inner)).all(1)
-            np.add.at(weight, tuple(cell[held].T), light[held])
+            np.add.at(light_of, (group[held], *cell[held].T), light[held])
             np.add.at(depth, tuple(cell[held].T), (light * behind)[held])
-        angle = cell_sums(rays.angle, inner, fineness)
+        angle, weight = cell_sums(rays.angle, inner, fineness), light_of.sum(0)
         mean_depth = np.divide(depth, weight, out=np.zeros(inner), where=weight > 0.0)
         albedo = weight / angle * self._measured.albedo_over_radiance
-        return VisibleSurface(*(centre_in(part, shape) for part in (weight, albedo.astype(np.float32), mean_depth)))
+        found = (weight, albedo.astype(np.float32), mean_depth, light_of.argmax(0))
+        return VisibleSurface(*(centre_in(part, shape) for part in found))
 
     def cell_means(self, pitch_m: float | tuple[float, float], side: int) -> np.ndarray:
         """Return the effective albedo averaged over each cell of a square grid, float32 (side, side); its sum times the cell
@@ -179,8 +184,8 @@ class HiddenObject:
         along = max(extent / pitch for extent, pitch in zip(self.extent_m, pitch_m, strict=True))
         return int(np.clip(math.ceil(RAYS / max(along, 1.0)), 2, MAX_CELL_RAYS))
 
-    def _layers(self, rays: GridRays) -> Iterator[tuple[CarriedLight, np.ndarray]]:
-        """Yield the light and the depth of each surface along rays from the frame centre, on the grid of the rays.
+    def _layers(self, rays: GridRays) -> Iterator[tuple[CarriedLight, np.ndarray, np.ndarray]]:
+        """Yield the light, the depth and the group of each surface along rays from the frame centre, on the grid of the rays.
 
         The nearest surface comes first; surfaces behind a partly transparent one follow it.
         """
@@ -194,10 +199,21 @@ class HiddenObject:
             carried = self._transport.compute_carried_light(hit, mine)
             gone += dr.select(active, hit.t, 0.0)
             way = np.asarray(gone, np.float64) + skipped
-            yield CarriedLight(*map(rays.grid, vars(carried).values())), rays.grid(way * rays.cosine - self._distance_m)
+            yield (
+                CarriedLight(*map(rays.grid, vars(carried).values())),
+                rays.grid(way * rays.cosine - self._distance_m),
+                rays.grid(self._group_of(hit)),
+            )
 
-    def _beyond(self, rays: GridRays) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Yield light of surfaces that the frame centre does not see, or sees too obliquely: light, coordinates (n, 2), depths.
+    def _group_of(self, hit: mi.SurfaceInteraction3f) -> np.ndarray:
+        """Return the index of the group of each surface, (n,); 0 for shapes of none."""
+        found = np.zeros(dr.width(hit.t), int)
+        for index, group in enumerate(self._groups[1:], 1):
+            found[np.asarray(is_one_of(hit, group))] = index
+        return found
+
+    def _beyond(self, rays: GridRays) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+        """Yield light of surfaces that the frame centre does not see, or sees too obliquely: light, coordinates (n, 2), depths, groups.
 
         Each ray comes from another point of the frame. A flat object cannot occlude itself.
         """
@@ -223,7 +239,7 @@ class HiddenObject:
             position = np.asarray(hit.p, np.float64).T[found] - self.centre
             depth = position @ self.line_of_sight
             seen = self.axes.coordinates(position * (self._distance_m / (self._distance_m + depth))[:, None])
-            yield (carried.radiance * angle)[found], seen, depth
+            yield (carried.radiance * angle)[found], seen, depth, self._group_of(hit)[found]
 
     def _seen_from_centre(self, hit: mi.SurfaceInteraction3f, active: mi.Bool) -> mi.Bool:
         """Return whether a ray of `_layers` meets a surface.
@@ -252,7 +268,7 @@ class HiddenObject:
         shape = tuple(int(np.ceil(extent / pitch)) or 1 for extent in self.extent_m)
         rays = GridRays(self.axes, self._line_m, (pitch, pitch), (shape[0], shape[1]), 1)
         throughput = radiance = albedo = area = cosine_in = cosine_out = 0.0
-        for carried, behind in self._layers(rays):
+        for carried, behind, _ in self._layers(rays):
             throughput += float((carried.radiance * rays.angle).sum())
             radiance += float(carried.radiance.sum())
             albedo += float(carried.albedo.sum())
@@ -262,7 +278,7 @@ class HiddenObject:
             area += float(surface.sum())
             cosine_in += float((surface * carried.cosine_in).sum())
             cosine_out += float((surface * carried.cosine_out).sum())
-        throughput += sum(float(light.sum()) for light, _, _ in self._beyond(rays))
+        throughput += sum(float(light.sum()) for light, *_ in self._beyond(rays))
         if area == 0.0:
             return ObjectTotals(throughput, 0.0, 1.0, 1.0, 0.0)
         return ObjectTotals(

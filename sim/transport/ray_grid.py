@@ -19,11 +19,13 @@ class VisibleSurface:
         albedo: effective power albedo, float32: that of a flat Lambertian object of equal brightness, with shading, distance and
             BSDF, scaled so that its sum is that of the surface's own albedo.
         depth_m: behind the object's centre along the line of sight, averaged over the light of a cell.
+        part: index of the group of shapes that sends most of the light of a cell, int.
     """
 
     weight: np.ndarray
     albedo: np.ndarray
     depth_m: np.ndarray
+    part: np.ndarray
 
 
 class GridRays:

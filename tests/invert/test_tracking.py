@@ -35,9 +35,9 @@ def moving(lab, rng, photoelectrons):
     per_s = 0.0882 / 0.125
     exposure_s = photoelectrons / per_s
     step_m = rng.uniform(1e-6, 8e-6) * np.array((np.cos(angle := rng.uniform(0.0, 2.0 * np.pi)), np.sin(angle), 0.0))
-    geometry = replace(lab.with_exposure(exposure_s), object_velocity_m_s=step_m / exposure_s)
+    geometry = lab.with_exposure(exposure_s).with_velocity(step_m / exposure_s)
     lever = 1.0 + geometry.distance_m / geometry.source_distance_m
-    expected = np.array(geometry.object_speed_m_s) * exposure_s * lever / np.array(geometry.seen_pitch_m)
+    expected = np.array(geometry.object_way_m) * lever / np.array(geometry.seen_pitch_m)
     return render_geometry(geometry, FRAMES, int(rng.integers(1000))), exposure_s, expected
 
 
@@ -66,7 +66,7 @@ def test_errors_in_dim_frames_are_honest(lab):
 
 
 def test_an_object_at_rest_does_not_move(lab):
-    geometry = replace(lab.with_exposure(0.02), object_velocity_m_s=np.array([1e-12, 0.0, 0.0]))
+    geometry = lab.with_exposure(0.02).with_velocity(np.array([1e-12, 0.0, 0.0]))
     found = track(render_geometry(geometry, 5, 2))
     np.testing.assert_array_less(np.abs(found.path_pixels[1:]), 5.0 * found.error_pixels[1:])
 

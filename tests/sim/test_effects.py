@@ -194,7 +194,8 @@ def test_the_mirror_image_of_the_spot_is_its_fraunhofer_integral(scene):
     """Irradiance of an evenly lit disc at the object, summed over its surface, against the Lambertian P / (pi d^2)."""
     old = 'origin="0.06, 0.25, 0.1" target="0.1039558, 0, 0.4890738"'
     geometry = scene(smooth_source(0.0), (old, old.replace("0.06, 0.25, 0.1", "0.02079116, 0, 0.09781476")))
-    field = specular_field(geometry, (3, 41))
+    rows, columns = ((np.arange(n) - 0.5 * (n - 1)) * step for n, step in zip((3, 41), geometry.object_pitch_m, strict=True))
+    field = specular_field(geometry, rows[:, None], columns[None])
     across = (np.arange(400) - 199.5) * 5e-3 / 400
     disc = np.hypot(across[:, None], across[None]) <= 2.5e-3
     distance = geometry.source_distance_m

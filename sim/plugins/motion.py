@@ -1,0 +1,30 @@
+"""Parameters of a motion, which `phase_screen` and `speckle_camera` share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mitsuba as mi
+import numpy as np
+
+from correlograph.errors import InputError
+from sim.trajectory import Trajectory, read_trajectory
+
+MOTION = ("velocity", "angular_velocity", "trajectory")
+
+
+def read_motion(plugin: str, props: mi.Properties) -> Trajectory:
+    """Return the motion that a plugin's parameters describe. Raises InputError for numbers that are not finite and for a file that cannot
+    be read."""
+    listed = Trajectory()
+    if "trajectory" in props:
+        listed = read_trajectory(str(mi.file_resolver().resolve(str(props["trajectory"]))), f"{plugin}.trajectory")
+    velocity, turn = (_vector(plugin, name, props) for name in MOTION[:2])
+    return replace(listed, velocity_m_s=velocity, turn_deg_s=turn)
+
+
+def _vector(plugin: str, name: str, props: mi.Properties) -> np.ndarray:
+    value = np.asarray(props.get(name, mi.ScalarVector3f(0.0)), np.float64).reshape(-1)
+    if value.shape != (3,) or not np.isfinite(value).all():
+        raise InputError(f"{plugin}.{name}", "three finite numbers", value.tolist(), "correct the value")
+    return value

@@ -1,0 +1,234 @@
+"""Speckle of objects that turn, move along the line of sight, or follow a list of positions, and of a moving camera, in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import map_coordinates
+from scipy.spatial.transform import Rotation
+
+pytest.importorskip("mitsuba")
+
+import correlograph as cg
+from correlograph.errors import InputError
+from invert.tracking.shifts import find_shift
+from sim.frame import Simulation
+from sim.geometry import Movement
+from sim.plan import Settings
+from sim.trajectory import Trajectory, read_trajectory
+
+EVEN = Settings(effects=(("pupil_and_pixel", False), ("source_grain", False), ("motion", True)))
+"""Even illumination: all that changes is the length of the paths."""
+
+INTERVAL_S = 10.0
+
+
+@pytest.fixture
+def still(scene):
+    """The reference scene on a small frame, with the laser at rest and ten seconds between frames of a tenth of a millisecond."""
+    geometry = scene().with_exposure(1e-4)
+    camera = replace(geometry.camera, frame_interval_s=INTERVAL_S)
+    return replace(geometry, camera=camera, spot=replace(geometry.spot, scan_step_m=0.0))
+
+
+def lit_along_the_line_of_sight(geometry, distance_m=0.5):
+    """The laser spot between object and wall, or behind the wall, on the line of sight, so that its light comes from there."""
+    centre = geometry.hidden_object.centre - distance_m * geometry.hidden_object.line_of_sight
+    return replace(geometry, spot=replace(geometry.spot, centre=centre))
+
+
+def turning(geometry, degrees):
+    """The object turns about the line of sight, from the axis of rows towards that of columns, between two frames."""
+    axis = np.cross(geometry.hidden_object.axes.down, geometry.hidden_object.axes.right)
+    return moving(geometry, Trajectory(turn_deg_s=axis * degrees / INTERVAL_S))
+
+
+def moving(geometry, path):
+    return replace(geometry, movements=(Movement(path, geometry.hidden_object.centre),))
+
+
+def two_frames(geometry, settings=EVEN, seeds=(3,)):
+    """The expected frames 0 and 1, (seeds, H, W) each; (H, W) for one seed."""
+    simulation = Simulation(geometry, settings)
+    frames = [[simulation.expected_frame(seed, number).numpy().astype(float) for seed in seeds] for number in (0, 1)]
+    return [np.squeeze(np.array(one), 0) if len(seeds) == 1 else np.array(one) for one in frames]
+
+
+def likeness(first, second):
+    return float(np.corrcoef(first.ravel(), second.ravel())[0, 1])
+
+
+def shift_between(first, second):
+    """Displacement of the speckle in pixels (rows, columns) from frames (seeds, H, W)."""
+    spectra = [np.fft.fft2(images - images.mean((1, 2), keepdims=True)) for images in (first, second)]
+    return find_shift(np.fft.ifft2((spectra[0].conj() * spectra[1]).sum(0)).real).pixels
+
+
+def turned(image, degrees, about=(0.0, 0.0)):
+    """The image turned from the axis of rows towards that of columns, about a point in pixels from its centre."""
+    angle, middle = np.radians(degrees), 0.5 * (np.array(image.shape) - 1.0) + about
+    row, column = np.mgrid[: image.shape[0], : image.shape[1]] - middle[:, None, None]
+    source = np.stack([np.cos(angle) * row + np.sin(angle) * column, -np.sin(angle) * row + np.cos(angle) * column])
+    return map_coordinates(image, source + middle[:, None, None], order=3, mode="nearest")
+
+
+INNER = (slice(60, -60), slice(60, -60))
+
+
+@pytest.mark.parametrize("degrees", [2.0, -2.0])
+def test_speckle_turns_with_the_object(still, degrees):
+    """By the same angle, about the frame centre if the light comes along the line of sight."""
+    first, second = two_frames(turning(lit_along_the_line_of_sight(still), degrees))
+    assert likeness(turned(first, degrees)[INNER], second[INNER]) > 0.9
+    assert likeness(turned(first, -degrees)[INNER], second[INNER]) < 0.2
+
+
+def test_speckle_turns_about_the_mirror_image_of_oblique_light(still):
+    """Light from a direction s turns the speckle about the point of the wall that a mirror would send it to, -z s across the line of
+    sight: at 12 degrees 0.2 m away, so that a tenth of a degree moves it by 0.4 mm."""
+    hidden = still.hidden_object
+    to_spot = (still.spot.centre - hidden.centre) / still.source_distance_m
+    mirror = -still.distance_m * np.array([to_spot @ hidden.axes.down, to_spot @ hidden.axes.right]) / still.seen_pitch_m
+    assert abs(mirror).max() > 10_000
+    first, second = two_frames(turning(still, 0.1))
+    assert likeness(turned(first, 0.1, mirror)[INNER], second[INNER]) > 0.9
+    assert likeness(turned(first, 0.1)[INNER], second[INNER]) < 0.2
+
+
+def test_illumination_decorrelates_a_turned_object(still):
+    """Uneven light: scatterers at radius r have moved by r times the angle through grains of lambda d1 / D, here 53 um."""
+    alike = []
+    for degrees in (0.1, 2.0):
+        scene = turning(lit_along_the_line_of_sight(still), degrees)
+        first, second = two_frames(scene, Settings(effects=(("pupil_and_pixel", False), ("motion", True))))
+        alike.append(likeness(turned(first, degrees)[INNER], second[INNER]))
+    assert alike[0] > 0.8
+    assert alike[1] < 0.5
+
+
+@pytest.mark.parametrize("way", [2.5e-3, -2.5e-3])
+def test_speckle_spreads_when_the_object_recedes(still, way):
+    """Halves of the frame, whose centres are half a frame apart, move apart by w / z of that. Near light would blur this by its curvature."""
+    path = Trajectory(velocity_m_s=still.hidden_object.line_of_sight * way / INTERVAL_S)
+    first, second = two_frames(moving(lit_along_the_line_of_sight(still, 50.0), path), seeds=range(4))
+    height, width = first.shape[-2:]
+    apart = [
+        shift_between(first[:, *half], second[:, *half])[axis]
+        for axis, halves in enumerate(
+            (
+                ((slice(0, height // 2), slice(None)), (slice(height // 2, None), slice(None))),
+                ((slice(None), slice(0, width // 2)), (slice(None), slice(width // 2, None))),
+            )
+        )
+        for half in halves
+    ]
+    expected = way / still.distance_m * 0.5 * np.array((height, width))
+    np.testing.assert_allclose([apart[1] - apart[0], apart[3] - apart[2]], expected, atol=0.15 * np.abs(expected).max())
+
+
+def test_a_list_of_positions_is_followed(still, tmp_path):
+    """Across the line of sight by u (1 + z / d1), and by u (1 + cos^2 z / d1) in the plane of light that comes at an angle."""
+    hidden = still.hidden_object
+    to_spot = (still.spot.centre - hidden.centre) / still.source_distance_m
+    cosine2, lever = 1.0 - (to_spot @ hidden.axes.right) ** 2, still.distance_m / still.source_distance_m
+    assert cosine2 == pytest.approx(np.cos(np.radians(12.0)) ** 2, rel=1e-3)
+    steps = np.array([60e-6, -45e-6])
+    ways = np.outer([0.0, 2.0], steps @ np.stack([hidden.axes.down, hidden.axes.right]))
+    lines = [f"{time},{','.join(map(str, way))}" for time, way in zip((0, 20), ways, strict=True)]
+    file = tmp_path / "path.csv"
+    file.write_text("\n".join(["time_s,x_m,y_m,z_m", *lines]))
+    first, second = two_frames(moving(still, read_trajectory(file, "trajectory")), seeds=range(4))
+    expected = steps * (1.0 + lever * np.array([1.0, cosine2])) / still.seen_pitch_m
+    np.testing.assert_allclose(still.travel @ steps, expected, rtol=1e-3)
+    np.testing.assert_allclose(shift_between(first, second), expected, rtol=0.01)
+
+
+def test_a_camera_that_moves_sees_the_same_speckle_displaced(still):
+    """By its own displacement, whatever the distances."""
+    pitch = still.camera.pixel_pitch_m
+    way = 4.0 * pitch * still.camera.down + 7.0 * pitch * still.camera.right
+    camera = replace(still.camera, trajectory=Trajectory(velocity_m_s=way / INTERVAL_S))
+    np.testing.assert_allclose(shift_between(*two_frames(replace(still, camera=camera), seeds=range(4))), [-4.0, -7.0], atol=0.1)
+
+
+def test_turned_and_receding_samples_are_where_the_trajectory_says(still):
+    """Positions of samples: R (p - c) + c + u, with a list and a constant rate together."""
+    path = Trajectory(
+        velocity_m_s=np.array([1e-3, -2e-3, 5e-4]),
+        turn_deg_s=np.array([0.0, 0.0, 9.0]),
+        times_s=np.array([0.0, 4.0]),
+        displacement_m=np.array([[0.0, 0.0, 0.0], [0.0, 4e-3, 0.0]]),
+        rotation_deg=np.array([[0.0, 0.0, 0.0], [40.0, 0.0, 0.0]]),
+    )
+    np.testing.assert_allclose(path.displacement(2.0), [2e-3, -2e-3, 1e-3])
+    np.testing.assert_allclose(path.displacement(8.0), [8e-3, -1.2e-2, 4e-3])
+    expected = Rotation.from_euler("z", 18.0, degrees=True) * Rotation.from_euler("x", 20.0, degrees=True)
+    np.testing.assert_allclose(path.rotation(2.0).as_matrix(), expected.as_matrix(), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("time_s,x_m,y_m\n0,0,0\n", "columns"),
+        ("time_s,x_m,y_m,z_m\n", "rows"),
+        ("time_s,x_m,y_m,z_m\n0,0,0,0\n0,1,0,0\n", "ascend"),
+        ("time_s,x_m,y_m,z_m\n0,nan,0,0\n", "finite"),
+        ("time_s,x_m,y_m,z_m\n0,0,0\n", "finite"),
+        ("time_s,x_m,y_m,z_m\n0,0,zero,0\n", "zero"),
+        ("", "CSV"),
+    ],
+)
+def test_malformed_lists_are_refused(tmp_path, text, message):
+    (tmp_path / "path.csv").write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_trajectory(tmp_path / "path.csv", "phase_screen.trajectory")
+
+
+SQUARE = """
+    <shape type="rectangle" id="hidden_object_{name}">
+        <transform name="to_world"><scale x="4e-4" y="6e-4"/><rotate z="1" angle="180"/><translate x="{x}" y="{y}"/></transform>
+        <bsdf type="phase_screen">
+            <float name="height_rms" value="2e-6"/><float name="correlation_length" value="10e-6"/>
+            <vector name="velocity" value="{velocity}"/>
+            <bsdf type="diffuse"><spectrum name="reflectance" value="0.8"/></bsdf>
+        </bsdf>
+    </shape>
+"""
+
+
+def test_two_objects_move_apart(tmp_path):
+    """Cross terms of the autocorrelation of frames appear at the lag of their distance, which grows with time."""
+    from scenes import scene_path
+
+    text = scene_path("corner_letter").read_text()
+    begin, end = text.index("    <!-- 1 cm square"), text.index("    <!-- the wall that the camera")
+    speed = 1e-3
+    squares = SQUARE.format(name="1", x=-1.5e-3, y=0, velocity=f"{-speed}, 0, 0")
+    squares += SQUARE.format(name="2", x=1.5e-3, y=1e-3, velocity=f"{speed}, 0, 0")
+    text = text[:begin] + squares + text[end:]
+    text = text.replace('value="2464"', 'value="616"').replace('value="2056"', 'value="514"')
+    text = text.replace('name="exposure" value="0.125"', 'name="exposure" value="1e-4"')
+    text = text.replace('<float name="pixel_pitch"', '<float name="frame_interval" value="1"/><float name="pixel_pitch"')
+    (tmp_path / "scene.xml").write_text(text)
+    geometry = cg.load(tmp_path / "scene.xml").geometry
+    assert len(geometry.movements) == 2
+    assert not geometry.moves_on_lattice
+    simulation = Simulation(geometry, EVEN)
+    height, width = geometry.camera.frame_shape
+    lag_m = [geometry.wavelength_m * geometry.distance_m / (n * step) for n, step in zip((height, width), geometry.seen_pitch_m, strict=True)]
+    for number in (0, 1):
+        power = np.zeros((height, width))
+        for seed in range(6):
+            image = simulation.expected_frame(seed, number).numpy().astype(float)
+            power += np.abs(np.fft.fft2(image - image.mean())) ** 2
+        apart_m = 3e-3 + 2.0 * speed * number
+        columns = round(apart_m / lag_m[1])
+        rows = slice(height // 2 - 20, height // 2 + 21)
+        window = np.fft.fftshift(power)[rows, width // 2 + columns - 8 : width // 2 + columns + 9]
+        window = (window - np.median(power)).clip(0.0) ** 2
+        row = np.average(np.arange(-20, 21), weights=window.sum(1))
+        column = np.average(np.arange(-8, 9), weights=window.sum(0))
+        assert column * lag_m[1] == pytest.approx(0.0, abs=2e-4)
+        assert abs(row) * lag_m[0] == pytest.approx(1e-3, abs=2e-4)
