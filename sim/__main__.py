@@ -19,7 +19,7 @@ SATURATION_WORTH_A_WARNING = 1e-3
 def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m sim", description="Render speckle frames of a hidden object.")
     p.add_argument("scene", help="Mitsuba scene file (XML), or the name of a shipped scene")
-    p.add_argument("-o", "--output", help="folder for frame_0000.exr..., truth.npy and sim.json")
+    p.add_argument("-o", "--output", help="folder for frame_0000.exr..., truth.npy (truth_frames.npy of a scene that moves) and sim.json")
     p.add_argument(
         "-D",
         dest="definitions",
@@ -138,13 +138,14 @@ def _check(options) -> None:
 def _render(scene, plan, content, options) -> None:
     """Render each frame into a hidden folder, then move all frames at once, so that a stopped run leaves an earlier
     capture intact."""
+    import numpy as np
     from tqdm import tqdm
 
-    from correlograph.files.capture_folder import frame_path, replace_capture, stage_capture
+    from correlograph.files.capture_folder import MOVED_TRUTH, frame_path, replace_capture, stage_capture
     from correlograph.files.exr_frames import write_frame
     from correlograph.files.output import output_folder, save_array, save_json
     from sim.recording import Recording
-    from sim.rendering import lag_grid_albedo, record
+    from sim.rendering import lag_grid_albedo, moved_albedo, record
 
     folder = output_folder(options.output)
     begin = time.perf_counter()
@@ -160,6 +161,11 @@ def _render(scene, plan, content, options) -> None:
             write_s += time.perf_counter() - started
         seconds = {"prepare": prepared - begin, "render": time.perf_counter() - prepared - write_s, "write": write_s}
         save_array(staging / "truth.npy", truth)
+        if plan.geometry.moves:
+            times = [plan.geometry.frame_time_s(number) for number in range(options.frames)]
+            half = 0.5 * plan.geometry.camera.electronics.exposure_s
+            moved = [moved_albedo(plan.geometry, time + half, options.truth_patch, options.truth_lags) for time in times]
+            save_array(staging / MOVED_TRUTH, np.stack(moved))
         save_json(staging / "sim.json", record(scene, recording, content, pitches_m, saturated, seconds))
         replace_capture(staging, folder)
     if saturated > SATURATION_WORTH_A_WARNING:

@@ -18,7 +18,7 @@ from sim.optics.detector_roughness import exact_image, gamma_image
 from sim.optics.illumination import Displaced, illuminate
 from sim.optics.motion import Moved, Pose, move, poses
 from sim.optics.other_light import StrayLight
-from sim.plan import Plan, Settings
+from sim.plan import STATIC, Plan, Settings
 from sim.propagation.kernels import KERNELS
 from sim.propagation.option import Terms, Visibility
 from sim.propagation.sampling import Scatterers, kernel, middle, phasor
@@ -27,12 +27,13 @@ from sim.propagation.sampling import Scatterers, kernel, middle, phasor
 @dataclass(frozen=True)
 class _Mode:
     """A coherent mode of a frame: polarisation (0 or 1, each with independent random phases), offset of a spectral line from the
-    laser frequency, and pose of object and spot.
+    laser frequency, pose of object and spot, and the hidden object that it comes from; None for all.
     """
 
     polarisation: int
     offset_hz: float
     pose: Pose
+    part: int | None = None
 
 
 class Simulation:
@@ -102,6 +103,8 @@ class Simulation:
             moved=moved and Displaced(samples.place, moved.coordinates_m, moved.shift_m, self.geometry.wander_m),
         )
         scatterers, chosen = samples.lit(lit, period, mode.offset_hz), KERNELS[option.propagator]
+        if mode.part is not None:
+            scatterers = replace(scatterers, amplitude=scatterers.amplitude * (samples.part == mode.part))
         if moved is not None:
             scatterers = _displace(scatterers, moved, self.geometry.wavelength_m, on_lattice=chosen.on_lattice)
         terms = Terms(option.precision, device=self.device.type)
@@ -148,15 +151,20 @@ class Simulation:
         total = torch.zeros(self.geometry.canvas_shape, device=self.device)
         poses = self._poses(exposure)
         modes = (
-            (polarisation, offset_hz, weight / len(poses), index)
+            (_Mode(polarisation, offset_hz, poses[index], part), weight / len(poses), index)
             for polarisation in range(channel, channel + polarisations)
             for offset_hz, weight in self._modes.lines
             for index in range(len(poses))
+            for part in self._modes.objects
         )
-        rng, waves = _stream(seed, number, 4), {}
-        for polarisation, offset_hz, weight, index in modes:
-            wall = self._canvas_field(seed, exposure, _Mode(polarisation, offset_hz, poses[index]), factor).to(torch.complex64)
-            if self._stray.coherent is not None:
+        # Things at rest, lit by a spot at rest, send the same speckle in every frame.
+        rng, waves = _stream(seed, 0 if self.geometry.spot.scan_step_m == 0.0 else number, 4), {}
+        for mode, weight, index in modes:
+            polarisation, offset_hz = mode.polarisation, mode.offset_hz
+            wall = torch.zeros((), dtype=torch.complex64, device=self.device)
+            if mode.part != STATIC:
+                wall = self._canvas_field(seed, exposure, mode, factor).to(torch.complex64)
+            if self._stray.coherent is not None and mode.part in (None, STATIC):
                 if polarisation not in waves:
                     waves[polarisation] = self._stray.coherent.waves(self.geometry, poses, rng)
                 wall = wall + self._stray_field(waves[polarisation][index], offset_hz, factor)

@@ -16,7 +16,7 @@ from radiometry.prediction import Prediction, patches_of, predict
 from sim.effects import FORCEABLE, Effect, decide
 from sim.geometry import Geometry
 from sim.optics.detector_roughness import oversampling
-from sim.optics.motion import sub_exposures, typical_positions
+from sim.optics.motion import beats_remain, sub_exposures, typical_positions
 from sim.optics.object_samples import ObjectSamples, sample_object
 from sim.optics.other_light import StrayLight, stray_light_of
 from sim.propagation.choose import choose, options
@@ -59,6 +59,10 @@ class Settings:
             raise InputError("effects", expected, f"{self.effects!r:.60}", "correct the pairs")
 
 
+STATIC = -1
+"""Index of light by things at rest among `Modes.objects`."""
+
+
 @dataclass(frozen=True)
 class Modes:
     """Modes of a frame, which add incoherently; each has its own field on the wall.
@@ -69,6 +73,8 @@ class Modes:
         polarisations: 1, or 2 for depolarised light.
         lines: (offset in Hz, weight) of each spectral line.
         sub_exposures: number per frame.
+        objects: indices of hidden objects that move differently and no longer interfere, and `STATIC` for stray light at rest; None
+            where all light interferes.
     """
 
     exact_roughness: bool
@@ -76,11 +82,12 @@ class Modes:
     polarisations: int
     lines: tuple[tuple[float, float], ...]
     sub_exposures: int
+    objects: tuple[int | None, ...] = (None,)
 
     @property
     def samples(self) -> int:
         """Field samples per pixel of a frame."""
-        return self.oversampling**2 * self.polarisations * len(self.lines) * self.sub_exposures
+        return self.oversampling**2 * self.polarisations * len(self.lines) * self.sub_exposures * len(self.objects)
 
 
 @dataclass(frozen=True, repr=False)
@@ -214,10 +221,15 @@ def _modes(
     exact = effects["detector_roughness"].modelled and settings.accuracy == "field"
     spread = effects["linewidth"].modelled and len(samples.path_m) > 0
     path_m = stray.joint_paths(samples)[0] if effects["other_light"].modelled else samples.path_m
+    objects: tuple[int | None, ...] = (None,)
+    static = effects["other_light"].modelled and stray.coherent is not None
+    if ("motion", False) not in settings.effects and not beats_remain(geometry, samples, static=static):
+        objects = (*map(int, np.unique(samples.part)), *([STATIC] if static else []))
     return Modes(
         exact,
         oversampling(geometry) if exact else 1,
         2 if effects["depolarisation"].modelled else 1,
         tuple(spectral_lines(path_m, geometry.spot.linewidth_hz)) if spread else ((0.0, 1.0),),
         sub_exposures(geometry, samples, settings.tolerance) if effects["motion"].modelled else 1,
+        objects,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -18,11 +19,15 @@ from correlograph.version import version
 from radiometry.prediction import patches_of
 from sim.frame import Simulation
 from sim.geometry import Geometry
+from sim.optics.motion import moved_positions
 from sim.plan import Plan, Settings
 from sim.plan_report import as_json
 from sim.recording import Recording
 from sim.scene import Scene, load
 from sim.scene_drawing import draw_scene
+
+FINER_TRUTH = 4
+"""Samples along each axis of a cell of the truth of a moving object."""
 
 
 def render(
@@ -106,6 +111,7 @@ def record(
         "mean_photoelectrons_per_pixel": recording.plan.mean_photoelectrons,
         "expected_photoelectrons_only": recording.mean,
         "frames": content["frames"],
+        "motion": motion_of(recording.plan.geometry, content["frames"]),
         "saturated_fraction": saturated,
         "plan": content,
         "drawing": draw_scene(scene.mitsuba, scene.geometry).as_json(),
@@ -121,3 +127,44 @@ def lag_grid_albedo(geometry: Geometry, patch: int | None = None, lags: int = LA
     _, pitches_m = patches_of(geometry, patch, lags)
     side = lag_grid(lags).object_side
     return geometry.hidden_object.sample(pitches_m, (side, side)).albedo, pitches_m
+
+
+def motion_of(geometry: Geometry, frames: int) -> list[dict[str, Any]]:
+    """Return, for each frame of a scene that moves, the middle of its exposure, the displacement of each hidden object along rows, columns
+    and line of sight, its rotation vector along the same axes, and the displacement of the camera's view; nothing for a scene at rest.
+    """
+    if not geometry.moves:
+        return []
+    hidden, found = geometry.hidden_object, []
+    turned = np.stack([hidden.axes.down, hidden.axes.right, hidden.line_of_sight])
+    for number in range(frames):
+        time_s = geometry.frame_time_s(number) + 0.5 * geometry.camera.electronics.exposure_s
+        objects = []
+        for one in geometry.movements:
+            way = one.trajectory.displacement(time_s)
+            along = [*hidden.axes.coordinates(way), way @ hidden.line_of_sight]
+            turn = turned @ np.degrees(one.trajectory.rotation(time_s).as_rotvec())
+            objects.append({"displacement_m": [float(part) for part in along], "rotation_deg": turn.tolist()})
+        view = geometry.camera.view_shift(time_s)
+        found.append({"time_s": time_s, "objects": objects, "camera_m": view.tolist()})
+    return found
+
+
+def moved_albedo(geometry: Geometry, time_s: float, patch: int | None = None, lags: int = LAGS) -> np.ndarray:
+    """Return `lag_grid_albedo` of the hidden objects where they are at a time, (lags + 1, lags + 1) float32; without occlusion of one by
+    another, and with the albedo at rest."""
+    _, pitches_m = patches_of(geometry, patch, lags)
+    hidden, side = geometry.hidden_object, lag_grid(lags).object_side
+    finer = (pitches_m[0] / FINER_TRUTH, pitches_m[1] / FINER_TRUTH)
+    shape = tuple(math.ceil(extent / step) + 1 for extent, step in zip(hidden.extent_m, finer, strict=True))
+    seen = hidden.sample(finer, (shape[0], shape[1]))
+    place = np.nonzero(seen.weight > 0.0)
+    coordinates = np.stack([(index - 0.5 * (n - 1)) * step for index, n, step in zip(place, shape, finer, strict=True)], 1)
+    moved = moved_positions(geometry, hidden.position(coordinates, seen.depth_m[place]), seen.part[place], time_s)
+    at = hidden.axes.coordinates(moved) / pitches_m + 0.5 * (side - 1)
+    albedo, low = np.zeros((side, side)), np.floor(at).astype(int)
+    for step in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        cell, share = low + step, np.prod(1.0 - np.abs(at - low - step), axis=1) * seen.albedo[place] / FINER_TRUTH**2
+        held = ((cell >= 0) & (cell < side)).all(1)
+        np.add.at(albedo, tuple(cell[held].T), share[held])
+    return albedo.astype(np.float32)

@@ -14,6 +14,9 @@ from correlograph.errors import InputError
 from correlograph.files.manifest import claim, record
 from correlograph.files.output import replace_files, sole_writer, staging_folder
 
+MOVED_TRUTH = "truth_frames.npy"
+"""File of the truth in each frame of a scene that moves."""
+
 MOVING = ".capture-is-being-moved"
 """Marker file, present while a finished capture moves into its folder; if it remains, the folder holds parts of two captures."""
 
@@ -51,14 +54,14 @@ def stage_capture(folder: Path, frames: int, *, overwrite: bool = False) -> Iter
     with sole_writer(folder):
         present = [path.name for path in folder.iterdir() if is_frame_name(path.name)]
         new = [frame_path(folder, number).name for number in range(frames)]
-        claim(folder, dict.fromkeys([*new, *present, "truth.npy", "sim.json", MOVING]), overwrite=overwrite)
+        claim(folder, dict.fromkeys([*new, *present, "truth.npy", MOVED_TRUTH, "sim.json", MOVING]), overwrite=overwrite)
         with staging_folder(folder) as staging:
             yield staging
 
 
 def replace_capture(staging: Path, folder: Path) -> None:
     """Move a finished capture into its folder, in place of the earlier one."""
-    older = [path.name for path in folder.iterdir() if is_frame_name(path.name)]
+    older = [path.name for path in folder.iterdir() if is_frame_name(path.name) or path.name == MOVED_TRUTH]
     record(folder, {MOVING: EMPTY_DIGEST})
     (folder / MOVING).touch()
     replace_files(staging, folder, older, "sim.json")

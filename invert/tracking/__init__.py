@@ -1,6 +1,10 @@
-"""Motion of a hidden object from the travel of its speckle over the wall, with the laser at rest.
+"""Motion of hidden objects from the travel of their speckle over the wall, with the laser at rest.
 
-shifts.py   displacement between two frames, from their weighted cross-correlation
-track.py    path over all frames, with standard errors
-travel.py   whether frames show speckle that travels
+spectra.py   spectra of frames in the band of their speckle
+shifts.py    displacements from cross-spectra, with standard errors
+start.py     objects and their approximate paths
+follow.py    exact path of an object, frame by frame
+vibration.py periodic motion in a path
+track.py     the whole: frames -> Track
+travel.py    whether frames show speckle that travels
 """

@@ -1,10 +1,10 @@
-"""Displacement of the speckle between two frames: the maximum of their weighted cross-correlation.
+"""Displacements from cross-spectra: the maximum of a weighted cross-correlation, with its standard error.
 
 An object that moves by u across the line of sight, lit by a laser at rest, moves its speckle over the wall by u (1 + z / d1); d1 is its
-distance from the laser spot, z that from the wall (`radiometry/motion.py`). Frames n and n + t then share the speckle, shifted, and have
-independent noise. With a power spectrum S of the speckle and a noise floor b, the weight S / (S + b)^2 of the cross-spectrum gives the
-maximum-likelihood shift of Gaussian signals in white noise (Knapp and Carter, doi:10.1109/TASSP.1976.1162830, with the small-signal limit
-of their processor).
+distance from the laser spot, z that from the wall (`radiometry/motion.py`). Two frames then share the speckle, shifted, and have
+independent noise. With power S of the speckle, of which a share c is common, in noise of power b, the weight S / ((S + b)^2 - (c S)^2) of
+the cross-spectrum gives the maximum-likelihood shift (Knapp and Carter, doi:10.1109/TASSP.1976.1162830). The variance of the
+maximum is that of the slope of the noise over the squared curvature, which for this weight is the Cramer-Rao bound.
 """
 
 from __future__ import annotations
@@ -12,102 +12,138 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
-from scipy.ndimage import label, uniform_filter
 
-WINDOWS = (9, 27, 81)
-"""Sides of the window, in frequencies, over which the mean power spectrum is smoothed; the smallest that shows the speckle is used."""
+from invert.tracking.spectra import Band
 
-OUTER = 0.75
-"""The noise floor is the median power beyond this fraction of the highest frequency."""
+NEWTON_STEPS = 6
+MIN_SIGNIFICANCE = 6.0
+"""Standard deviations above which a motion counts as found; the highest of a million shifts of noise lies at 5."""
 
-SIGNAL_SIGMA = 3.0
-"""Significance, in standard deviations, above which a frequency counts as signal."""
-
-NEAR_PIXELS = 24
-"""Half side of the region around a maximum that is left out of the noise of a cross-correlation."""
+MAX_COMMON = 0.99
+"""Share of the speckle that two frames have in common at most, so that bright frames do not rely on their highest frequencies alone."""
 
 
 @dataclass(frozen=True)
-class Shift:
-    """Displacement between two frames in pixels (rows, columns), with standard errors.
+class Weight:
+    """Weight of cross-spectra, and the noise that it leaves.
 
     Attributes:
-        significance: height of the maximum of the cross-correlation in standard deviations of its noise.
+        values: (R, C), times the number of coefficients that each stands for.
+        slope_variance: covariance of the slope of the noise at a maximum, (2, 2).
+        deviation: standard deviation of the cross-correlation of frames that share nothing.
+        full: height of the maximum if the speckle is wholly common.
+    """
+
+    values: np.ndarray
+    slope_variance: np.ndarray
+    deviation: float
+    full: float
+
+
+def weight_of(band: Band, common: float, frames: int = 1) -> Weight:
+    """Return the weight for the cross-spectrum of a frame with the sum of a number of frames, a share of whose speckle is common."""
+    common = min(common, MAX_COMMON)
+    signal, total = band.signal, band.signal + band.floor
+    own = total - common * signal  # noise, and speckle that is not shared
+    # Of s (frames s + noise)*: the noise of the frame times the speckle, of the sum times the speckle, and of both.
+    left = common * signal * own + (common * signal * own + own**2) / frames
+    values = np.where(band.counts > 0.0, signal / np.maximum(left, 1e-300), 0.0)
+    turn = (2.0 * np.pi * np.broadcast_to(band.rows[:, None], signal.shape), 2.0 * np.pi * np.broadcast_to(band.columns, signal.shape))
+    noise = band.counts * values**2 * frames**2 * left * band.noise_gain
+    covariance = np.array([[float((noise * one * other).sum()) for other in turn] for one in turn])
+    null = band.counts * values**2 * frames * total**2 * band.noise_gain
+    return Weight(
+        band.counts * values, covariance, float(null.sum() ** 0.5), float((band.counts * values * signal).sum() * frames)
+    )
+
+
+@dataclass(frozen=True)
+class Shifts:
+    """Displacements of several cross-spectra.
+
+    Attributes:
+        pixels: (n, 2), rows and columns. covariance: (n, 2, 2). height: of the maxima, (n,).
     """
 
     pixels: np.ndarray
-    error: np.ndarray
-    significance: float
+    covariance: np.ndarray
+    height: np.ndarray
 
 
-def weights_of(power: torch.Tensor, frames: int) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the weights of cross-spectra, (rows, columns // 2 + 1), and the power of the speckle, from the mean power spectrum of a
-    number of frames without their means; zero outside the region around zero frequency in which the speckle exceeds the noise floor
-    significantly.
-    """
-    rows, columns = power.shape[0], power.shape[1]
-    radius = torch.hypot(torch.fft.fftfreq(rows)[:, None], torch.linspace(0.0, 0.5, columns)[None]) / 0.5
-    for window in WINDOWS:
-        smooth = torch.from_numpy(uniform_filter(power.numpy().astype(np.float64), window, mode="wrap"))
-        floor = float(smooth[(radius > OUTER) & (radius <= 1.0)].median())
-        excess = smooth - floor
-        is_signal = excess > SIGNAL_SIGMA * floor / (frames * window**2) ** 0.5  # of exponential variables
-        # Noise exceeds the limit here and there at high frequencies, which would make the maximum falsely sharp.
-        regions, _ = label(np.roll(is_signal.numpy(), rows // 2, 0))
-        if middle := regions[rows // 2, 0]:
-            signal = torch.where(torch.from_numpy(np.roll(regions == middle, -(rows // 2), 0)), excess, 0.0)
-            signal[0, 0] = 0.0
-            return (signal / (signal + floor).square()).float(), signal.float()
-    return torch.zeros((rows, columns)), torch.zeros((rows, columns))
+def aligned(spectra: np.ndarray, band: Band, pixels: np.ndarray) -> np.ndarray:
+    """Return spectra (n, R, C) moved back by displacements (n, 2)."""
+    rows = np.exp(2j * np.pi * band.rows * pixels[:, :1]).astype(np.complex64)
+    columns = np.exp(2j * np.pi * band.columns * pixels[:, 1:]).astype(np.complex64)
+    return spectra * rows[:, :, None] * columns[:, None, :]
 
 
-def spectrum_of(frame: np.ndarray, binning: int) -> torch.Tensor:
-    """Return the spectrum (rows, columns // 2 + 1) of a frame without its mean; `binning` x `binning` pixels are added first."""
-    image = torch.as_tensor(np.ascontiguousarray(frame, np.float32))
-    if binning > 1:
-        image = torch.nn.functional.avg_pool2d(image[None], binning)[0]
-    return torch.fft.rfft2(image - image.mean())
-
-
-def cross_correlation(cross: torch.Tensor, weights: torch.Tensor, shape: tuple[int, int]) -> np.ndarray:
-    """Return the weighted cross-correlation (rows, columns) of a cross-spectrum, zero shift at [0, 0]."""
-    return torch.fft.irfft2(cross * weights, s=shape).numpy().astype(np.float64)
-
-
-def find_shift(correlation: np.ndarray, near: np.ndarray | None = None, reach: int = 0) -> Shift:
-    """Return the shift at the maximum of a cross-correlation.
-
-    Args:
-        near: shift (rows, columns) around which the maximum is searched, up to `reach` pixels away; None for all shifts.
-
-    The slope of noise at the maximum moves it by slope / curvature. The mean square slope is measured away from the maximum.
-    """
-    shape = np.array(correlation.shape)
-    if near is None:
-        peak = np.array(np.unravel_index(int(correlation.argmax()), correlation.shape))
-    else:
-        offsets = np.arange(-reach, reach + 1)
-        rows, columns = ((round(float(centre)) + offsets) % side for centre, side in zip(near, shape, strict=True))
-        part = correlation[np.ix_(rows, columns)]
-        row, column = np.unravel_index(int(part.argmax()), part.shape)
-        peak = np.array((rows[row], columns[column]))
-    signed = (peak + shape // 2) % shape - shape // 2
-    around = np.roll(correlation, tuple(NEAR_PIXELS - peak), (0, 1))
-    far = around[2 * NEAR_PIXELS + 1 :, 2 * NEAR_PIXELS + 1 :]
-    around = around - far.mean()
-    finer, errors = [], []
-    for axis in (0, 1):
-        line = (
-            around[NEAR_PIXELS - 1 : NEAR_PIXELS + 2, NEAR_PIXELS]
-            if axis == 0
-            else around[NEAR_PIXELS, NEAR_PIXELS - 1 : NEAR_PIXELS + 2]
+def refine(cross: np.ndarray, band: Band, weight: Weight, start: np.ndarray) -> Shifts:
+    """Return the maxima of cross-correlations nearest to a start (n, 2), from cross-spectra (n, R, C), by Newton's method."""
+    pixels, reach = start.astype(np.float64).copy(), band.grain_pixels
+    rows, columns = 2.0 * np.pi * band.rows[:, None], 2.0 * np.pi * band.columns[None]
+    weighted = (cross * weight.values).astype(np.complex64)
+    for step in range(NEWTON_STEPS + 1):
+        here = aligned(weighted, band, pixels)
+        curvature = -np.stack(
+            [np.stack([(here.real * one * other).sum((1, 2)) for other in (rows, columns)], -1) for one in (rows, columns)], -2
         )
-        # Frames that are shifted by d share 1 - |d| / side of their pixels, which would draw the maximum towards zero.
-        before, here, after = line / (1.0 - np.abs(signed[axis] + np.arange(-1, 2)) / shape[axis])
-        curvature = max(2.0 * here - before - after, 1e-300)
-        slope = 0.5 * (np.roll(far, -1, axis) - np.roll(far, 1, axis))
-        finer.append(float(np.clip(0.5 * (after - before) / curvature, -1.0, 1.0)))
-        errors.append(float(slope[1:-1, 1:-1].std() / curvature))
-    significance = around[NEAR_PIXELS, NEAR_PIXELS] / max(far.std(), 1e-300)
-    return Shift(signed + np.array(finer), np.array(errors), float(significance))
+        if step == NEWTON_STEPS:
+            break
+        slope = -np.stack([(here.imag * one).sum((1, 2)) for one in (rows, columns)], -1)
+        # Away from a maximum, the curvature expected there keeps the step uphill.
+        usual = np.trace(weight.slope_variance) / max(weight.full, 1e-300)
+        bent = _downward(curvature, usual)
+        pixels += np.clip(-np.linalg.solve(bent, slope[..., None])[..., 0], -reach, reach)
+    height = here.real.sum((1, 2)).astype(np.float64)
+    inverse = np.linalg.inv(_downward(curvature, 1e-9 * max(weight.full, 1e-300)))
+    return Shifts(pixels + _window_bias(pixels, band, height, inverse), inverse @ weight.slope_variance @ inverse, height)
+
+
+def correlate(cross: np.ndarray, band: Band, weight: Weight, finer: int = 2) -> tuple[np.ndarray, np.ndarray]:
+    """Return the weighted cross-correlation of one cross-spectrum (R, C) on a coarse grid, zero shift first, and the pitch of that grid in
+    pixels along rows and columns."""
+    sides = [2 * int(np.round(np.abs(part).max() * side)) + 1 for part, side in zip((band.rows, band.columns), band.shape, strict=True)]
+    shape = tuple(finer * side for side in sides)
+    spectrum = np.zeros((shape[0], shape[1] // 2 + 1), np.complex64)
+    place = np.round(band.rows * band.shape[0]).astype(int) % shape[0]
+    spectrum[place, : len(band.columns)] = cross * np.where(band.counts > 0.0, weight.values / np.maximum(band.counts, 1.0), 0.0)
+    found = np.fft.irfft2(spectrum, s=shape) * (shape[0] * shape[1])
+    return found, np.array(band.shape) / np.array(shape)
+
+
+def peaks(found: np.ndarray, pitch: np.ndarray, band: Band, deviation: float, most: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    """Return the highest maxima of a cross-correlation above `MIN_SIGNIFICANCE`, (k, 2) in pixels, and their significance, (k,)."""
+    left, places, heights = found.copy(), [], []
+    around = [np.arange(-reach, reach + 1) for reach in np.ceil(3.0 * band.grain_pixels / pitch).astype(int)]
+    while len(places) < most:
+        place = np.array(np.unravel_index(int(left.argmax()), left.shape))
+        height = float(left[tuple(place)]) / deviation
+        if height < MIN_SIGNIFICANCE:
+            break
+        places.append(((place + np.array(left.shape) // 2) % left.shape - np.array(left.shape) // 2) * pitch)
+        heights.append(height)
+        left[np.ix_(*((middle + one) % side for middle, one, side in zip(place, around, left.shape, strict=True)))] = -np.inf
+    return np.array(places).reshape(-1, 2), np.array(heights)
+
+
+def _downward(curvature: np.ndarray, least: float) -> np.ndarray:
+    """Return matrices (n, 2, 2) whose eigenvalues are at most -least."""
+    values, vectors = np.linalg.eigh(curvature)
+    return (vectors * np.minimum(values, -least)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+
+
+def _window_bias(pixels: np.ndarray, band: Band, height: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """Return what the overlap of two windows, which falls with their distance, draws a maximum towards zero by, (n, 2)."""
+    from scipy.signal.windows import tukey
+
+    from invert.tracking.spectra import TAPER
+
+    slopes = []
+    for axis in (0, 1):
+        window = tukey(band.shape[axis], TAPER)
+        overlap = np.correlate(window, window, "full")[len(window) - 1 :]
+        slope = np.gradient(np.log(np.maximum(overlap, 1e-3 * overlap[0])))
+        distance = np.minimum(np.abs(pixels[:, axis]), len(window) - 1.0)
+        slopes.append(np.sign(pixels[:, axis]) * np.interp(distance, np.arange(len(window)), slope))
+    drawn = np.stack(slopes, -1) * height[:, None]
+    return (inverse @ drawn[..., None])[..., 0]

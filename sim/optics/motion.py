@@ -27,6 +27,9 @@ STEPS_PER_GRAIN = 6
 MAX_STEPS = 512
 _SHARES = np.linspace(0.0, 1.0, 129)
 
+MAX_BEATS = 20.0
+"""Turns of the phase between two objects in an exposure up to which their beats are simulated; they leave less than (1 / 20 pi)^2 beyond."""
+
 _CHOSEN = 8192
 """Number of samples from which correlations are computed; more of them are drawn at random."""
 
@@ -85,26 +88,36 @@ def poses(geometry: Geometry, number: int, count: int, *, moving: bool) -> list[
 
 def move(geometry: Geometry, samples: ObjectSamples, time_s: float, chosen: slice | np.ndarray = slice(None)) -> Moved:
     """Return samples at a time; `chosen` selects some of them."""
-    rest, part = samples.position_m[chosen], samples.part[chosen]
-    position, shift = rest.copy(), None
-    for index, movement in enumerate(geometry.movements):
-        mine = part == index
-        centre = movement.centre - geometry.hidden_object.centre
-        displaced = movement.trajectory.displacement(time_s)
-        position[mine] = centre + movement.trajectory.rotation(time_s).apply(rest[mine] - centre) + displaced
-        shift = geometry.hidden_object.axes.coordinates(displaced)
-    one = (float(shift[0]), float(shift[1])) if geometry.moves_on_lattice and shift is not None else None
+    rest, hidden = samples.position_m[chosen], geometry.hidden_object
+    position = moved_positions(geometry, rest, samples.part[chosen], time_s)
+    shift = hidden.axes.coordinates(geometry.movements[0].trajectory.displacement(time_s)) if geometry.movements else np.zeros(2)
+    one = (float(shift[0]), float(shift[1])) if geometry.moves_on_lattice else None
     view = geometry.camera.view_shift(time_s)
     wall = replace(samples.wall, centre_m=samples.wall.centre_m + view)
-    spot = geometry.spot.centre - geometry.hidden_object.centre
+    spot = geometry.spot.centre - hidden.centre
     return Moved(
         position,
-        samples.coordinates_m[chosen] + geometry.hidden_object.axes.coordinates(position - rest),
+        samples.coordinates_m[chosen] + hidden.axes.coordinates(position - rest),
         one,
         path_difference(spot, position) - path_difference(spot, rest),
         wall,
         path_difference(wall.centre_m, position) - path_difference(samples.wall.centre_m, rest),
     )
+
+
+def moved_positions(geometry: Geometry, rest: np.ndarray, part: np.ndarray, time_s: float) -> np.ndarray:
+    """Return where points of the hidden objects are at a time, (n, 3), relative to the centre of all at rest.
+
+    Args:
+        rest: their positions at rest, (n, 3).
+        part: the hidden object of each, (n,).
+    """
+    position = rest.copy()
+    for index, movement in enumerate(geometry.movements):
+        mine, path = part == index, movement.trajectory
+        centre = movement.centre - geometry.hidden_object.centre
+        position[mine] = centre + path.rotation(time_s).apply(rest[mine] - centre) + path.displacement(time_s)
+    return position
 
 
 def typical_positions(geometry: Geometry, samples: ObjectSamples) -> np.ndarray:
@@ -170,9 +183,9 @@ def correlation(geometry: Geometry, samples: ObjectSamples, seconds: float, begi
     before, after = (move(geometry, samples, time, chosen) for time in (begin_s, begin_s + seconds))
     path = (after.path_m + after.frame_path_m) - (before.path_m + before.frame_path_m)
     through = np.pi * np.linalg.norm(after.coordinates_m - before.coordinates_m, axis=1) / geometry.motion.grain_m
-    field = (power * airy(through) * np.exp(2j * np.pi / geometry.wavelength_m * (path - path.mean()))).sum() / power.sum()
+    field = power / power.sum() * airy(through) * np.exp(2j * np.pi / geometry.wavelength_m * (path - path.mean()))
     spot = disc_overlap(geometry.spot.scan_speed_m_s * seconds / geometry.spot.diameter_m)
-    return float((spot * abs(field)) ** 2)
+    return float((spot * abs(field.sum())) ** 2)
 
 
 def _few(samples: ObjectSamples) -> slice | np.ndarray:
@@ -180,14 +193,33 @@ def _few(samples: ObjectSamples) -> slice | np.ndarray:
     return slice(None) if count <= _CHOSEN else np.sort(np.random.default_rng(0).choice(count, _CHOSEN, replace=False))
 
 
+def beats_remain(geometry: Geometry, samples: ObjectSamples, *, static: bool) -> bool:
+    """Return whether hidden objects that move differently still interfere in a frame: whether the paths by them change alike, up to
+    `MAX_BEATS` wavelengths during the exposure. Beyond that their Doppler shifts differ, and their speckle adds in intensity.
+
+    Args:
+        static: whether light of things at rest interferes with the objects, too.
+    """
+    if not geometry.moves or len(samples.amplitude) == 0:
+        return True
+    begin_s, chosen = geometry.busiest_time_s(), _few(samples)
+    times = (begin_s, begin_s + geometry.camera.electronics.exposure_s)
+    before, after = (move(geometry, samples, time, chosen) for time in times)
+    change, part = (after.path_m + after.frame_path_m) - (before.path_m + before.frame_path_m), samples.part[chosen]
+    means = [change[part == index].mean() for index in np.unique(part)] + [0.0] * static
+    return bool(np.ptp(means) <= MAX_BEATS * geometry.wavelength_m)
+
+
 def _grains(geometry: Geometry, samples: ObjectSamples) -> float:
-    """Return the largest motion in one exposure: in grains of the speckle at the centre and the corners of the frame, in grains of the
-    illumination, and in diameters of the spot."""
+    """Return the largest motion of an object in one exposure: in grains of the speckle at the centre and the corners of the frame, in
+    grains of the illumination, and in diameters of the spot; of all objects together if they interfere."""
     begin_s, exposure_s, chosen = geometry.busiest_time_s(), geometry.camera.electronics.exposure_s, _few(samples)
     height, width = samples.wall.shape
     rows, columns = np.array([0.5, 0.0, 0.0, 1.0, 1.0]) * height, np.array([0.5, 0.0, 1.0, 0.0, 1.0]) * width
     largest, before = geometry.motion.spot_way, move(geometry, samples, begin_s, chosen)
-    on_wall, through = 0.0, 0.0
+    on_wall, through, part = 0.0, 0.0, samples.part[chosen]
+    apart = not beats_remain(geometry, samples, static=False)
+    together = [part == index for index in np.unique(part)] if apart else [np.ones(len(part), bool)]
     for time in begin_s + exposure_s * np.array([0.25, 0.5, 0.75, 1.0]):
         after = move(geometry, samples, float(time), chosen)
         through += float(np.linalg.norm(after.coordinates_m - before.coordinates_m, axis=1).max()) / geometry.motion.grain_m
@@ -197,6 +229,6 @@ def _grains(geometry: Geometry, samples: ObjectSamples) -> float:
             for pixel in moved.wall.pixels(rows, columns)
         ]
         turns = (np.array(ways[5:]) - np.array(ways[:5])) / geometry.wavelength_m
-        on_wall += float(np.ptp(turns, axis=1).max())
+        on_wall += max(float(np.ptp(turns[:, mine], axis=1).max()) for mine in together)
         before = after
     return max(largest, on_wall, through)

@@ -36,8 +36,7 @@ def moving(lab, rng, photoelectrons):
     exposure_s = photoelectrons / per_s
     step_m = rng.uniform(1e-6, 8e-6) * np.array((np.cos(angle := rng.uniform(0.0, 2.0 * np.pi)), np.sin(angle), 0.0))
     geometry = lab.with_exposure(exposure_s).with_velocity(step_m / exposure_s)
-    lever = 1.0 + geometry.distance_m / geometry.source_distance_m
-    expected = np.array(geometry.object_way_m) * lever / np.array(geometry.seen_pitch_m)
+    expected = geometry.travel @ geometry.object_way_m
     return render_geometry(geometry, FRAMES, int(rng.integers(1000))), exposure_s, expected
 
 

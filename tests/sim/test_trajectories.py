@@ -17,6 +17,7 @@ from invert.tracking.shifts import find_shift
 from sim.frame import Simulation
 from sim.geometry import Movement
 from sim.plan import Settings
+from sim.rendering import lag_grid_albedo, motion_of, moved_albedo
 from sim.trajectory import Trajectory, read_trajectory
 
 EVEN = Settings(effects=(("pupil_and_pixel", False), ("source_grain", False), ("motion", True)))
@@ -198,37 +199,97 @@ SQUARE = """
 """
 
 
-def test_two_objects_move_apart(tmp_path):
-    """Cross terms of the autocorrelation of frames appear at the lag of their distance, which grows with time."""
+@pytest.fixture
+def two_squares(tmp_path):
+    """two_squares(speed, exposure) -> Geometry of two small objects 3 mm and 1 mm apart that leave each other; a frame per second."""
     from scenes import scene_path
 
-    text = scene_path("corner_letter").read_text()
-    begin, end = text.index("    <!-- 1 cm square"), text.index("    <!-- the wall that the camera")
+    def make(speed: float, exposure: float):
+        text = scene_path("corner_letter").read_text()
+        begin, end = text.index("    <!-- 1 cm square"), text.index("    <!-- the wall that the camera")
+        squares = SQUARE.format(name="1", x=-1.5e-3, y=0, velocity=f"{-speed}, 0, 0")
+        squares += SQUARE.format(name="2", x=1.5e-3, y=1e-3, velocity=f"{speed}, 0, 0")
+        text = text[:begin] + squares + text[end:]
+        text = text.replace('value="2464"', 'value="616"').replace('value="2056"', 'value="514"')
+        text = text.replace('<float name="pixel_pitch"', '<float name="frame_interval" value="1"/><float name="pixel_pitch"')
+        (tmp_path / "scene.xml").write_text(text)
+        return cg.load(tmp_path / "scene.xml", exposure=exposure).geometry
+
+    return make
+
+
+def power_of_frames(simulation, number, seeds):
+    power = 0.0
+    for seed in range(seeds):
+        image = simulation.expected_frame(seed, number).numpy().astype(float)
+        power = power + np.abs(np.fft.fft2(image / image.mean() - 1.0)) ** 2
+    return np.fft.fftshift(power)
+
+
+def around_lag(power, geometry, row_m, column_m):
+    """The power at lags up to 20 rows and 8 columns from a displacement of the object, and the metres of a row and a column."""
+    shape, steps = np.array(geometry.camera.frame_shape), np.array(geometry.seen_pitch_m)
+    lag_m = geometry.wavelength_m * geometry.distance_m / (shape * steps)
+    row, column = (shape // 2 + np.round(np.array([row_m, column_m]) / lag_m)).astype(int)
+    return power[row - 20 : row + 21, column - 8 : column + 9], lag_m
+
+
+def test_two_objects_move_apart(two_squares):
+    """Cross terms of the autocorrelation of frames appear at the lag of their distance, which grows with time."""
     speed = 1e-3
-    squares = SQUARE.format(name="1", x=-1.5e-3, y=0, velocity=f"{-speed}, 0, 0")
-    squares += SQUARE.format(name="2", x=1.5e-3, y=1e-3, velocity=f"{speed}, 0, 0")
-    text = text[:begin] + squares + text[end:]
-    text = text.replace('value="2464"', 'value="616"').replace('value="2056"', 'value="514"')
-    text = text.replace('name="exposure" value="0.125"', 'name="exposure" value="1e-4"')
-    text = text.replace('<float name="pixel_pitch"', '<float name="frame_interval" value="1"/><float name="pixel_pitch"')
-    (tmp_path / "scene.xml").write_text(text)
-    geometry = cg.load(tmp_path / "scene.xml").geometry
+    geometry = two_squares(speed, 1e-4)
     assert len(geometry.movements) == 2
     assert not geometry.moves_on_lattice
     simulation = Simulation(geometry, EVEN)
-    height, width = geometry.camera.frame_shape
-    lag_m = [geometry.wavelength_m * geometry.distance_m / (n * step) for n, step in zip((height, width), geometry.seen_pitch_m, strict=True)]
     for number in (0, 1):
-        power = np.zeros((height, width))
-        for seed in range(6):
-            image = simulation.expected_frame(seed, number).numpy().astype(float)
-            power += np.abs(np.fft.fft2(image - image.mean())) ** 2
-        apart_m = 3e-3 + 2.0 * speed * number
-        columns = round(apart_m / lag_m[1])
-        rows = slice(height // 2 - 20, height // 2 + 21)
-        window = np.fft.fftshift(power)[rows, width // 2 + columns - 8 : width // 2 + columns + 9]
+        power = power_of_frames(simulation, number, seeds=3)
+        window, lag_m = around_lag(power, geometry, 0.0, 3e-3 + 2.0 * speed * number)
         window = (window - np.median(power)).clip(0.0) ** 2
         row = np.average(np.arange(-20, 21), weights=window.sum(1))
         column = np.average(np.arange(-8, 9), weights=window.sum(0))
         assert column * lag_m[1] == pytest.approx(0.0, abs=2e-4)
         assert abs(row) * lag_m[0] == pytest.approx(1e-3, abs=2e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("speed", "interferes"), [(1e-6, True), (1e-4, True), (3e-4, False)])
+def test_objects_of_different_speed_beat_until_their_doppler_shifts_differ(two_squares, speed, interferes):
+    """Light from 12 degrees: the paths differ by 2 v T sin(12 degrees), and the cross terms fall by the square of the sinc of that."""
+    exposure = 0.125
+    geometry = two_squares(speed, exposure)
+    simulation = Simulation(geometry, EVEN)
+    assert (simulation.plan.modes.objects == (None,)) == interferes
+    power = power_of_frames(simulation, 0, seeds=3)
+    cross, own = (around_lag(power, geometry, row, column)[0].sum() for row, column in ((0.0, 3e-3), (0.0, 0.0)))
+    floor = np.median(power) * 41 * 17
+    turns = 2.0 * speed * exposure * np.sin(np.radians(12.0)) / geometry.wavelength_m
+    # Two equal objects: each of two cross terms has half the power of the own ones.
+    assert (cross - floor) / (own - floor) == pytest.approx(0.5 * np.sinc(turns) ** 2, abs=0.08)
+
+
+def test_the_truth_of_each_frame_is_the_moved_one(still):
+    """A quarter turn of the letter is its picture turned; a displacement by whole cells moves it; at rest nothing changes."""
+    rest, pitches = lag_grid_albedo(still)
+    assert np.corrcoef(moved_albedo(moving(still, Trajectory()), 0.0).ravel(), rest.ravel())[0, 1] > 0.98
+    hidden = still.hidden_object
+    quarter = np.cross(hidden.axes.down, hidden.axes.right) * 90.0
+    shown = moved_albedo(moving(still, Trajectory(turn_deg_s=quarter)), 1.0)
+    # From the axis of rows towards that of columns: what was below the centre is right of it.
+    alike = [np.corrcoef(shown.ravel(), np.rot90(rest, turns).ravel())[0, 1] for turns in range(4)]
+    assert int(np.argmax(alike)) == 1
+    assert alike[1] > 0.95
+    way = 3.0 * pitches[0] * hidden.axes.down - 5.0 * pitches[1] * hidden.axes.right
+    shown = moved_albedo(moving(still, Trajectory(velocity_m_s=way)), 1.0)
+    assert np.corrcoef(shown.ravel(), np.roll(rest, (3, -5), (0, 1)).ravel())[0, 1] > 0.98
+    assert shown.sum() == pytest.approx(rest.sum(), rel=0.01)
+
+
+def test_the_record_of_a_capture_tells_where_everything_was(still):
+    hidden = still.hidden_object
+    axis = np.cross(hidden.axes.down, hidden.axes.right)
+    path = Trajectory(velocity_m_s=2e-4 * hidden.axes.down - 1e-4 * hidden.line_of_sight, turn_deg_s=3.0 * axis)
+    told = motion_of(moving(still, path), 3)
+    assert [one["time_s"] for one in told] == pytest.approx([5e-5, 10.00005, 20.00005])
+    np.testing.assert_allclose(told[1]["objects"][0]["displacement_m"], np.array([2e-4, 0.0, -1e-4]) * told[1]["time_s"], atol=1e-9)
+    np.testing.assert_allclose(np.abs(told[1]["objects"][0]["rotation_deg"]), [0.0, 0.0, 3.0 * told[1]["time_s"]], atol=1e-6)
+    assert motion_of(still, 3) == []

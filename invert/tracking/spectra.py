@@ -1,0 +1,119 @@
+"""Spectra of frames in the band of their speckle.
+
+A frame is not periodic. Without a window, the jump between its opposite edges stays at its place while the speckle moves, and draws every
+shift towards zero. The window falls to zero at the edges like a cosine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+import torch
+from scipy.ndimage import label, uniform_filter
+from scipy.signal.windows import tukey
+
+TAPER = 0.25
+"""Fraction of each side of a frame over which the window falls, both ends together."""
+
+FRAMES_FOR_POWER = 32
+"""Number of frames from which the power spectrum is measured."""
+
+SMOOTHING = (9, 27, 81)
+"""Sides of the window, in frequencies, over which the mean power spectrum is smoothed; the smallest that shows the speckle is used."""
+
+OUTER = 0.75
+"""The noise floor is the median power beyond this fraction of the highest frequency."""
+
+SIGNAL_SIGMA = 3.0
+"""Significance, in standard deviations, above which a frequency counts as signal."""
+
+SLOWEST = 2
+"""Frequencies up to this many periods per frame belong to uneven light and are left out."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """Frequencies at which frames show speckle.
+
+    Attributes:
+        shape: pixels of a frame (rows, columns) after binning.
+        rows, columns: frequencies in cycles per pixel, (R,) and (C,); columns of zero or more only.
+        counts: how often a coefficient stands for itself and its conjugate, (R, C); 0 outside the band.
+        signal: power of the speckle, (R, C).
+        floor: power of the noise.
+    """
+
+    shape: tuple[int, int]
+    rows: np.ndarray
+    columns: np.ndarray
+    counts: np.ndarray
+    signal: np.ndarray
+    floor: float
+
+    @property
+    def grain_pixels(self) -> float:
+        """Width of a grain: one over the rms frequency of the speckle in cycles per pixel, over 2 pi."""
+        share = self.counts * self.signal
+        square = (share * (self.rows[:, None] ** 2 + self.columns**2)).sum() / max(share.sum(), 1e-300)
+        return float(1.0 / (2.0 * np.pi * max(square, 1e-12) ** 0.5))
+
+    @property
+    def noise_gain(self) -> float:
+        """Factor by which the window raises the variance of sums over frequencies, whose noise it correlates."""
+        windows = [tukey(side, TAPER) for side in self.shape]
+        return float(np.prod([(one**4).mean() / (one**2).mean() ** 2 for one in windows]))
+
+
+class Reader:
+    """Reader of frames into spectra in one band.
+
+    Args:
+        shape: pixels of a frame. binning: pixels that are added along each axis.
+    """
+
+    def __init__(self, shape: tuple[int, int], binning: int) -> None:
+        self.shape, self._binning = (shape[0] // binning, shape[1] // binning), binning
+        self._window = torch.from_numpy(np.outer(*(tukey(side, TAPER) for side in self.shape))).float()
+
+    def whole(self, frame: np.ndarray) -> torch.Tensor:
+        """Return the spectrum (rows, columns // 2 + 1) of a frame without its mean."""
+        image = torch.as_tensor(np.ascontiguousarray(frame, np.float32))
+        if self._binning > 1:
+            image = torch.nn.functional.avg_pool2d(image[None], self._binning)[0]
+        return torch.fft.rfft2((image - image.mean()) * self._window)
+
+    def band(self, frames: Iterable[np.ndarray]) -> Band | None:
+        """Return the band of the speckle, from the first frames; None if they show none."""
+        first = [self.whole(frame).abs().square() for frame in islice(frames, FRAMES_FOR_POWER)]
+        power = torch.stack(first).mean(0).numpy().astype(np.float64)
+        rows, columns = np.fft.fftfreq(self.shape[0]), np.fft.rfftfreq(self.shape[1])
+        radius = np.hypot(rows[:, None], columns[None]) / 0.5
+        is_slow = np.hypot(rows[:, None] * self.shape[0], columns[None] * self.shape[1]) <= SLOWEST
+        for side in SMOOTHING:
+            smooth = uniform_filter(power, side, mode="wrap")
+            floor = float(np.median(smooth[(radius > OUTER) & (radius <= 1.0)]))
+            is_signal = smooth - floor > SIGNAL_SIGMA * floor / (len(first) * side**2) ** 0.5  # of exponential variables
+            # Noise exceeds the limit here and there at high frequencies, which would make the maximum falsely sharp.
+            regions, _ = label(np.roll(is_signal, len(rows) // 2, 0))
+            if middle := regions[len(rows) // 2, 0]:
+                inside = np.roll(regions == middle, -(len(rows) // 2), 0) & ~is_slow
+                if inside.any():
+                    return self._crop(smooth - floor, inside, floor)
+        return None
+
+    def _crop(self, signal: np.ndarray, inside: np.ndarray, floor: float) -> Band:
+        rows, columns = np.fft.fftfreq(self.shape[0]), np.fft.rfftfreq(self.shape[1])
+        highest = int(np.abs(np.round(rows[inside.any(1)] * self.shape[0])).max())
+        kept = np.arange(-highest, min(highest, self.shape[0] - highest - 1) + 1)
+        across = int(np.flatnonzero(inside.any(0)).max()) + 1
+        is_double = (np.arange(across) > 0) & (np.arange(across) < (self.shape[1] + 1) // 2)
+        counts = inside[kept][:, :across] * np.where(is_double, 2.0, 1.0)
+        return Band(self.shape, rows[kept], columns[:across], counts, np.where(inside, signal, 0.0)[kept][:, :across], floor)
+
+    def spectra(self, frame: np.ndarray, band: Band) -> np.ndarray:
+        """Return the spectrum of a frame in a band, complex64 (R, C)."""
+        kept = np.round(band.rows * self.shape[0]).astype(int)
+        return self.whole(frame)[kept][:, : len(band.columns)].numpy()
