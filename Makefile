@@ -17,8 +17,10 @@ demo: $(VENV)/installed
 test: $(VENV)/installed
 	$(PYTEST) -m "not slow"
 
+# Seconds since the epoch after which no slow test begins; empty for all of them.
+UNTIL ?=
 test-slow: $(VENV)/installed
-	$(PYTEST) -m slow
+	$(PYTEST) -m slow $(if $(UNTIL),--until $(UNTIL))
 
 test-all: test test-slow
 

@@ -18,6 +18,14 @@ def parser() -> ArgumentParser:
     p.add_argument(
         "--source-distance-m", type=SI, help="distance from the laser spot to the object, for displacements in metres"
     )
+    p.add_argument(
+        "--source-angle-deg",
+        nargs=2,
+        type=float,
+        metavar=("ROWS", "COLUMNS"),
+        default=(0.0, 0.0),
+        help="angles between the light from the laser spot and the line of sight (0 0)",
+    )
     p.add_argument("--frames-per-s", type=SI, help="frames per second, for velocities")
     p.add_argument("--binning", type=Range(1, 64), default=1, help="pixels that are added along each axis first (1)")
     p.add_argument("--pixel-pitch-m", type=SI, help="pixel pitch on the virtual detector in metres")
@@ -42,6 +50,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     found = track(
         capture,
         source_distance_m=options.source_distance_m,
+        source_angle_deg=tuple(options.source_angle_deg),
         interval_s=None if options.frames_per_s is None else 1.0 / options.frames_per_s,
         binning=options.binning,
     )

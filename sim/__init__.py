@@ -11,6 +11,7 @@
     integrators/     speckle, throughput: frames and light budget by mi.render
     scene_reader.py  scene -> Geometry, validated (scene_checks.py: rays and sizes)
     geometry.py      spot, object, wall, camera (camera_view.py), light path
+    trajectory.py    motion of objects and camera over time
     transport/       light as rays: surfaces, light budget, object as seen from the virtual detector, Monte Carlo
     optics/          light as waves: illumination, motion, coherence, camera
     propagation/     object -> virtual detector, one propagator per file

@@ -19,7 +19,9 @@ SATURATION_WORTH_A_WARNING = 1e-3
 def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m sim", description="Render speckle frames of a hidden object.")
     p.add_argument("scene", help="Mitsuba scene file (XML), or the name of a shipped scene")
-    p.add_argument("-o", "--output", help="folder for frame_0000.exr..., truth.npy (truth_frames.npy of a scene that moves) and sim.json")
+    p.add_argument(
+        "-o", "--output", help="folder for frame_0000.exr..., truth.npy (truth_frames.npy of a scene that moves) and sim.json"
+    )
     p.add_argument(
         "-D",
         dest="definitions",

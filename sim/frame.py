@@ -16,7 +16,7 @@ from sim.geometry import Geometry
 from sim.optics.camera import mean_image, transfer_function
 from sim.optics.detector_roughness import exact_image, gamma_image
 from sim.optics.illumination import Displaced, illuminate
-from sim.optics.motion import Moved, Pose, move, poses
+from sim.optics.motion import Moved, Pose, move, poses, tilt
 from sim.optics.other_light import StrayLight
 from sim.plan import STATIC, Plan, Settings
 from sim.propagation.kernels import KERNELS
@@ -84,6 +84,10 @@ class Simulation:
     def _canvas_field(self, seed: int, number: int, mode: _Mode, oversampling: int) -> torch.Tensor:
         """Return the field on the frame and on a border, from which the camera blur brings light into the frame."""
         samples, option, pose = self._samples, self.propagator, mode.pose
+        apart = pose.time_s is not None and self.geometry.moves_on_lattice and len(self.geometry.movements) > 1
+        if apart and mode.part is None:  # on one lattice, but each object with a phase of its own
+            parts = [replace(mode, part=int(part)) for part in np.unique(samples.part)]
+            return sum(self._canvas_field(seed, number, one, oversampling) for one in parts)
         moved = None if pose.time_s is None else move(self.geometry, samples, pose.time_s)
         height, width = samples.wall.shape
         wall = replace(
@@ -100,7 +104,7 @@ class Simulation:
             number,
             grain=self._models("source_grain"),
             spot_m=pose.spot_m,
-            moved=moved and Displaced(samples.place, moved.coordinates_m, moved.shift_m, self.geometry.wander_m),
+            moved=moved and self._displaced(moved, mode.part or 0),
         )
         scatterers, chosen = samples.lit(lit, period, mode.offset_hz), KERNELS[option.propagator]
         if mode.part is not None:
@@ -115,7 +119,14 @@ class Simulation:
             terms = replace(terms, visible=visible)
         if option.patches is not None:
             terms = replace(terms, tolerance=option.patches.tolerance, patches=option.patches if oversampling == 1 else None)
-        return chosen.propagate(scatterers, wall, terms)
+        field = chosen.propagate(scatterers, wall, terms)
+        if pose.time_s is not None and mode.part is not None and chosen.on_lattice:
+            field = field * torch.from_numpy(tilt(self.geometry, wall, mode.part, pose.time_s)).to(self.device)
+        return field
+
+    def _displaced(self, moved: Moved, part: int) -> Displaced:
+        shift = None if moved.shifts_m is None else (float(moved.shifts_m[part, 0]), float(moved.shifts_m[part, 1]))
+        return Displaced(self._samples.place, moved.coordinates_m, shift, self.geometry.wander_m)
 
     def _kernel_gain(self, visible: Visibility | None) -> np.ndarray:
         """Return factors (n,), one per sample, that divide out the propagator's rms amplitude over the frame.

@@ -183,26 +183,27 @@ class Geometry:
 
     @property
     def moves_on_lattice(self) -> bool:
-        """Whether the samples of the object keep their places on a grid: one object that moves across the line of sight without turning,
-        apart from a motion along it that changes the speckle by less than a hundredth of what the motion across it does.
+        """Whether the samples of each object keep their places on a grid: it moves across the line of sight without turning, apart from a
+        motion along it that changes the speckle by less than a hundredth of what the motion across it does.
         """
-        if not self.movements:
-            return True
         paths = [one.trajectory for one in self.movements]
-        if any(path.turns for path in paths) or not all(path.matches(paths[0]) for path in paths):
+        if any(path.turns for path in paths):
             return False
-        ways = np.array([paths[0].displacement(time) for time in self.moments()])
-        along = np.abs(ways @ self.hidden_object.line_of_sight).max()
-        across = np.linalg.norm(self.hidden_object.axes.coordinates(ways), axis=-1).max()
-        scaled = along * 0.5 * max(self.camera.extent_m) / self.distance_m
-        return bool(scaled <= 0.01 * across * (1.0 + self.distance_m / self.source_distance_m))
+        for path in paths:
+            ways = path.displacement(self.moments())
+            along = np.abs(ways @ self.hidden_object.line_of_sight).max()
+            across = np.linalg.norm(self.hidden_object.axes.coordinates(ways), axis=-1).max()
+            scaled = along * 0.5 * max(self.camera.extent_m) / self.distance_m
+            if scaled > 0.01 * across * (1.0 + self.distance_m / self.source_distance_m):
+                return False
+        return True
 
     @property
     def wander_m(self) -> float:
-        """Distance by which parts of the object leave the grid that they occupy at rest, apart from a displacement of all."""
+        """Distance by which turning or receding parts of the object leave the grid that they occupy at rest."""
         if self.moves_on_lattice:
             return 0.0
-        ways = [np.array([one.trajectory.displacement(time) for time in self.moments()]) for one in self.movements]
+        ways = [one.trajectory.displacement(self.moments()) for one in self.movements]
         apart = max(float(np.linalg.norm(way - ways[0], axis=1).max()) for way in ways)
         return apart + 0.5 * max(self.hidden_object.extent_m)
 
@@ -212,10 +213,11 @@ class Geometry:
         paths = [(one.trajectory, 0.5 * max(self.hidden_object.extent_m)) for one in self.movements]
         travelled = np.zeros(len(times))
         for path, radius in [*paths, (self.camera.trajectory, 0.0)]:
-            steps = np.linalg.norm(np.diff([path.displacement(time) for time in times], axis=0), axis=1)
-            turns = [path.rotation(time) for time in times] if path.turns else []
-            angles = [(second * first.inv()).magnitude() for first, second in zip(turns, turns[1:], strict=False)]
-            travelled[1:] += np.cumsum(steps + radius * np.array(angles or np.zeros(len(times) - 1)))
+            steps = np.linalg.norm(np.diff(path.displacement(times), axis=0), axis=1)
+            if path.turns:
+                turns = path.rotation(times)
+                steps = steps + radius * (turns[1:] * turns[:-1].inv()).magnitude()
+            travelled[1:] += np.cumsum(steps)
         begins = np.concatenate([times, times - exposure_s]).clip(0.0)
         ways = np.interp(begins + exposure_s, times, travelled) - np.interp(begins, times, travelled)
         return float(begins[int(np.argmax(ways))]) if ways.max() > ways[0] * (1.0 + 1e-9) else 0.0

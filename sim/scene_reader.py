@@ -30,6 +30,7 @@ from sim.scene_checks import (
     shape_named,
     unit,
 )
+from sim.trajectory import Trajectory
 from sim.transport.ambient import ambient_irradiance
 from sim.transport.detector_texture import detector_albedo, texture_of
 from sim.transport.footprint import lag_axes, pixel_steps
@@ -37,7 +38,6 @@ from sim.transport.hidden_object import HiddenObject, bounds, is_hidden_object
 from sim.transport.light_transport import LightTransport
 from sim.transport.monte_carlo import estimate_other_light
 from sim.transport.surfaces import check_surfaces
-from sim.trajectory import Trajectory
 
 
 def fingerprint(scene: mi.Scene) -> int:

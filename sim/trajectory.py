@@ -16,7 +16,7 @@ from correlograph.errors import InputError
 
 COLUMNS = ("time_s", "x_m", "y_m", "z_m")
 TURNS = ("rx_deg", "ry_deg", "rz_deg")
-MAX_ROWS = 1_000_000
+MAX_ROWS = 100_000
 
 
 @dataclass(frozen=True)
@@ -46,14 +46,17 @@ class Trajectory:
     def turns(self) -> bool:
         return bool(np.any(self.turn_deg_s)) or bool(np.any(self.rotation_deg))
 
-    def displacement(self, time_s: float) -> np.ndarray:
-        """Return the displacement at a time, (3,)."""
-        listed = [np.interp(time_s, self.times_s, self.displacement_m[:, axis]) for axis in range(3)] if len(self.times_s) else 0.0
-        return self.velocity_m_s * time_s + np.array(listed)
+    def displacement(self, time_s: float | np.ndarray) -> np.ndarray:
+        """Return the displacement at times (...), (..., 3)."""
+        time = np.asarray(time_s, np.float64)[..., None]
+        if len(self.times_s) == 0:
+            return self.velocity_m_s * time
+        listed = [np.interp(time_s, self.times_s, self.displacement_m[:, axis]) for axis in range(3)]
+        return self.velocity_m_s * time + np.stack(listed, -1)
 
-    def rotation(self, time_s: float) -> Rotation:
-        """Return the rotation at a time: that of the list, then the constant one."""
-        constant = Rotation.from_rotvec(np.radians(self.turn_deg_s) * time_s)
+    def rotation(self, time_s: float | np.ndarray) -> Rotation:
+        """Return the rotation at one time or at several (n,): that of the list, then the constant one."""
+        constant = Rotation.from_rotvec(np.asarray(time_s, np.float64)[..., None] * np.radians(self.turn_deg_s))
         if len(self.times_s) == 0:
             return constant
         listed = Rotation.from_rotvec(np.radians(self.rotation_deg))

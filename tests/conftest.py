@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+import time
 from pathlib import Path
 
 import numpy as np
@@ -58,3 +60,22 @@ def command(capsys):
         raise AssertionError("a command always exits")
 
     return run
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--until", type=float, help="time since the epoch after which tests that have not begun are skipped")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Shuffle the files of tests that may run out of time, anew every day, so that the same ones are not skipped again and again."""
+    until = config.getoption("--until")
+    if until is not None:
+        files = sorted({item.path for item in items})
+        random.Random(int(until // 86400)).shuffle(files)
+        items.sort(key=lambda item: files.index(item.path))
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    until = item.config.getoption("--until")
+    if until is not None and time.time() > until:
+        pytest.skip("no time left before --until")

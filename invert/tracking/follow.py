@@ -7,11 +7,13 @@ registered alone are summed in groups of two, four and so on, as they move.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve_banded
 
-from invert.tracking.shifts import aligned, refine, weight_of
+from invert.tracking.shifts import APART_GRAINS, aligned, refine, weight_of
 from invert.tracking.spectra import Band
 from invert.tracking.start import Start
 
@@ -24,6 +26,9 @@ LONGEST_REACH = 16
 FADED = 0.6
 """Share of the common speckle of neighbours that groups must still have in common."""
 
+WALK = 6.0
+"""See `_walk_by_illumination`; measured on rendered frames of 0.1 to 1.4 megapixels (docs/tracking.md)."""
+
 ROUNDS = 4
 
 
@@ -35,57 +40,102 @@ class Followed:
         path: position of its speckle in each frame from the first, (frames, 2) pixels.
         error: standard error of each position, (frames, 2).
         frames_per_group: number of frames that were registered together.
-        common: share of the speckle that neighbouring groups have in common.
+        reach: number of groups on each side to which each was registered.
+        significance: median significance of a group in its surroundings.
     """
 
     path: np.ndarray
     error: np.ndarray
     frames_per_group: int
-    common: float
+    reach: int
+    significance: float
 
 
-def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:
-    """Return the path of an object near an approximate one; spectra (frames, R, C)."""
-    path, length = start.path, 1
-    while True:
-        groups = np.array_split(np.arange(len(path)), max(2, len(path) // length))
-        middles = np.array([group.mean() for group in groups])
-        sums = np.stack([aligned(spectra[group], band, path[group] - path[group].mean(0)).sum(0) for group in groups])
-        of_group = Band(band.shape, band.rows, band.columns, band.counts, band.signal * length**2, band.floor * length)
-        places, error, common, significance = _register(sums, of_group, np.stack([path[group].mean(0) for group in groups]))
-        if significance >= MIN_GROUP_SIGNIFICANCE or len(groups) <= 4:
-            break
+def follow(spectra: np.ndarray, band: Band, start: Start, others: Sequence[Start] = ()) -> Followed:
+    """Return the path of an object near an approximate one.
+
+    Args:
+        spectra: (frames, R, C).
+        others: other objects; frames in which they lie as they do in the one that is registered are left out of its surroundings.
+    """
+    apart = max((_frames_apart(start, other, APART_GRAINS * band.grain_pixels) for other in others), default=0)
+    best, length, longest = None, 1, 1
+    while best is None or (best.significance < MIN_GROUP_SIGNIFICANCE and length <= longest):
+        found = _follow_groups(spectra, band, start.path, length, apart // length)
+        longest = found.reach if length == 1 else longest
+        if best is None or found.significance > best.significance:
+            best = found
         length *= 2
-    # Within a group, the approximate path gives the motion about its mean.
+    return best
+
+
+def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: int, skip: int) -> Followed:
+    """Return the path from groups of `length` frames; within a group, the approximate path gives the motion about its mean."""
+    groups = np.array_split(np.arange(len(path)), max(2, len(path) // length))
+    middles = np.array([group.mean() for group in groups])
+    means = np.stack([path[group].mean(0) for group in groups])
+    sums = np.stack([aligned(spectra[group], band, path[group] - path[group].mean(0)).sum(0) for group in groups])
+    of_group = replace(band, signal=band.signal * length**2, floor=band.floor * length)
+    places, error, reach, significance = _register(sums, of_group, means, skip)
     numbers = np.arange(len(path))
-    moved = places - np.stack([path[group].mean(0) for group in groups])
-    found = path + np.stack([_interpolate(numbers, middles, moved[:, axis]) for axis in (0, 1)], 1)
+    found = path + np.stack([_interpolate(numbers, middles, (places - means)[:, axis]) for axis in (0, 1)], 1)
     errors = np.stack([np.interp(numbers, middles, error[:, axis]) for axis in (0, 1)], 1)
     from_first = np.hypot(errors, errors[0])
     from_first[0] = 0.0
-    return Followed(found - found[0], from_first, length, common)
+    return Followed(found - found[0], from_first, length, reach, significance)
 
 
-def _register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, float]:
-    """Return positions of groups (n, 2), their standard errors, the common share of neighbours, and the median significance."""
+def _frames_apart(one: Start, other: Start, pixels: float) -> int:
+    """Return the number of frames after which two objects have not yet moved apart by a number of pixels."""
+    speed = np.linalg.norm(np.diff(one.path - other.path, axis=0), axis=1).mean()
+    return min(int(np.ceil(pixels / max(float(speed), 1e-9))) - 1, LONGEST_REACH)
+
+
+def _register(sums: np.ndarray, band: Band, places: np.ndarray, skip: int) -> tuple[np.ndarray, np.ndarray, int, float]:
+    """Return positions of groups (n, 2), their standard errors, the reach of the surroundings, and the median significance; `skip`
+    neighbours on each side are left out."""
     count, reach, common = len(sums), 1, 1.0
     for _ in range(ROUNDS):
         moved = aligned(sums, band, places)
         alike = _likeness(moved, band)
         common = float(np.clip(alike[0], 0.05, 1.0))
-        far = np.flatnonzero(alike < FADED * alike[0])
-        reach = int(np.clip(far[0] if len(far) else LONGEST_REACH, 1, min(LONGEST_REACH, count - 1)))
+        faded = np.flatnonzero(alike < FADED * alike[0])
+        reach = int(np.clip(faded[0] if len(faded) else LONGEST_REACH, 1, min(LONGEST_REACH, count - 1)))
         total = np.concatenate([np.zeros_like(moved[:1]), np.cumsum(moved, 0)])
-        low, high = (np.clip(np.arange(count) + side, 0, count) for side in (-reach, reach + 1))
-        around = total[high] - total[low] - moved
-        weight = weight_of(band, common, int(np.median(high - low - 1)))
+        reach = min(max(reach, skip + 2), count - 1)  # two distances, so that all groups are joined
+        low, near, far, high = (np.clip(np.arange(count) + side, 0, count) for side in (-reach, -skip, skip + 1, reach + 1))
+        around = (total[high] - total[far]) + (total[near] - total[low])
+        weight = weight_of(band, common, max(1, int(np.median(high - far + near - low))))
         shifts = refine(around.conj() * moved, band, weight, np.zeros((count, 2)))
-        places = places + shifts.pixels
+        places = places + _solve(shifts.pixels, skip, reach)
     variance = np.diagonal(shifts.covariance, axis1=1, axis2=2)
-    # Errors of neighbours add up over distances beyond the reach.
-    walked = np.arange(count)[:, None] / reach * 2.0 * variance / (2.0 * reach)
+    # Over distances beyond the reach, errors add up like resistances of a chain in which each member is joined to its neighbours.
+    squares = np.mean(np.arange(skip + 1, reach + 1) ** 2.0)
+    walked = 2.0 * np.arange(count)[:, None] / squares * variance
+    walked = walked + _walk_by_illumination(places, alike, band)
     significance = float(np.median(shifts.height)) / weight.deviation
-    return places, np.sqrt(variance + walked), common, significance
+    return places, np.sqrt(variance + walked), reach, significance
+
+
+def _solve(shifts: np.ndarray, skip: int, reach: int) -> np.ndarray:
+    """Return corrections (n, 2) of positions of which each differs from the mean correction of its surroundings by the shift that was
+    found, (n, 2); 0 for the first."""
+    count, found = len(shifts), np.zeros_like(shifts)
+    numbers = np.arange(count)
+    bands = np.zeros((2 * reach + 1, count))
+    bands[reach] = 1.0
+    offsets = [step for step in range(-reach, reach + 1) if abs(step) > skip]
+    around = sum(((numbers + step >= 0) & (numbers + step < count)).astype(float) for step in offsets)
+    for step in offsets:
+        rows = numbers[(numbers + step >= 0) & (numbers + step < count)]
+        bands[reach - step, rows + step] = -1.0 / around[rows]
+    for step in range(reach + 1):  # the first equation fixes the first position
+        if step < count:
+            bands[reach - step, step] = float(step == 0)
+    right = shifts.copy()
+    right[0] = 0.0
+    found[:] = solve_banded((reach, reach), bands, right)
+    return found
 
 
 def _likeness(moved: np.ndarray, band: Band) -> np.ndarray:
@@ -94,6 +144,18 @@ def _likeness(moved: np.ndarray, band: Band) -> np.ndarray:
     full = (weight * band.signal).sum()
     steps = range(1, min(LONGEST_REACH + 1, len(moved)))
     return np.array([float(((moved[:-step].conj() * moved[step:]).real.mean(0) * weight).sum() / full) for step in steps])
+
+
+def _walk_by_illumination(places: np.ndarray, alike: np.ndarray, band: Band) -> np.ndarray:
+    """Return the variance of positions (n, 1) by the speckle of the illumination: after each way over which the likeness falls to
+    `FADED`, the pattern has become another one, and its maximum has moved by `WALK` grains over the root of the number of grains."""
+    last = np.clip(alike[-1] / alike[0], 1e-6, 1.0 - 1e-6)
+    far = np.flatnonzero(alike < FADED * alike[0])
+    steps = far[0] + 1.0 if len(far) else len(alike) * (np.log(FADED) / np.log(last)) ** 0.5
+    ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    travelled = np.concatenate([[0.0], np.cumsum(ways)]) / max(steps * float(ways.mean()), 1e-9)
+    grains = np.prod(band.shape) / (2.0 * np.pi * band.grain_pixels**2)
+    return (travelled * (WALK * band.grain_pixels) ** 2 / grains)[:, None]
 
 
 def _interpolate(at: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:

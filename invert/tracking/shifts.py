@@ -19,6 +19,12 @@ NEWTON_STEPS = 6
 MIN_SIGNIFICANCE = 6.0
 """Standard deviations above which a motion counts as found; the highest of a million shifts of noise lies at 5."""
 
+APART_GRAINS = 3.0
+"""Distance of two displacements that can be told apart, in rms radii of a grain."""
+
+FAINTEST = 0.02
+"""Height of a maximum over that of the highest below which it is not another object: a seventh of its light."""
+
 MAX_COMMON = 0.99
 """Share of the speckle that two frames have in common at most, so that bright frames do not rely on their highest frequencies alone."""
 
@@ -48,7 +54,10 @@ def weight_of(band: Band, common: float, frames: int = 1) -> Weight:
     # Of s (frames s + noise)*: the noise of the frame times the speckle, of the sum times the speckle, and of both.
     left = common * signal * own + (common * signal * own + own**2) / frames
     values = np.where(band.counts > 0.0, signal / np.maximum(left, 1e-300), 0.0)
-    turn = (2.0 * np.pi * np.broadcast_to(band.rows[:, None], signal.shape), 2.0 * np.pi * np.broadcast_to(band.columns, signal.shape))
+    turn = (
+        2.0 * np.pi * np.broadcast_to(band.rows[:, None], signal.shape),
+        2.0 * np.pi * np.broadcast_to(band.columns, signal.shape),
+    )
     noise = band.counts * values**2 * frames**2 * left * band.noise_gain
     covariance = np.array([[float((noise * one * other).sum()) for other in turn] for one in turn])
     null = band.counts * values**2 * frames * total**2 * band.noise_gain
@@ -102,28 +111,50 @@ def refine(cross: np.ndarray, band: Band, weight: Weight, start: np.ndarray) -> 
 def correlate(cross: np.ndarray, band: Band, weight: Weight, finer: int = 2) -> tuple[np.ndarray, np.ndarray]:
     """Return the weighted cross-correlation of one cross-spectrum (R, C) on a coarse grid, zero shift first, and the pitch of that grid in
     pixels along rows and columns."""
-    sides = [2 * int(np.round(np.abs(part).max() * side)) + 1 for part, side in zip((band.rows, band.columns), band.shape, strict=True)]
+    sides = [
+        2 * int(np.round(np.abs(part).max() * side)) + 1
+        for part, side in zip((band.rows, band.columns), band.shape, strict=True)
+    ]
     shape = tuple(finer * side for side in sides)
     spectrum = np.zeros((shape[0], shape[1] // 2 + 1), np.complex64)
     place = np.round(band.rows * band.shape[0]).astype(int) % shape[0]
-    spectrum[place, : len(band.columns)] = cross * np.where(band.counts > 0.0, weight.values / np.maximum(band.counts, 1.0), 0.0)
+    spectrum[place, : len(band.columns)] = cross * np.where(
+        band.counts > 0.0, weight.values / np.maximum(band.counts, 1.0), 0.0
+    )
     found = np.fft.irfft2(spectrum, s=shape) * (shape[0] * shape[1])
     return found, np.array(band.shape) / np.array(shape)
 
 
-def peaks(found: np.ndarray, pitch: np.ndarray, band: Band, deviation: float, most: int = 4) -> tuple[np.ndarray, np.ndarray]:
-    """Return the highest maxima of a cross-correlation above `MIN_SIGNIFICANCE`, (k, 2) in pixels, and their significance, (k,)."""
-    left, places, heights = found.copy(), [], []
-    around = [np.arange(-reach, reach + 1) for reach in np.ceil(3.0 * band.grain_pixels / pitch).astype(int)]
-    while len(places) < most:
-        place = np.array(np.unravel_index(int(left.argmax()), left.shape))
-        height = float(left[tuple(place)]) / deviation
-        if height < MIN_SIGNIFICANCE:
+def peaks(
+    cross: np.ndarray, own: np.ndarray, band: Band, weight: Weight, deviation: float, most: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the displacements in a cross-spectrum (R, C) above `MIN_SIGNIFICANCE`, (k, 2) in pixels, and their significance, (k,).
+
+    Speckle has maxima beside its own. Each displacement found is therefore subtracted, with all that belongs to it, before the next, and
+    what is left within `APART_GRAINS` of it is not another one.
+
+    Args:
+        own: power of the same frames without the noise floor, (R, C).
+        deviation: standard deviation of the cross-correlation.
+    """
+    full = max(float((weight.values * own).sum()), 1e-300)
+    places, heights = np.zeros((0, 2)), []
+    left, tried = cross.copy(), 0
+    while len(heights) < most:
+        found, pitch = correlate(left, band, weight)
+        place = np.array(np.unravel_index(int(found.argmax()), found.shape))
+        start = ((place + np.array(found.shape) // 2) % found.shape - np.array(found.shape) // 2) * pitch
+        exact = refine(left[None], band, weight, start[None])
+        height = max(float(exact.height[0]), float(found.max()))
+        if height < max(MIN_SIGNIFICANCE * deviation, FAINTEST * deviation * max(heights, default=0.0)):
             break
-        places.append(((place + np.array(left.shape) // 2) % left.shape - np.array(left.shape) // 2) * pitch)
-        heights.append(height)
-        left[np.ix_(*((middle + one) % side for middle, one, side in zip(place, around, left.shape, strict=True)))] = -np.inf
-    return np.array(places).reshape(-1, 2), np.array(heights)
+        if len(places) == 0 or np.linalg.norm(places - exact.pixels, axis=1).min() > APART_GRAINS * band.grain_pixels:
+            places = np.concatenate([places, exact.pixels])
+            heights.append(height / deviation)
+        elif (tried := tried + 1) > most:
+            break
+        left = left - aligned(height / full * own[None].astype(np.complex64), band, -exact.pixels)[0]
+    return places, np.array(heights)
 
 
 def _downward(curvature: np.ndarray, least: float) -> np.ndarray:

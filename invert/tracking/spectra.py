@@ -15,7 +15,7 @@ import torch
 from scipy.ndimage import label, uniform_filter
 from scipy.signal.windows import tukey
 
-TAPER = 0.25
+TAPER = 0.12
 """Fraction of each side of a frame over which the window falls, both ends together."""
 
 FRAMES_FOR_POWER = 32

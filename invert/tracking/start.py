@@ -7,14 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from correlograph.errors import InputError
-from invert.tracking.shifts import MIN_SIGNIFICANCE, correlate, peaks, weight_of
+from invert.tracking.shifts import MIN_SIGNIFICANCE, aligned, correlate, peaks, weight_of
 from invert.tracking.spectra import Band
+
+LAGS = (1, 2, 4, 8, 16)
+"""Distances of the frames that are compared."""
+
+PERSISTENT = 0.2
+"""Share of the common speckle of consecutive frames that frames two apart must show."""
 
 MOST_OBJECTS = 4
 MAX_JUMP_GRAINS = 4.0
 """Largest change of the displacement from one block to the next that still counts as one object."""
 
-FADED = 0.5
+FADED = 0.7
 """Share of the blocks in which an object must appear."""
 
 
@@ -39,37 +45,74 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
     Args:
         spectra: (frames, R, C).
 
-    Blocks are as short as the light allows, so that the motion may change from one to the next. Raises InputError if the whole capture
-    shows no common motion.
+    Frames further apart tell objects of little different speed from one another; the smallest distance that shows most objects is used.
+    Raises InputError if the whole capture shows no common motion.
     """
-    pairs, weight = len(spectra) - 1, weight_of(band, 0.0)
-    cross = spectra[:-1].conj() * spectra[1:]
+    best: list[Start] = []
+    for lag in (one for one in LAGS if one < max(2, len(spectra) // 2)):
+        try:
+            found = [one for one in _objects_at(spectra, band, lag) if _persists(one, spectra, band)]
+        except InputError:
+            if best:
+                break
+            raise
+        if len(found) > len(best):
+            best = found
+    if not best:
+        expected, remedy = "speckle that moves as a whole", "keep the laser and the camera at rest"
+        raise InputError("frames", expected, "displacements that do not continue from frame to frame", remedy)
+    return best
+
+
+def _persists(one: Start, spectra: np.ndarray, band: Band) -> bool:
+    """Return whether frames two apart show an object at its path, too. A camera that shakes back and forth looks like two objects that
+    move in opposite directions, until then."""
+    return len(spectra) < 4 or share_along(spectra, band, one.path, 2) > PERSISTENT * share_along(spectra, band, one.path, 1)
+
+
+def share_along(spectra: np.ndarray, band: Band, path: np.ndarray, lag: int) -> float:
+    """Return the share of the speckle that frames `lag` apart have in common along a path (frames, 2)."""
+    steps, weight = path[lag:] - path[:-lag], weight_of(band, 0.0)
+    alike = aligned(spectra[:-lag].conj() * spectra[lag:], band, steps).sum(0).real * weight.values
+    overlap = np.prod(1.0 - np.abs(steps) / np.array(band.shape), axis=1).mean()
+    return float(alike.sum() / (len(steps) * weight.full * max(overlap, 0.1)))
+
+
+def _objects_at(spectra: np.ndarray, band: Band, lag: int) -> list[Start]:
+    """Return the objects by the displacement of frames that are `lag` apart. Blocks are as short as the light allows, so that the motion
+    may change from one to the next."""
+    pairs, weight = len(spectra) - lag, weight_of(band, 0.0)
+    cross = spectra[:-lag].conj() * spectra[lag:]
+    power = np.abs(spectra) ** 2
     length, best = 1, 0.0
     while True:
         blocks = np.array_split(np.arange(pairs), max(1, pairs // length))
         found = []
         for block in blocks:
-            height, pitch = correlate(cross[block].sum(0), band, weight)
-            found.append((*peaks(height, pitch, band, weight.deviation * len(block) ** 0.5, MOST_OBJECTS), len(block)))
-            best = max(best, float(height.max()) / (weight.deviation * len(block) ** 0.5))
-        seen = np.array([len(places) > 0 for places, _, _ in found])
-        if seen.mean() > 0.9:
+            total, deviation = cross[block].sum(0), weight.deviation * len(block) ** 0.5
+            own = np.maximum(power[block].sum(0) - len(block) * band.floor, 0.0)
+            found.append((*peaks(total, own, band, weight, deviation, MOST_OBJECTS), len(block)))
+            if len(blocks) == 1:
+                best = float(correlate(total, band, weight)[0].max()) / deviation
+        chains = _chains(found, MAX_JUMP_GRAINS * band.grain_pixels)
+        if chains and np.mean([len(places) > 0 for places, _, _ in found]) > 0.9:
             break
         if len(blocks) == 1:
             needed = f"{best:.1f} standard deviations of the summed cross-correlation, {MIN_SIGNIFICANCE:g} are needed"
             remedy = "keep the laser at rest, shorten the interval, or add light"
             raise InputError("frames", "speckle that moves as a whole", needed, remedy)
         length *= 2
-    middles = np.array([block.mean() + 0.5 for block in blocks])
+    middles = np.array([block.mean() + 0.5 * lag for block in blocks])
     starts = []
-    for chain in _chains(found, MAX_JUMP_GRAINS * band.grain_pixels):
+    for chain in chains:
         known = np.array(sorted(chain))
         steps = np.array([found[block][0][chain[block]] for block in known])
         heights = np.array([found[block][1][chain[block]] * found[block][2] ** 0.5 for block in known])
-        each = np.stack([np.interp(np.arange(pairs) + 0.5, middles[known], steps[:, axis]) for axis in (0, 1)], 1)
+        at = np.arange(len(spectra) - 1) + 0.5
+        each = np.stack([np.interp(at, middles[known], steps[:, axis]) for axis in (0, 1)], 1) / lag
         path = np.concatenate([np.zeros((1, 2)), np.cumsum(each, 0)])
         used = sum(found[block][2] for block in known)
-        overlap = np.prod(1.0 - np.abs(each) / np.array(band.shape), axis=1).mean()
+        overlap = np.prod(1.0 - np.abs(lag * each) / np.array(band.shape), axis=1).mean()
         share = heights.sum() * weight.deviation / (used * weight.full * max(overlap, 0.1))
         starts.append(Start(path, float(heights.sum() / used**0.5), float(min(share, 1.0))))
     return sorted(starts, key=lambda one: -one.share)

@@ -14,11 +14,13 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebpts1
 
 from correlograph.errors import InputError
 from radiometry.motion import airy, disc_overlap
 from sim.geometry import Geometry
 from sim.optics.object_samples import ObjectSamples
+from sim.propagation.nufft import interpolation
 from sim.propagation.sampling import Wall, path_difference
 
 STEPS_PER_GRAIN = 6
@@ -27,8 +29,11 @@ STEPS_PER_GRAIN = 6
 MAX_STEPS = 512
 _SHARES = np.linspace(0.0, 1.0, 129)
 
-MAX_BEATS = 20.0
-"""Turns of the phase between two objects in an exposure up to which their beats are simulated; they leave less than (1 / 20 pi)^2 beyond."""
+MAX_BEATS = 5.0
+"""Turns of the phase between two objects in an exposure up to which their beats are simulated; beyond, less than (1 / 5 pi)^2 is left."""
+
+_NODES = 6
+"""Chebyshev nodes along each side of the wall for the phase of a displaced object."""
 
 _CHOSEN = 8192
 """Number of samples from which correlations are computed; more of them are drawn at random."""
@@ -54,7 +59,7 @@ class Moved:
     Attributes:
         position_m: from the object's centre at rest, (n, 3).
         coordinates_m: along the axes of the object's grid (rows, columns), (n, 2).
-        shift_m: displacement along these axes that all samples share; None if they have no single one.
+        shifts_m: displacement of each hidden object along these axes, (objects, 2); None if one of them leaves its grid.
         path_m: change of the length of the way from the spot to each sample, (n,).
         wall: pixels on the wall; a moving camera sees others.
         frame_path_m: change of the length of the way from each sample to the frame centre, (n,).
@@ -62,7 +67,7 @@ class Moved:
 
     position_m: np.ndarray
     coordinates_m: np.ndarray
-    shift_m: tuple[float, float] | None
+    shifts_m: np.ndarray | None
     path_m: np.ndarray
     wall: Wall
     frame_path_m: np.ndarray
@@ -90,15 +95,14 @@ def move(geometry: Geometry, samples: ObjectSamples, time_s: float, chosen: slic
     """Return samples at a time; `chosen` selects some of them."""
     rest, hidden = samples.position_m[chosen], geometry.hidden_object
     position = moved_positions(geometry, rest, samples.part[chosen], time_s)
-    shift = hidden.axes.coordinates(geometry.movements[0].trajectory.displacement(time_s)) if geometry.movements else np.zeros(2)
-    one = (float(shift[0]), float(shift[1])) if geometry.moves_on_lattice else None
+    ways = [hidden.axes.coordinates(one.trajectory.displacement(time_s)) for one in geometry.movements] or [np.zeros(2)]
     view = geometry.camera.view_shift(time_s)
     wall = replace(samples.wall, centre_m=samples.wall.centre_m + view)
     spot = geometry.spot.centre - hidden.centre
     return Moved(
         position,
         samples.coordinates_m[chosen] + hidden.axes.coordinates(position - rest),
-        one,
+        np.array(ways) if geometry.moves_on_lattice else None,
         path_difference(spot, position) - path_difference(spot, rest),
         wall,
         path_difference(wall.centre_m, position) - path_difference(samples.wall.centre_m, rest),
@@ -118,6 +122,22 @@ def moved_positions(geometry: Geometry, rest: np.ndarray, part: np.ndarray, time
         centre = movement.centre - geometry.hidden_object.centre
         position[mine] = centre + path.rotation(time_s).apply(rest[mine] - centre) + path.displacement(time_s)
     return position
+
+
+def tilt(geometry: Geometry, wall: Wall, part: int, time_s: float) -> np.ndarray:
+    """Return the phase factor on the wall, complex64 (H, W), by which the field of a displaced object differs from that of its samples at
+    their places on the grid; 1 at the frame centre. Only light of other objects shows it."""
+    centre = geometry.movements[part].centre - geometry.hidden_object.centre
+    moved = centre + geometry.movements[part].trajectory.displacement(time_s)
+    # The change of the path is smooth, so that a few nodes give it everywhere.
+    nodes = chebpts1(_NODES)
+    at = [0.5 * (side - 1) * (1.0 + nodes) for side in wall.shape]
+    pixels = wall.pixels(*np.meshgrid(*at, indexing="ij"))
+    change = path_difference(pixels, moved) - path_difference(pixels, centre)
+    change -= path_difference(wall.centre_m, moved) - path_difference(wall.centre_m, centre)
+    down, across = (interpolation(_NODES, np.linspace(-1.0, 1.0, side)) for side in wall.shape)
+    turns = (down @ (change / wall.wavelength_m) @ across.T).astype(np.float32)
+    return np.exp(np.complex64(2j * np.pi) * turns)
 
 
 def typical_positions(geometry: Geometry, samples: ObjectSamples) -> np.ndarray:

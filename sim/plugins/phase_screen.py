@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mitsuba as mi
+
 from correlograph.errors import InputError
 from sim.plugins.motion import MOTION, read_motion
 from sim.plugins.parameters import Parameter, Parameters

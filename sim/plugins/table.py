@@ -13,7 +13,15 @@ from sim.plugins.speckle_camera import ELECTRONIC, OPTICAL  # noqa: E402
 OTHERS = (
     "| `laser` | `scan_step` | metres of the wall between frames | the spot's diameter or more | 0 to 1e+15 |",
     "| `phase_screen` | `depolarising` | true or false | false | |",
-    "| `phase_screen` | `velocity` | metres per second, vector | 0, 0, 0 | finite |",
+    *(
+        line
+        for plugin in ("phase_screen", "speckle_camera")
+        for line in (
+            f"| `{plugin}` | `velocity` | metres per second, vector | 0, 0, 0 | finite |",
+            f"| `{plugin}` | `trajectory` | CSV file of positions over time | none | |",
+        )
+    ),
+    "| `phase_screen` | `angular_velocity` | degrees per second, vector along the axis | 0, 0, 0 | finite |",
 )
 """Optional and non-numeric parameters, which `mi.traverse` does not list."""
 
@@ -25,7 +33,7 @@ def table() -> str:
     lines = [
         "# Parameters of the plugins",
         "",
-        "Written by `python -m sim.plugins.table`. SI units throughout. `mi.traverse` reads and changes all but the last three.",
+        f"Written by `python -m sim.plugins.table`. SI units throughout. `mi.traverse` reads and changes all but the last {len(OTHERS)}.",
         "",
         "| plugin | parameter | unit | default | range |",
         "|---|---|---|---|---|",

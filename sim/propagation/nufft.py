@@ -233,7 +233,7 @@ def _decompose(centre: np.ndarray, size: int, wall: Wall, nodes: np.ndarray) -> 
 def _expand(centre: np.ndarray, size: int, wall: Wall, position: np.ndarray, basis: _Basis, terms: int) -> _Expansion:
     left, value, right = _decompose(centre, size, wall, basis[0])
     alpha = (left[:, :terms] * value[:terms]).reshape(_NODES_PATCH, _NODES_PATCH, terms)
-    fine = _interpolation(_NODES_PATCH, (np.arange(size) - 0.5 * (size - 1)) / (0.5 * size))
+    fine = interpolation(_NODES_PATCH, (np.arange(size) - 0.5 * (size - 1)) / (0.5 * size))
     pixels = np.einsum("pa,abt,qb->tpq", fine, alpha, fine, optimize=True)
     beta = _at_scatterers(right[:terms], basis[1])
     rng = np.random.default_rng(size)
@@ -251,7 +251,7 @@ def _slow(centre: np.ndarray, offsets: np.ndarray, position: np.ndarray, wall: W
     return kernel(wall, (centre + offsets)[:, None], position[None]) * phasor(-linear, wall.wavelength_m)
 
 
-def _interpolation(count: int, x: np.ndarray) -> np.ndarray:
+def interpolation(count: int, x: np.ndarray) -> np.ndarray:
     """Return the values at x (n,) in [-1, 1] of the Lagrange polynomials of the Chebyshev nodes, (n, count)."""
     weight = np.where(np.arange(count) == 0, 1.0, 2.0) / count
     return (chebvander(np.clip(x, -1.0, 1.0), count - 1) * weight) @ chebvander(chebpts1(count), count - 1).T
@@ -264,7 +264,7 @@ def _object_basis(position: np.ndarray) -> _Basis:
     counts = [_NODES_OBJECT if extent > 1e-9 else 1 for extent in half]
     axes = [middle[axis] + half[axis] * chebpts1(count) for axis, count in enumerate(counts)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-    return nodes, [_interpolation(count, (position[:, axis] - middle[axis]) / half[axis]) for axis, count in enumerate(counts)]
+    return nodes, [interpolation(count, (position[:, axis] - middle[axis]) / half[axis]) for axis, count in enumerate(counts)]
 
 
 def _at_scatterers(at_nodes: np.ndarray, values: list[np.ndarray], chunk: int = 4096) -> np.ndarray:

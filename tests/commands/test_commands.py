@@ -204,6 +204,7 @@ def photograph(folder: Path) -> Path:
     return folder / "photo.png"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

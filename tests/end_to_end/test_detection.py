@@ -21,6 +21,7 @@ def geometry_with(exposure_s: float, read_noise: float):
     return geometry.with_electronics(read_noise=read_noise)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("exposure_s", "read_noise", "frames"), [(2e-3, 0.0, 1), (4e-3, 0.5, 3)])
 def test_the_significance_of_rendered_frames_is_the_predicted_one(exposure_s, read_noise, frames):
     geometry = geometry_with(exposure_s, read_noise)

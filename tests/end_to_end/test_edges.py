@@ -112,6 +112,7 @@ def test_damaged_stores_are_one_line(copy, command, damage):
         assert len(err) < 600
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("extra", "words"),
     [
@@ -264,6 +265,7 @@ def test_training_stores_that_are_not_there_are_one_line(tmp_path):
         load_warm_starts([str(tmp_path / "none.zarr")])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("environment", "redirection", "name"),
     [
@@ -310,6 +312,7 @@ def listening_sockets(session: int) -> set[str]:
     return {line[1] for line in lines if line[3] == "0A" and f"socket:[{line[9]}]" in inodes}
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/net/tcp").is_file(), reason="no /proc/net/tcp on this system")
 def test_local_workers_listen_on_no_port(tmp_path):
     process = subprocess.Popen(

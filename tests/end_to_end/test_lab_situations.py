@@ -69,6 +69,7 @@ def reconstructed(frames, lab, corrections=None):
     return result, result.compare(lab[2]).pearson
 
 
+@pytest.mark.slow
 def test_an_unmoved_spot_gives_one_frame(lab, camera):
     result, pearson = reconstructed([camera.shoot(lab[0][0]) for _ in range(FRAMES)], lab)
     assert pearson > 0.9

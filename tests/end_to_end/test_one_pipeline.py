@@ -52,6 +52,7 @@ def test_command_python_batch_evaluation_and_estimates_agree(tmp_path, command, 
     assert row["confidence"] == by_python.confidence
 
 
+@pytest.mark.slow
 def test_the_number_of_threads_changes_no_result(estimate_file):
     before, albedos = torch.get_num_threads(), set()
     try:

@@ -96,6 +96,7 @@ def test_bad_input_is_one_line(command, arguments, words):
     assert words in err
 
 
+@pytest.mark.slow
 def test_the_planned_optimum_is_the_rendered_one(command, tmp_path):
     code, _, _ = command(plan, SCENE, "--budget-s", "0.25", "--check", "20", "-o", tmp_path)
     assert code == 0
@@ -111,6 +112,7 @@ def test_the_planned_optimum_is_the_rendered_one(command, tmp_path):
     assert "--budget-s" in err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("letter", "half_period_m"), [("F", 190e-6), ("7", 130e-6), ("R", 90e-6)])
 def test_a_plan_for_fields_takes_the_fewest_frames(letter, half_period_m):
     """One frame fewer, or four per cent less light, would not do."""
@@ -124,6 +126,7 @@ def test_a_plan_for_fields_takes_the_fewest_frames(letter, half_period_m):
     assert fewer.resolution_m > half_period_m
 
 
+@pytest.mark.slow
 def test_a_plan_for_fields_by_the_command(command, tmp_path):
     code, out, _ = command(plan, SCENE, "--fields-m", "150e-6", "-o", tmp_path)
     assert code == 0

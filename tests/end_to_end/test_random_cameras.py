@@ -38,6 +38,7 @@ def repeated_failures(numbers: Iterable[int]) -> list[str]:
     return failures([number for number in numbers if failures([number])], AGAIN)
 
 
+@pytest.mark.slow
 def test_four_random_cameras_are_predicted():
     assert not repeated_failures(range(100, 104))
 
@@ -49,6 +50,7 @@ def test_thirty_random_cameras_are_predicted():
     assert not found, found
 
 
+@pytest.mark.slow
 def test_random_cameras_differ():
     """A test of the test: the draws switch stages on and off."""
     from benchmarks.random_cameras import draw_camera

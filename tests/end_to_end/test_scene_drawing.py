@@ -16,6 +16,7 @@ def folder(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_the_report_draws_the_scene(folder):
     capture = read_capture([folder], cg.CameraMetadata())
     drawing = SceneDrawing.from_json(capture.record["drawing"])

@@ -36,6 +36,7 @@ def test_drawn_patches_have_the_third_moment_in_closed_form(polarisations, peak)
     assert mean == pytest.approx(expected / math.sqrt(polarisations), rel=0.05, abs=3.0 * deviation / 1000**0.5)
 
 
+@pytest.mark.slow
 def test_its_signal_to_noise_is_that_of_rendered_frames():
     """One frame of 1/100 s of the reference scene, sixteen times, over the moment of the true object's speckle."""
     geometry = read_geometry(load_scene(scene_path("corner_letter"), {"exposure": "0.01"})[0])

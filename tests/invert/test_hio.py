@@ -44,6 +44,7 @@ def test_projection_has_the_modulus_and_fixes_solutions(rng):
     assert float(modulus_residual(image, modulus)) < 1e-10
 
 
+@pytest.mark.slow
 def test_noise_free_objects_are_found():
     rng = np.random.default_rng(3)
     images = [stroke_object(rng) for _ in range(4)]

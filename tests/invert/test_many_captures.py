@@ -39,6 +39,7 @@ def results(folder) -> dict:
     return found
 
 
+@pytest.mark.slow
 def test_any_number_of_workers_and_a_second_run(captures, tmp_path):
     """The same bytes; what is done is kept, and done again when more is asked."""
     for workers in ("1", "2"):
@@ -63,6 +64,7 @@ def test_any_number_of_workers_and_a_second_run(captures, tmp_path):
     assert (tmp_path / "1" / "day 1" / "result.json").stat().st_mtime_ns in times
 
 
+@pytest.mark.slow
 def test_failed_captures_are_listed_and_the_others_finished(captures, tmp_path):
     (captures / "day 0").mkdir()
     (captures / "day 0" / "0.npy").write_bytes(b"no frame")

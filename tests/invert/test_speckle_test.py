@@ -19,6 +19,7 @@ def letter_light(rng: np.random.Generator) -> np.ndarray:
     return thrown(letter_cells("F"), SHAPE, PATCH, rng)[: SHAPE[0], : SHAPE[1]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 3])
 def test_speckle_of_a_letter_has_the_third_moment_of_the_letter(rng, count):
     frames = np.stack([rng.poisson(0.8 * letter_light(rng)) for _ in range(count)])
@@ -33,6 +34,7 @@ def test_speckle_of_a_letter_has_the_third_moment_of_the_letter(rng, count):
     assert result.confidence > 0.8
 
 
+@pytest.mark.slow
 def test_one_frame_of_a_textured_wall_is_doubted_and_two_show_nothing(rng, tmp_path, command):
     wall = np.clip(1.0 + 0.2 * wall_texture(SHAPE, rng), 0.05, None)
     frames = [rng.poisson(3.0 * wall).astype(np.uint16) for _ in range(2)]
@@ -47,6 +49,7 @@ def test_one_frame_of_a_textured_wall_is_doubted_and_two_show_nothing(rng, tmp_p
     assert not invert.reconstruct(np.stack(frames), quality="fast", patch=PATCH).object_found
 
 
+@pytest.mark.slow
 def test_a_known_blur_is_undone(rng):
     """Two pixels of blur: the estimate, divided by H, is that of the letter without it."""
     light = [letter_light(rng) for _ in range(2)]

@@ -18,8 +18,7 @@ from sim.rendering import render_geometry
 
 FRAMES = 10
 
-SYSTEMATIC_PIXELS = 0.1
-"""Error of a step in bright frames: the object moves through the speckle of its illumination, which alters its own (docs/tracking.md)."""
+SOURCE_ANGLE_DEG = (0.0, 12.0)
 
 
 @pytest.fixture(scope="module")
@@ -42,26 +41,32 @@ def moving(lab, rng, photoelectrons):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_steps_and_path_are_those_of_the_object(lab, seed):
+    """One object, no other; the light of the reference scene comes from 12 degrees."""
     rng = np.random.default_rng(seed)
     capture, exposure_s, expected = moving(lab, rng, 10.0 ** rng.uniform(-1.5, 0.0))
-    found = track(capture, source_distance_m=lab.source_distance_m, interval_s=exposure_s)
+    angle = SOURCE_ANGLE_DEG
+    found = track(capture, source_distance_m=lab.source_distance_m, source_angle_deg=angle, interval_s=exposure_s)
     assert found.significance > 20.0
-    np.testing.assert_array_less(np.abs(found.step_pixels - expected), 4.0 * found.step_error_pixels + SYSTEMATIC_PIXELS)
-    np.testing.assert_allclose(found.path_pixels, np.arange(FRAMES)[:, None] * expected, atol=FRAMES * SYSTEMATIC_PIXELS)
-    np.testing.assert_allclose(
-        found.velocity_m_s, expected * np.array(found.metres_per_pixel) / exposure_s, atol=2e-6 / exposure_s
-    )
+    assert found.others == ()
+    np.testing.assert_array_less(np.abs(found.step_pixels - expected), 4.0 * found.step_error_pixels)
+    deviation = found.path_pixels - np.arange(FRAMES)[:, None] * expected
+    np.testing.assert_array_less(np.abs(deviation[1:]), 5.0 * found.error_pixels[1:])
+    truth_m_s = np.linalg.solve(lab.travel, expected) / exposure_s
+    np.testing.assert_allclose(found.velocity_m_s, truth_m_s, atol=0.03 * np.abs(truth_m_s).max())
+    np.testing.assert_allclose(found.metres_per_pixel, np.linalg.inv(lab.travel), rtol=2e-3, atol=1e-9)
 
 
 @pytest.mark.slow
-def test_errors_in_dim_frames_are_honest(lab):
-    """A hundredth of a photoelectron per pixel: deviations of the steps in units of their standard errors have a mean square of 1."""
+@pytest.mark.parametrize("light", [0.01, 1.0])
+def test_standard_errors_are_honest(lab, light):
+    """A hundredth of a photoelectron per pixel, and one: deviations of the steps in units of their standard errors have a mean square
+    of 1."""
     deviations = []
     for seed in range(6):
-        capture, _, expected = moving(lab, np.random.default_rng(100 + seed), 0.01)
+        capture, _, expected = moving(lab, np.random.default_rng(100 + seed), light)
         found = track(capture)
         deviations.append((found.step_pixels - expected) / found.step_error_pixels)
-    assert 0.3 < np.mean(np.square(deviations)) < 4.0  # chi^2 of 12 degrees of freedom, and a systematic error of the same size
+    assert 0.26 < np.mean(np.square(deviations)) < 2.4  # chi^2 of 12 degrees of freedom, 99.5 % each side
 
 
 def test_an_object_at_rest_does_not_move(lab):
@@ -92,21 +97,79 @@ def test_the_command_writes_path_and_velocity(lab, tmp_path):
         ]
     )
     content = json.loads((tmp_path / "out" / "track.json").read_text())
-    np.testing.assert_allclose(content["step_pixels"], expected, atol=SYSTEMATIC_PIXELS)
+    np.testing.assert_allclose(content["step_pixels"], expected, atol=0.1)
     with open(tmp_path / "out" / "track.csv") as stream:
         rows = list(csv.DictReader(stream))
     assert len(rows) == FRAMES
-    assert float(rows[-1]["row_pixels"]) == pytest.approx((FRAMES - 1) * expected[0], abs=FRAMES * SYSTEMATIC_PIXELS)
+    assert float(rows[-1]["row_pixels"]) == pytest.approx((FRAMES - 1) * expected[0], abs=1.0)
     assert {"row_m", "column_m", "row_error_pixels"} <= rows[0].keys()
     assert (tmp_path / "out" / "track.png").stat().st_size > 1000
 
 
 def test_impossible_arguments_are_refused(lab):
     capture, _, _ = moving(lab, np.random.default_rng(3), 0.3)
-    for arguments in ({"source_distance_m": -1.0}, {"interval_s": 0.0}, {"source_distance_m": float("nan")}):
+    angles = {"source_distance_m": 1.0, "source_angle_deg": (0.0, 85.0)}
+    for arguments in ({"source_distance_m": -1.0}, {"interval_s": 0.0}, {"source_distance_m": float("nan")}, angles):
         with pytest.raises(cg.InputError):
             track(capture, **arguments)
     with pytest.raises(cg.InputError, match="three or more"):
         track(cg.Capture(capture.frames[:2]))
     with pytest.raises(cg.InputError, match="capture"):
         track(np.zeros((4, 200, 200)))
+
+
+def drifting(rng, path, light, shape=(300, 340)):
+    """Frames of one speckle pattern with grains of 6 pixels at positions (frames, 2), in pixels and fractions of them."""
+    side = [n + 40 + 2 * int(np.abs(path).max()) for n in shape]
+    radius = np.hypot(np.fft.fftfreq(side[0])[:, None], np.fft.fftfreq(side[1])[None])
+    spectrum = (rng.standard_normal(side) + 1j * rng.standard_normal(side)) * (radius < 0.08)
+    frames = []
+    for row, column in path:
+        phase = np.exp(-2j * np.pi * (np.fft.fftfreq(side[0])[:, None] * row + np.fft.fftfreq(side[1])[None] * column))
+        intensity = np.abs(np.fft.ifft2(spectrum * phase)) ** 2
+        top, left = (int(np.abs(path).max()) + 10,) * 2
+        frames.append(intensity[top : top + shape[0], left : left + shape[1]])
+    frames = np.array(frames)
+    return [rng.poisson(light * frame / frames.mean()).astype(np.float32) for frame in frames]
+
+
+def test_rigid_speckle_is_followed_to_the_cramer_rao_bound(rng):
+    """A curved path, 0.05 photoelectrons per pixel: rms error within 1.7 times the bound of a frame whose pattern is known, which window,
+    measured pattern and limited band raise, and standard errors that say so."""
+    numbers = np.arange(48)
+    path = np.stack([3.0 * np.sin(numbers / 5.0), 0.7 * numbers - 2.0 * np.cos(numbers / 7.0)], 1)
+    path -= path[0]
+    light = 0.05
+    found = track(cg.Capture(drifting(rng, path, light)))
+    left = found.path_pixels - path
+    left -= left.mean(0)
+    # Uniform disc of frequencies: the spectrum of the intensity is the autocorrelation of the disc, 0.5 per pixel of variance.
+    pattern = np.array(drifting(rng, np.zeros((1, 2)), 1e6)[0]) / 1e6
+    slopes = [np.gradient(pattern, axis=axis) for axis in (0, 1)]
+    information = light * np.array([(slope**2 / np.maximum(pattern, 1e-3)).sum() for slope in slopes])
+    assert float(np.sqrt(np.mean(left.var(0) * information))) < 1.7
+    assert 0.15 < np.mean((left / found.error_pixels[24]) ** 2) < 0.8  # about a mean, not from the first frame: half
+
+
+def test_two_patterns_are_two_objects(rng):
+    """Intensities of two objects that move differently add; both paths are found, the brighter first, and nothing else."""
+    numbers = np.arange(32)[:, None]
+    paths = [numbers * np.array([0.8, -0.3]), numbers * np.array([-0.6, 1.1])]
+    frames = [a + b for a, b in zip(drifting(rng, paths[0], 0.3), drifting(rng, paths[1], 0.15), strict=True)]
+    found = track(cg.Capture(frames))
+    assert len(found.others) == 1
+    np.testing.assert_allclose(found.step_pixels, [0.8, -0.3], atol=0.02)
+    np.testing.assert_allclose(found.others[0].step_pixels, [-0.6, 1.1], atol=0.05)
+    assert found.share / found.others[0].share == pytest.approx(4.0, rel=0.3)  # squares of the light
+
+
+def test_a_vibration_is_found_with_its_amplitude(rng):
+    """A fifth of the frame rate, 0.4 pixels; and none in a path without."""
+    numbers = np.arange(128)
+    drift = np.outer(numbers, [0.05, -0.03])
+    shaken = drift + np.outer(np.sin(2.0 * np.pi * 0.2 * numbers), [0.4, 0.1])
+    found = track(cg.Capture(drifting(rng, shaken, 0.05)), interval_s=1e-3)
+    first = found.vibrations[0]
+    assert first["hz"] == pytest.approx(200.0, abs=4.0)
+    assert first["amplitude_pixels"][0] == pytest.approx(0.4, abs=0.08)
+    assert track(cg.Capture(drifting(rng, drift, 0.05)), interval_s=1e-3).vibrations == []

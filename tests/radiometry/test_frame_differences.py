@@ -25,6 +25,7 @@ def light(letter: str, rng) -> np.ndarray:
     return thrown(letter_cells(letter), SHAPE, PATCH, rng)[: SHAPE[0], : SHAPE[1]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("levels", [(0.5, 0.5), (0.3, 1.5), (2.0, 3.0, 0.4)])
 def test_frames_of_one_object_agree(levels):
     """Whatever their brightness and shot noise; among five captures, a chance below 0.01 occurs at most twice."""

@@ -148,6 +148,7 @@ def _capture_in_files(folder: Path, frames: list[np.ndarray]) -> Capture:
     return Corrections(dark=folder.parent / "dark.npy").apply(read_capture([folder], CameraMetadata()))
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_the_sums_of_this_machine(tmp_path: Path, scheduler: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(capture_module, "MAX_KEPT_BYTES", 0)
     monkeypatch.setattr(parallel_frames, "BLOCK_FRAMES", PART_FRAMES + 3)

@@ -20,6 +20,7 @@ PLATE = (
 CAMERA = Camera("A", 5e-6, (600, 800), 1.5, 0.2, 20000.0, False, ((532e-9, 0.5),))
 
 
+@pytest.mark.slow
 def test_another_camera_is_that_of_another_scene_file(scene):
     """Other pixels, magnification, pupil, frame and electronics, in a scene with clutter."""
     geometry = scene(("</scene>", PLATE))
@@ -67,12 +68,14 @@ def test_a_stronger_laser_needs_a_proportionally_shorter_exposure(scene):
     assert strong.photoelectrons == pytest.approx(4.0 * weak.photoelectrons)
 
 
+@pytest.mark.slow
 def test_the_exposure_for_a_correlation_is_that_of_its_error(scene):
     plan = compare_cameras(scene(), [CAMERA], [Arrangement(0.5)], check, 3, lambda geometry, prediction: 0.7)[0][0]
     geometry = Arrangement(0.5).apply(scene(), CAMERA).with_exposure(plan.correlation_s / 3)
     assert predict(geometry).error(3) == pytest.approx(0.7, rel=0.01)
 
 
+@pytest.mark.slow
 def test_fields_need_the_stated_exposure(scene):
     """A prediction at the stated exposure has just the photons per grain that fields need, in cells of lambda z over the frame."""
     geometry = scene(("</scene>", "</scene>"))

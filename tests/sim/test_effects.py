@@ -35,6 +35,7 @@ def contrast(simulation: Simulation, frames: int = 6) -> float:
 BARE = (("pupil_and_pixel", False),)
 
 
+@pytest.mark.slow
 def test_contrast_is_one_and_one_over_root_two_when_depolarised(scene):
     assert contrast(Simulation(scene(), Settings(effects=BARE))) == pytest.approx(1.0, abs=0.03)
     geometry = scene(DEPOLARISING)
@@ -55,6 +56,7 @@ def test_sum_of_lines_has_the_coherence_of_the_spectrum():
     assert coherence(half, linewidth_hz) == pytest.approx(0.5)
 
 
+@pytest.mark.slow
 def test_linewidth_lowers_contrast_as_the_paths_say(scene):
     """A plate tilted by 60 degrees under a broad laser: measured contrast against the sum over pairs of scatterers."""
     tilted = ('<rotate z="1" angle="180"/>', '<rotate z="1" angle="180"/><rotate y="1" angle="60"/>')
@@ -108,6 +110,7 @@ def test_electronics_one_by_one(rng):
         Electronics(1.0, gain=2.0)
 
 
+@pytest.mark.slow
 def test_effects_forced_off_and_on(scene):
     exposure = '<float name="exposure" value="$exposure"/>'
     noisy = scene((exposure, f'{exposure}<float name="read_noise" value="30"/>'))
@@ -171,6 +174,7 @@ def smooth_source(height_rms_m: float) -> tuple[str, str]:
     return old, old.replace('value="2e-6"', f'value="{height_rms_m}"')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("height_rms_m", [0.0, 1e-8, 3e-8, 6e-8, 2e-6])
 def test_the_specular_share_of_a_smooth_wall(scene, rng, height_rms_m):
     geometry = scene(smooth_source(height_rms_m))
@@ -178,6 +182,7 @@ def test_the_specular_share_of_a_smooth_wall(scene, rng, height_rms_m):
     assert specular_share(geometry) == pytest.approx(abs(np.exp(1j * phase).mean()) ** 2, abs=5e-3)
 
 
+@pytest.mark.slow
 def test_light_that_a_smooth_wall_does_not_scatter_misses_the_object(scene):
     """The specular direction misses the object of the reference scene, which receives the scattered fraction 1 - exp(-g)."""
     rough = Simulation(scene())
@@ -207,6 +212,7 @@ def test_the_mirror_image_of_the_spot_is_its_fraunhofer_integral(scene):
         assert abs(field[1, column]) ** 2 == pytest.approx(irradiance * np.pi * distance**2, rel=0.05, abs=1e3)
 
 
+@pytest.mark.slow
 def test_a_converter_with_gain_works_with_every_setting(scene):
     exposure = '<float name="exposure" value="$exposure"/>'
     geometry = scene((exposure, f'{exposure}<integer name="bits" value="8"/><float name="gain" value="2"/>'))
@@ -216,6 +222,7 @@ def test_a_converter_with_gain_works_with_every_setting(scene):
     assert (free % 2.0).any()
 
 
+@pytest.mark.slow
 def test_depolarised_and_ambient_light_are_in_the_prediction(scene):
     from radiometry.prediction import predict
 
@@ -224,6 +231,7 @@ def test_depolarised_and_ambient_light_are_in_the_prediction(scene):
     assert depolarised["signal"] == pytest.approx(2.0 * plain["signal"])
 
 
+@pytest.mark.slow
 def test_plans_are_strict_json_where_a_kernel_cannot_be_had(scene, monkeypatch):
     deep = ('<rotate z="1" angle="180"/>', '<rotate z="1" angle="180"/><rotate y="1" angle="75"/>')
     monkeypatch.setattr(nufft, "MAX_TERMS", 5)

@@ -25,6 +25,7 @@ def test_a_name_is_as_good_as_a_scene():
         cg.predict("no_such_scene")
 
 
+@pytest.mark.slow
 def test_plan_prediction_and_budget_print_pages_and_plot():
     scene = cg.load("corner_letter")
     for shown, word in (

@@ -52,6 +52,7 @@ def test_the_reference_scene_is_the_papers_lab(letter_simulation):
     assert budget.photoelectrons_per_frame_s == pytest.approx(2.7e6, rel=0.35)
 
 
+@pytest.mark.slow
 def test_definitions_move_the_scene(letter_simulation):
     path = letter_simulation("L", standoff="1.7", power="0.05", exposure="0.01").geometry.light_path
     assert path.object_to_detector_m == pytest.approx(1.7, rel=1e-6)
@@ -99,6 +100,7 @@ def test_a_beam_that_misses_and_a_blocked_camera_are_errors(tmp_path):
         read_geometry(edited(tmp_path, ('<scale x="0.015" y="0.015"/>', '<scale x="0.007" y="0.015"/>')))
 
 
+@pytest.mark.slow
 def test_an_occluder_darkens_the_object(tmp_path, letter_simulation):
     whole = letter_simulation("F").geometry.light_path.object_albedo_area_m2
     # a plate half way to the wall hides whatever lies on one side of the axis
@@ -110,6 +112,7 @@ def test_an_occluder_darkens_the_object(tmp_path, letter_simulation):
     assert 0.1 * whole < part < 0.9 * whole
 
 
+@pytest.mark.slow
 def test_light_straight_from_the_source_is_reported(tmp_path, letter_simulation):
     assert letter_simulation("F").geometry.is_direct_path_blocked
     assert make_plan(letter_simulation("F").geometry, 2)["warnings"] == []
@@ -125,6 +128,7 @@ def test_light_straight_from_the_source_is_reported(tmp_path, letter_simulation)
     assert any("baffle" in warning for warning in scene_warnings(open_scene, (3e-4, 3e-4)))
 
 
+@pytest.mark.slow
 def test_unused_scene_content_is_reported(tmp_path):
     turned = ('<rotate z="1" angle="180"/>', '<rotate y="1" angle="180"/>')
     wide = ('<scale x="0.005" y="0.005"/>', '<scale x="0.012" y="0.012"/>')
@@ -162,6 +166,7 @@ def test_the_hash_speaks_of_content_not_of_names(tmp_path):
     assert len({*same, digest(albedo="R.png"), digest(exposure="0.5")}) == 3
 
 
+@pytest.mark.slow
 def test_an_object_too_large_for_the_frame_says_how_far_to_move(letter_simulation):
     with pytest.raises(InputError, match=r"0\.259 m or more"):
         letter_simulation("F", standoff="0.25")

@@ -18,6 +18,7 @@ def letter() -> MemoryEffect:
     return MemoryEffect.of(sim.load("corner_letter").geometry)
 
 
+@pytest.mark.slow
 def test_light_and_contrast(letter, rng):
     budget = light_budget(sim.load("corner_letter").geometry.light_path)
     # The same solid angle through a smaller stop.
@@ -34,6 +35,7 @@ def test_light_and_contrast(letter, rng):
     assert 0.9 * letter.contrast < np.mean(grains) < 2.0 * letter.contrast
 
 
+@pytest.mark.slow
 def test_its_autocovariance_is_that_of_the_object(letter, rng):
     still = replace(letter, decorrelation=(0.0, 0.0))
     found = autocovariance([still.frame(1e7, rng) for _ in range(12)])

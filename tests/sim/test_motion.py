@@ -47,6 +47,7 @@ def test_a_moving_object_blurs_its_speckle(scene, grains):
     assert contrast_squared(simulation) == pytest.approx(expected, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.25, 0.5, 1.0])
 def test_a_travelling_spot_washes_its_speckle_out(scene, share):
     still = scene()

@@ -43,6 +43,7 @@ def test_speckle_is_fully_developed(letter_simulation):
         assert tail == pytest.approx(np.exp(-threshold), rel=0.05)
 
 
+@pytest.mark.slow
 def test_grain_on_the_virtual_detector(letter_simulation):
     """Width of the intensity covariance: integral of |mu|^2 is (lambda z)^2 int r^2 / (int r)^2."""
     simulation = letter_simulation("L")

@@ -136,6 +136,7 @@ def rendered_covariance(geometry, frames: int, reach: int):
     return mean, total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("linewidth_hz", "tolerance"), [(0.0, 0.08), (3e10, 0.08), (4e11, 0.16)])
 def test_two_plates_and_a_sphere_are_those_of_a_direct_sum(scene, linewidth_hz, tolerance):
     """Mean, contrast and covariance for coherent, half coherent and incoherent stray light, whose own loss of contrast is approximate."""
@@ -171,6 +172,7 @@ def test_coherent_stray_light_looks_like_a_second_object(scene):
     assert float((first * second).sum()) > 0.97
 
 
+@pytest.mark.slow
 def test_beats_fall_with_linewidth_and_path_difference_as_gamma_squared(scene):
     """Visibility gamma^2 = exp(-2 (pi dnu tau)^2 / (4 ln 2)) of a plate 4 mm in front of the object."""
     geometry = lab(scene, 2e10)
@@ -183,6 +185,7 @@ def test_beats_fall_with_linewidth_and_path_difference_as_gamma_squared(scene):
     assert reach_m(0.0) == np.inf
 
 
+@pytest.mark.slow
 def test_the_plan_names_what_beats_and_what_does_not(scene):
     for linewidth_hz, word in ((0.0, "beat"), (1e13, "intensity")):
         plan = make_plan(lab(scene, linewidth_hz), 2)

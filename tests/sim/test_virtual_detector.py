@@ -30,6 +30,7 @@ def relative_variance(simulation: Simulation, frames: int) -> float:
     return float(np.mean([float(image.var() / image.mean() ** 2) for image in images]))
 
 
+@pytest.mark.slow
 def test_detector_roughness_has_the_statistics_of_the_pupil(scene):
     """Even illumination: relative variance 1 / M by brute force; by the Gamma shortcut; mean unchanged."""
     geometry = scene()
@@ -48,6 +49,7 @@ def test_detector_roughness_has_the_statistics_of_the_pupil(scene):
     assert modes_of(fine) == pytest.approx(1.0, abs=0.02)
 
 
+@pytest.mark.slow
 def test_exact_and_gamma_roughness_agree_on_rendered_frames(scene):
     forced = (("detector_roughness", True),)
     exact = Simulation(scene(), Settings("field", 1e-2, "fresnel", None, forced))
@@ -59,6 +61,7 @@ def test_exact_and_gamma_roughness_agree_on_rendered_frames(scene):
     assert variances[0] > plain + 0.2
 
 
+@pytest.mark.slow
 def test_motion_does_not_average_the_detector_roughness(scene):
     """A scanned spot: the field is nearly uniform over the point spread function, so that one factor multiplies the light of all moments,
     in the exact method as in the shortcut."""
@@ -86,6 +89,7 @@ def test_detector_roughness_is_decided_by_the_tolerance(scene):
     assert any("detector_roughness" in warning for warning in plan["warnings"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", [Settings(), Settings("field", 1e-2, "fresnel", None, (("detector_roughness", True),))])
 def test_detector_albedo_is_visible_under_the_speckle(scene, tmp_path, settings):
     """Four quarters of a painted wall: each as bright as its albedo, rows down and columns right, energy as the mean says."""

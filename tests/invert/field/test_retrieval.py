@@ -45,6 +45,7 @@ def test_fields_are_finer_than_the_autocorrelation(bright):
     assert bright.compare(letter()).pearson > 0.96
 
 
+@pytest.mark.slow
 def test_threads_do_not_change_the_fields(bright, monkeypatch):
     monkeypatch.setattr("os.cpu_count", lambda: 1)
     again = cg.reconstruct(capture_of(letter(), 2.0, 2, 11), method="field", patch=PATCH, blur_pixels=0.0)
@@ -52,6 +53,7 @@ def test_threads_do_not_change_the_fields(bright, monkeypatch):
     assert again.fields.field.samples.tobytes() == bright.fields.field.samples.tobytes()
 
 
+@pytest.mark.slow
 def test_faint_frames_keep_the_coarse_albedo_with_a_reason():
     result = cg.reconstruct(capture_of(letter(), 0.01, 2, 12), method="field", quality="fast", patch=PATCH, blur_pixels=0.0)
     assert result.object_found
@@ -60,6 +62,7 @@ def test_faint_frames_keep_the_coarse_albedo_with_a_reason():
     assert result.albedo.shape == (64, 64)
 
 
+@pytest.mark.slow
 def test_unpolarised_light_has_two_modes():
     rng = np.random.default_rng(14)
     frame = rng.poisson(expected_frame(letter(), SHAPE, PATCH, rng) + expected_frame(letter(), SHAPE, PATCH, rng))
@@ -70,6 +73,7 @@ def test_unpolarised_light_has_two_modes():
     assert result.compare(letter()).pearson > 0.93
 
 
+@pytest.mark.slow
 def test_ambient_light_has_one_mode_and_a_background():
     rng = np.random.default_rng(15)
     frame = rng.poisson(2.0 * expected_frame(letter(), SHAPE, PATCH, rng) + 1.0)
@@ -80,6 +84,7 @@ def test_ambient_light_has_one_mode_and_a_background():
     assert result.compare(letter()).pearson > 0.9
 
 
+@pytest.mark.slow
 def test_dark_frames_do_not_spoil_the_albedo(bright):
     frames = capture_of(letter(), 2.0, 2, 11)
     mixed = [frames[0], np.zeros_like(frames[0]), frames[1]]
@@ -89,6 +94,7 @@ def test_dark_frames_do_not_spoil_the_albedo(bright):
     assert result.fields.resolution_lags == pytest.approx(bright.fields.resolution_lags, rel=0.3)
 
 
+@pytest.mark.slow
 def test_saved_results_load_with_their_fields(bright, tmp_path):
     summary = bright.save(tmp_path, letter(), fields=True)
     assert {"albedo_coarse.npy", "deviation.npy", "fields.npz"} <= {path.name for path in tmp_path.iterdir()}
@@ -128,6 +134,7 @@ def test_an_autocorrelation_is_refused(command, tmp_path):
     assert (code, "--method field" in error) == (2, True)
 
 
+@pytest.mark.slow
 def test_the_command_writes_fields(command, tmp_path):
     for number, frame in enumerate(capture_of(letter(), 2.0, 1, 13)):
         np.save(tmp_path / f"frame{number}.npy", frame)

@@ -30,6 +30,7 @@ def frames(character: str, kind: str, photons: float, seed: int) -> np.ndarray:
     return rng.poisson(photons * np.stack(light) / np.mean(light)).astype(np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "down", "right"), [("defocus", 1.0, 1.0), ("motion", 0.0, 1.4)])
 def test_estimated_blur_is_correct_and_improves_the_reconstruction(kind, down, right):
     """Three letters that blur changes much: at least one blur is found, each found blur is right, and its correction gains
@@ -50,6 +51,7 @@ def test_estimated_blur_is_correct_and_improves_the_reconstruction(kind, down, r
     assert np.mean(gains) > 0.03
 
 
+@pytest.mark.slow
 def test_the_search_uses_the_weights_of_the_user(monkeypatch, tmp_path):
     used, weights = set(), tmp_path / "own.safetensors"
     weights.write_bytes(DEFAULT_WEIGHTS.read_bytes())
@@ -59,6 +61,7 @@ def test_the_search_uses_the_weights_of_the_user(monkeypatch, tmp_path):
     assert used == {weights}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("photons", [0.2, 20.0])
 def test_sharp_frames_are_not_taken_for_blurred(photons):
     for seed, character in enumerate("R5L"):
@@ -68,6 +71,7 @@ def test_sharp_frames_are_not_taken_for_blurred(photons):
         assert (result.albedo == reconstructor(UNET, FAST).run(result.measurement).albedo).all()
 
 
+@pytest.mark.slow
 def test_blur_pixels_zero_disables_blur_estimation(tmp_path, command):
     files = [tmp_path / "a.npy", tmp_path / "b.npy"]
     for file, frame in zip(files, frames("K", "defocus", 2.0, 1), strict=True):

@@ -57,6 +57,7 @@ def test_small_objects_are_magnified_and_large_ones_held(lags, patch, gain):
     assert np.mean(gains) > gain
 
 
+@pytest.mark.slow
 def test_patches_that_suit_the_object_are_left_alone():
     assert reconstruct(frames(36), patch="fit", quality="fast").estimate.record.grid.size == AUTOMATIC
 

@@ -45,6 +45,7 @@ def drawn(sampler, seed: int, options: Annealing = FEW, progress: Progress = no_
     return sample_posterior(chain, torch.zeros(1, 64, 64), options)
 
 
+@pytest.mark.slow
 def test_samples_come_from_noise_to_the_object(sampler):
     """Samples from noise resemble the object; another seed gives other samples."""
     found = drawn(sampler, 1)

@@ -31,6 +31,7 @@ class Bar:
         self.done += steps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quality", ["fast", "balanced"])
 def test_progress_ends_at_its_total(quality, rng, monkeypatch):
     albedo = np.zeros((80, 80))

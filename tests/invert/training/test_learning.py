@@ -289,6 +289,7 @@ def test_noise_is_no_object(rng, kind, quality, count):
     assert sum(reconstructor(UNET, quality_named(quality)).run(estimate).object_found for estimate in estimates) <= 0.01 * count
 
 
+@pytest.mark.slow
 @needs_weights
 def test_the_network_draws_an_f_that_is_not_mirrored(rng):
     image = np.zeros((64, 64), np.float32)

@@ -91,6 +91,7 @@ def map_weights(mean, looks):
     return [smooth_by_total_variation(mean, looks, weight) for weight in (1.0, 2.0, 4.0)]
 
 
+@pytest.mark.slow
 def test_training_ends_with_weights_that_load_and_only_despeckle(tmp_path, command):
     targets = tmp_path / "set.zarr"
     from data_gen.__main__ import main as data_gen

@@ -116,6 +116,7 @@ def wider_dataset(tmp_path_factory) -> Path:
     return store
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "chosen",
     [["--network", "paper"], ["--network", "paper-modulus"], *(["--part", part] for part in ("denoiser", "sketch", "sampler"))],

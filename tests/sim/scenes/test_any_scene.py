@@ -179,6 +179,7 @@ def test_unsupported_surfaces_are_refused_by_name(scene, surface, word):
         scene(("</scene>", pane))
 
 
+@pytest.mark.slow
 def test_traverse_changes_what_is_rendered(scene, tmp_path):
     scene()
     loaded = mi.load_file(str(tmp_path / "scene.xml"), optimize=False)
@@ -240,6 +241,7 @@ def test_thirty_random_scenes_agree_with_the_mitsuba_path_tracer():
     assert len(off) <= 1, off  # of 90 scores, a quarter of one lies beyond three standard errors by chance
 
 
+@pytest.mark.slow
 def test_each_of_several_sensors_sees_its_own_frame(tmp_path):
     """A second camera of twice the transmission beside the first: the same speckle, twice the light."""
     text = scene_path("corner_letter").read_text().replace('value="2464"', 'value="616"').replace('value="2056"', 'value="514"')

@@ -9,6 +9,7 @@ pytest.importorskip("mitsuba")
 import correlograph as cg
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["png", "bmp"])
 def test_a_coloured_albedo_is_its_luminance_and_a_note_says_so(tmp_path, capsys, suffix):
     """Red on blue, sRGB: luminances of 0.2126 and 0.0722 of the full level."""

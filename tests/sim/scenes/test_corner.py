@@ -28,6 +28,7 @@ def test_the_default_is_the_reference_lab(tmp_path):
     assert ours.camera.frame_shape == reference.camera.frame_shape
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_random_corners_are_what_was_asked_for(tmp_path, seed):
     rng = np.random.default_rng(seed)
@@ -80,6 +81,7 @@ def test_whole_numbers_are_numbers():
     assert 'z="2"' in Corner(detector_distance_m=2, power_w=1).as_xml("object.png")
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_scene_that_renders(tmp_path, command):
     picture = scene_path("corner_letter").parent / "7.png"
     arguments = [

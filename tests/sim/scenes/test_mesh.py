@@ -48,6 +48,7 @@ def test_a_solid_letter_shows_its_front_the_right_way_round(tmp_path):
         assert np.corrcoef(seen.ravel(), wrong.ravel())[0, 1] < 0.7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["tilted_letter", "occluded_letter", "two_depths", "glyph_mesh", "strong_ambient", "long_standoff"]
 )

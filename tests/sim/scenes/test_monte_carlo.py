@@ -32,6 +32,7 @@ def test_it_agrees_with_the_closed_form_to_better_than_a_percent(lab):
     assert (high - low) / 2 < 0.01 * expected
 
 
+@pytest.mark.slow
 def test_the_interval_covers_95_of_100_seeds(lab):
     scene, _ = lab
     reference = estimate_throughput(scene, samples=2**22, seed=10**6).per_frame

@@ -100,6 +100,7 @@ def test_every_file_that_a_scene_reads_changes_its_digest(scene):
     assert len(set(digests)) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["transmission", "quantum_efficiency"])
 def test_a_camera_that_collects_nothing_is_dark(scene, name):
     content = scene.read_text()

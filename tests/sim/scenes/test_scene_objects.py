@@ -26,6 +26,7 @@ def test_numpy_numbers_are_parameters_and_the_text_names_them(scene):
         cg.load("corner_leter")
 
 
+@pytest.mark.slow
 def test_copies_and_pickles_are_the_same_scene(scene):
     for other in (copy.copy(scene), copy.deepcopy(scene), pickle.loads(pickle.dumps(scene))):
         assert (other.digest, other.parameters) == (scene.digest, scene.parameters)
@@ -74,6 +75,7 @@ def test_a_sweep_equals_scenes_loaded_with_each_value(scene):
         scene.sweep("standoff", [1.0])
 
 
+@pytest.mark.slow
 def test_frames_of_a_sweep_are_those_of_the_loaded_scene(scene):
     (swept,) = scene.sweep("exposure", [0.5])
     one = cg.render(swept, frames=1, seed=2).frames[0]

@@ -1,0 +1,192 @@
+"""`python -m benchmarks.tracking`: random trajectories, tracked from rendered frames, against the true paths.
+
+One to three letters (one of 1 cm, several of 3 to 5 mm) move at 0.01 to 20 mm/s along curved paths, some with a vibration, and are photographed 30 to 2000 times
+per second with 0.003 to 0.3 photoelectrons per pixel; the laser is at rest. Errors are those of the path after its mean difference to
+the truth is removed. Each is compared with 2 um, and with the Cramer-Rao bound for a frame whose pattern is known (Knapp and Carter,
+doi:10.1109/TASSP.1976.1162830), which no tracker can reach, because the pattern itself is measured.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import correlograph as cg
+from correlograph.files.output import save_json
+from invert.tracking.shifts import weight_of
+from invert.tracking.spectra import Reader
+from scenes import scene_path
+from sim.frame import Simulation
+from sim.geometry import Geometry
+
+FRAMES = 40
+LETTERS = ("F", "R", "L", "t", "5", "7")
+
+OBJECT = """
+    <shape type="rectangle" id="hidden_object_{number}">
+        <transform name="to_world">
+            <scale x="{half}" y="{half}"/><rotate z="1" angle="180"/><translate x="{x}" y="{y}"/>
+        </transform>
+        <bsdf type="phase_screen">
+            <float name="height_rms" value="2e-6"/><float name="correlation_length" value="10e-6"/>
+            <string name="trajectory" value="path_{number}.csv"/>
+            <bsdf type="diffuse"><texture type="bitmap" name="reflectance">
+                <string name="filename" value="{letter}.png"/><boolean name="raw" value="true"/>
+                <string name="filter_type" value="nearest"/><string name="wrap_mode" value="clamp"/>
+            </texture></bsdf>
+        </bsdf>
+    </shape>
+"""
+
+
+SPOT_M = 1.5e-3
+"""Diameter of the laser spot. Its speckle on the objects, with grains of 180 um, stays the same while they move apart."""
+
+MIN_APART_M = 3.5e-6
+"""Least difference of the mean displacements of two objects per frame, 1.5 pixels of speckle: objects of equal motion are one object."""
+
+
+def _speeds(rng: np.random.Generator, objects: int, per_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean velocities of the objects, (n, 2), and their speeds: at most two grains of the
+    speckle per exposure."""
+    while True:
+        speed = 10.0 ** rng.uniform(-5.0, np.log10(min(2e-2, 3.5e-5 * per_s)), objects)
+        angle = rng.uniform(0.0, 2.0 * np.pi, objects)
+        velocity = speed[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1)
+        apart = np.linalg.norm(velocity[:, None] - velocity[None], axis=2) + 1e9 * np.eye(objects)
+        if objects == 1 or apart.min() > MIN_APART_M * per_s:
+            return velocity, speed
+
+
+def draw(number: int, folder: Path) -> tuple[Geometry, dict[str, Any]]:
+    """Return a random scene of moving letters, and what was drawn."""
+    rng = np.random.default_rng([4646, number])
+    objects, per_s = int(rng.integers(1, 4)), float(10.0 ** rng.uniform(np.log10(30.0), np.log10(2000.0)))
+    photoelectrons = float(10.0 ** rng.uniform(-2.5, -0.5))
+    text = scene_path("corner_letter").read_text()
+    begin, end = text.index("    <!-- 1 cm square"), text.index("    <!-- the wall that the camera")
+    shapes, times = [], np.linspace(0.0, FRAMES / per_s, 4 * FRAMES + 1)
+    drawn: dict[str, Any] = {
+        "number": number,
+        "objects": objects,
+        "frames_per_s": per_s,
+        "photoelectrons": photoelectrons,
+        "speeds": [],
+    }
+    velocities, speeds = _speeds(rng, objects, per_s)
+    for one, (velocity, speed) in enumerate(zip(velocities, speeds, strict=True)):
+        letter, half = LETTERS[int(rng.integers(len(LETTERS)))], float(rng.uniform(1.5e-3, 2.5e-3)) if objects > 1 else 5e-3
+        turn = np.arctan2(velocity[1], velocity[0]) + 0.4 * np.sin(
+            2.0 * np.pi * times / times[-1] + rng.uniform(0.0, 2.0 * np.pi)
+        )
+        steps = speed * np.diff(times, prepend=0.0)[:, None] * np.stack([np.cos(turn), np.sin(turn)], 1)
+        way = np.cumsum(steps, 0)
+        if rng.random() < 0.3:
+            way += np.outer(np.sin(2.0 * np.pi * 0.2 * per_s * times), rng.uniform(-2e-6, 2e-6, 2))
+        rows = "\n".join(f"{when:.9g},{x:.9g},{y:.9g},0" for when, (x, y) in zip(times, way, strict=True))
+        (folder / f"path_{one}.csv").write_text(f"time_s,x_m,y_m,z_m\n{rows}\n")
+        (folder / f"{letter}.png").write_bytes(scene_path("corner_letter").with_name(f"{letter}.png").read_bytes())
+        x, y = (
+            ((one - 0.5 * (objects - 1)) * 4e-3 + rng.uniform(-5e-4, 5e-4), rng.uniform(-2e-3, 2e-3))
+            if objects > 1
+            else (0.0, 0.0)
+        )
+        shapes.append(OBJECT.format(number=one, letter=letter, half=half, x=x, y=y))
+        drawn["speeds"].append(float(speed))
+    text = text[:begin] + "".join(shapes) + text[end:]
+    text = text.replace('value="2464"', 'value="640"').replace('value="2056"', 'value="560"')
+    spot = '<float name="spot_diameter" value="5e-3"/>'
+    assert spot in text
+    still = f'<float name="spot_diameter" value="{SPOT_M}"/><float name="scan_step" value="0"/>'
+    (folder / "scene.xml").write_text(text.replace(spot, still))
+    geometry = cg.load(folder / "scene.xml", exposure=1.0 / per_s).geometry
+    light = Simulation(geometry).mean_photoelectrons
+    return geometry.with_power(geometry.light_path.power_w * photoelectrons / light), drawn
+
+
+def true_paths(geometry: Geometry) -> list[np.ndarray]:
+    """Return the paths of the objects in metres along rows and columns, (frames, 2) each, from the first frame."""
+    exposure_s = geometry.camera.electronics.exposure_s
+    times = np.array([geometry.frame_time_s(number) for number in range(FRAMES)]) + 0.5 * exposure_s
+    ways = [geometry.hidden_object.axes.coordinates(one.trajectory.displacement(times)) for one in geometry.movements]
+    return [way - way[0] for way in ways]
+
+
+def errors(truths: list[np.ndarray], found: list[np.ndarray]) -> list[float]:
+    """Return the rms error of each true path in metres, by the best assignment; infinity for an object that was not found."""
+    while len(found) < len(truths):
+        found = [*found, np.full_like(truths[0], np.inf)]
+
+    def rms(truth: np.ndarray, path: np.ndarray) -> float:
+        left = path - truth
+        return float(np.sqrt(((left - left.mean(0)) ** 2).sum(1).mean())) if np.isfinite(left).all() else float("inf")
+
+    table = np.array([[rms(truth, path) for path in found] for truth in truths])
+    best = min(
+        permutations(range(len(found)), len(truths)), key=lambda chosen: sorted(table[range(len(truths)), chosen], reverse=True)
+    )
+    return table[range(len(truths)), best].tolist()
+
+
+def bound_m(geometry: Geometry, capture: cg.Capture) -> float:
+    """Return the Cramer-Rao bound of the position of the speckle in one frame in metres of the object, rms of both axes together."""
+    reader = Reader(capture.frames[0].shape, 1)
+    band = reader.band(capture.frames)
+    assert band is not None
+    weight = weight_of(band, 1.0, 10**6)
+    turns = [2.0 * np.pi * band.rows[:, None], 2.0 * np.pi * band.columns[None]]
+    curvature = np.array([[float((weight.values * band.signal * 1e6 * a * b).sum()) for a in turns] for b in turns])
+    inverse = np.linalg.inv(curvature)
+    covariance = inverse @ (weight.slope_variance / band.noise_gain) @ inverse
+    to_metres = np.linalg.inv(geometry.travel)
+    return float(np.sqrt(np.trace(to_metres @ covariance @ to_metres.T)))
+
+
+def measure(number: int) -> dict[str, Any]:
+    """Draw, render and track one scene."""
+    from sim.rendering import render_geometry
+
+    with tempfile.TemporaryDirectory() as folder:
+        geometry, drawn = draw(number, Path(folder))
+        capture = render_geometry(geometry, FRAMES, number)
+    truths, begin = true_paths(geometry), time.process_time()
+    to_metres = np.linalg.inv(geometry.travel)
+    try:
+        found = cg.track(capture)
+    except cg.InputError as error:
+        return drawn | {"refused": str(error)}
+    seconds = time.process_time() - begin
+    tracks = [found, *found.others]
+    return drawn | {
+        "found": len(tracks),
+        "significance": [one.significance for one in tracks],
+        "rms_um": [1e6 * one for one in errors(truths, [one.path_pixels @ to_metres.T for one in tracks])],
+        "bound_um": 1e6 * bound_m(geometry, capture),
+        "way_um": [1e6 * float(np.linalg.norm(np.diff(one, axis=0), axis=1).sum()) for one in truths],
+        "frames_per_position": [one.frames_per_position for one in tracks],
+        "cpu_ms_per_frame": 1e3 * seconds / FRAMES,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--count", type=int, default=20)
+    parser.add_argument("-o", "--output", type=Path)
+    options = parser.parse_args()
+    rows = []
+    for number in range(options.first, options.first + options.count):
+        rows.append(measure(number))
+        print(rows[-1], flush=True)
+    if options.output:
+        save_json(options.output, {"trajectories": rows})
+
+
+if __name__ == "__main__":
+    main()
