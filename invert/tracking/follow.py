@@ -29,6 +29,9 @@ FADED = 0.6
 WALK = 6.0
 """See `_walk_by_illumination`; measured on rendered frames of 0.1 to 1.4 megapixels (docs/tracking.md)."""
 
+STRAYED = 6.0
+"""Radii of a grain by which an exact path may differ from the approximate one."""
+
 ROUNDS = 4
 
 
@@ -54,6 +57,8 @@ class Followed:
 def follow(spectra: np.ndarray, band: Band, start: Start, others: Sequence[Start] = ()) -> Followed:
     """Return the path of an object near an approximate one.
 
+    Where it cannot be made exact, the approximate path is returned, with the radius of a grain as its error.
+
     Args:
         spectra: (frames, R, C).
         others: other objects; frames in which they lie as they do in the one that is registered are left out of its surroundings.
@@ -66,6 +71,10 @@ def follow(spectra: np.ndarray, band: Band, start: Start, others: Sequence[Start
         if best is None or found.significance > best.significance:
             best = found
         length *= 2
+    if best.significance < MIN_GROUP_SIGNIFICANCE or np.abs(best.path - start.path).max() > STRAYED * band.grain_pixels:
+        error = np.full_like(start.path, band.grain_pixels)
+        error[0] = 0.0
+        return Followed(start.path, error, start.frames_per_block, 0, best.significance)
     return best
 
 

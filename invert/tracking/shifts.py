@@ -135,18 +135,21 @@ def peaks(
 
     Args:
         own: power of the same frames without the noise floor, (R, C).
-        deviation: standard deviation of the cross-correlation.
+        deviation: standard deviation of the cross-correlation by the noise of independent frames.
     """
     full = max(float((weight.values * own).sum()), 1e-300)
     places, heights = np.zeros((0, 2)), []
-    left, tried = cross.copy(), 0
+    left, tried, highest = cross.copy(), 0, 0.0
     while len(heights) < most:
         found, pitch = correlate(left, band, weight)
         place = np.array(np.unravel_index(int(found.argmax()), found.shape))
         start = ((place + np.array(found.shape) // 2) % found.shape - np.array(found.shape) // 2) * pitch
         exact = refine(left[None], band, weight, start[None])
         height = max(float(exact.height[0]), float(found.max()))
-        if height < max(MIN_SIGNIFICANCE * deviation, FAINTEST * deviation * max(heights, default=0.0)):
+        # Bright speckle that outlives a pair of frames makes the noise of a sum larger than that of independent pairs.
+        deviation = max(deviation, float(np.median(np.abs(found)) / 0.6745))
+        highest = max(height, highest)
+        if height < max(MIN_SIGNIFICANCE * deviation, FAINTEST * highest):
             break
         if len(places) == 0 or np.linalg.norm(places - exact.pixels, axis=1).min() > APART_GRAINS * band.grain_pixels:
             places = np.concatenate([places, exact.pixels])

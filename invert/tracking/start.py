@@ -32,11 +32,13 @@ class Start:
         path: approximate position of its speckle in each frame, (frames, 2) pixels.
         significance: of its maximum in the sum over all blocks, each at its own displacement, in standard deviations.
         share: share of the power of the speckle that consecutive frames have in common by it.
+        frames_per_block: number of frames in the blocks from which the path was found.
     """
 
     path: np.ndarray
     significance: float
     share: float
+    frames_per_block: int = 1
 
 
 def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
@@ -114,7 +116,7 @@ def _objects_at(spectra: np.ndarray, band: Band, lag: int) -> list[Start]:
         used = sum(found[block][2] for block in known)
         overlap = np.prod(1.0 - np.abs(lag * each) / np.array(band.shape), axis=1).mean()
         share = heights.sum() * weight.deviation / (used * weight.full * max(overlap, 0.1))
-        starts.append(Start(path, float(heights.sum() / used**0.5), float(min(share, 1.0))))
+        starts.append(Start(path, float(heights.sum() / used**0.5), float(min(share, 1.0)), length))
     return sorted(starts, key=lambda one: -one.share)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,19 +19,21 @@ _MIN_SPOT_SAMPLES = 32
 
 @dataclass(frozen=True)
 class Displaced:
-    """Where the samples of a moving object are.
+    """Where spot and object are.
 
     Attributes:
-        place: row and column of each on the grid at rest, (n,) each.
+        spot_m: displacement of the spot on the wall.
+        place: row and column of each sample of a moving object on the grid at rest, (n,) each; None if nothing moves.
         coordinates_m: along the axes of the grid (rows, columns), (n, 2).
         shift_m: displacement that all samples share; None if they have no single one.
-        reach_m: largest displacement at any time.
+        reach_m: distance by which samples leave the grid at any time.
     """
 
-    place: tuple[np.ndarray, np.ndarray]
-    coordinates_m: np.ndarray
-    shift_m: tuple[float, float] | None
-    reach_m: float
+    spot_m: float
+    place: tuple[np.ndarray, np.ndarray] | None = None
+    coordinates_m: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    shift_m: tuple[float, float] | None = None
+    reach_m: float = 0.0
 
 
 def grain_m(geometry: Geometry) -> float:
@@ -57,8 +59,7 @@ def illuminate(
     number: int,
     *,
     grain: bool = True,
-    spot_m: float | None = None,
-    moved: Displaced | None = None,
+    displaced: Displaced | None = None,
 ) -> np.ndarray:
     """Return the complex field on the object at the samples of `Geometry.object_pitch_m`; its mean intensity is 1 for a rough wall.
 
@@ -73,18 +74,17 @@ def illuminate(
         number: frame number. If the spots of frames overlap, all frames share one random wall and object; otherwise each
             frame has its own.
         grain: whether the speckle of the spot illuminates the object; uniform illumination otherwise.
-        spot_m: displacement of the spot; derived from the frame number if None.
-        moved: where the object's samples are, if they move.
+        displaced: where spot and object are; derived from the frame number if None.
 
     Returns:
         complex64 (rows, columns), multiplied by the object's own delta-correlated random phase.
     """
     pitch = geometry.object_pitch_m
     scanned = number * (geometry.spot.scan_step_m or 0.0)
-    spot_m = scanned if spot_m is None else spot_m
+    displaced = displaced or Displaced(scanned)
     sharing = overlap(geometry) > 0.0
     # one wall and one object for all frames, or for all sub-exposures of one frame
-    shared = sharing or geometry.spot.scan_speed_m_s > 0.0 or moved is not None
+    shared = sharing or geometry.spot.scan_speed_m_s > 0.0 or displaced.place is not None
     rng = streams(0 if sharing else number)
     own_phase = np.exp(1j * rng.uniform(0.0, 2.0 * np.pi, grid).astype(np.float32))
     if not grain:
@@ -93,14 +93,12 @@ def illuminate(
         # No two samples share a grain: independent circular Gaussians, for any shape of the spot.
         gaussian = rng.standard_normal((2, *grid), np.float32) * np.float32(np.sqrt(0.5))
         return gaussian[0] + 1j * gaussian[1]
-    reach = 1.25 * max(n * step for n, step in zip(grid, pitch, strict=True))
-    if moved is not None:
-        reach += 2.0 * moved.reach_m
+    reach = 1.25 * max(n * step for n, step in zip(grid, pitch, strict=True)) + 2.0 * displaced.reach_m
     wanted = geometry.wavelength_m * geometry.source_distance_m / reach
     across = max(_MIN_SPOT_SAMPLES, int(np.ceil(geometry.spot.diameter_m / wanted)))
     step = geometry.spot.diameter_m / across
     position = (np.arange(across) - 0.5 * (across - 1)) * step
-    spot_m = spot_m if sharing else spot_m - scanned
+    spot_m = displaced.spot_m if sharing else displaced.spot_m - scanned
     first = math.floor(spot_m / step) if shared else 0
     if shared:  # one more column, over part of which the spot has moved
         along = position[0] + np.arange(first, first + across + 1) * step
@@ -114,17 +112,17 @@ def illuminate(
     phase = 4.0 * np.pi / geometry.wavelength_m * geometry.spot.height_rms_m * heights
     source = (disc * (np.exp(1j * phase) - specular)).astype(np.complex64)
     rows, columns = ((np.arange(n) - 0.5 * (n - 1)) * step for n, step in zip(grid, pitch, strict=True))
-    if moved is None or moved.shift_m is not None:
-        down, right = (0.0, 0.0) if moved is None else moved.shift_m or (0.0, 0.0)
+    if displaced.place is None or displaced.shift_m is not None:
+        down, right = displaced.shift_m or (0.0, 0.0)
         rows, columns = rows + down, columns + right
         to_rows, to_columns = _fourier_kernel(rows, position, geometry), _fourier_kernel(columns, along, geometry)
         scattered = (to_rows @ source @ to_columns.T) / np.float32(np.sqrt(disc.sum()))
         return (scattered + specular_field(geometry, rows[:, None], columns[None])) * own_phase
-    rows, columns = moved.coordinates_m.T
+    rows, columns = displaced.coordinates_m.T
     to_rows, to_columns = _fourier_kernel(rows, position, geometry), _fourier_kernel(columns, along, geometry)
     scattered = ((to_rows @ source) * to_columns).sum(1) / np.float32(np.sqrt(disc.sum()))
     lit = np.zeros(grid, np.complex64)
-    lit[moved.place] = (scattered + specular_field(geometry, rows, columns)) * own_phase[moved.place]
+    lit[displaced.place] = (scattered + specular_field(geometry, rows, columns)) * own_phase[displaced.place]
     return lit
 
 

@@ -163,6 +163,7 @@ def test_two_patterns_are_two_objects(rng):
     assert found.share / found.others[0].share == pytest.approx(4.0, rel=0.3)  # squares of the light
 
 
+@pytest.mark.slow
 def test_a_vibration_is_found_with_its_amplitude(rng):
     """A fifth of the frame rate, 0.4 pixels; and none in a path without."""
     numbers = np.arange(128)

@@ -106,6 +106,7 @@ def test_speckle_turns_about_the_mirror_image_of_oblique_light(still):
     assert likeness(turned(first, 0.1)[INNER], second[INNER]) < 0.2
 
 
+@pytest.mark.slow
 def test_illumination_decorrelates_a_turned_object(still):
     """Uneven light: scatterers at radius r have moved by r times the angle through grains of lambda d1 / D, here 53 um."""
     alike = []
@@ -117,6 +118,7 @@ def test_illumination_decorrelates_a_turned_object(still):
     assert alike[1] < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", [2.5e-3, -2.5e-3])
 def test_speckle_spreads_when_the_object_recedes(still, way):
     """Halves of the frame, whose centres are half a frame apart, move apart by w / z of that. (Near light would blur this.)"""
