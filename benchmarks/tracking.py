@@ -158,7 +158,7 @@ def measure(number: int, objects: int) -> dict[str, Any]:
     truths, begin = true_paths(geometry), time.process_time()
     to_metres = np.linalg.inv(geometry.travel)
     try:
-        found = cg.track(capture)
+        found = cg.track(capture, interval_s=1.0 / drawn["frames_per_s"])
     except cg.InputError as error:
         return drawn | {"refused": str(error)}
     seconds = time.process_time() - begin

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import interp1d
 from scipy.linalg import solve_banded
 
 from invert.tracking.shifts import APART_GRAINS, aligned, refine, weight_of
@@ -45,6 +46,7 @@ class Followed:
         frames_per_group: number of frames that were registered together.
         reach: number of groups on each side to which each was registered.
         significance: median significance of a group in its surroundings.
+        fading: square of the way from frame to frame over that in which the likeness of frames falls to 1 / e.
     """
 
     path: np.ndarray
@@ -52,6 +54,13 @@ class Followed:
     frames_per_group: int
     reach: int
     significance: float
+    fading: float = 0.0
+
+    def for_open_shutter(self, share: float) -> Followed:
+        """Return the path for a shutter that is open for a share of the interval between frames. The end of one exposure is then closer to
+        the beginning of the next than their middles are, and more alike, which draws displacements towards zero by the third of the fading.
+        """
+        return replace(self, path=self.path * (1.0 + self.fading * share**2 / 3.0))
 
 
 def follow(spectra: np.ndarray, band: Band, start: Start, others: Sequence[Start] = ()) -> Followed:
@@ -85,13 +94,13 @@ def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: in
     means = np.stack([path[group].mean(0) for group in groups])
     sums = np.stack([aligned(spectra[group], band, path[group] - path[group].mean(0)).sum(0) for group in groups])
     of_group = replace(band, signal=band.signal * length**2, floor=band.floor * length)
-    places, error, reach, significance = _register(sums, of_group, means, skip)
+    places, error, reach, significance, fading = _register(sums, of_group, means, skip)
     numbers = np.arange(len(path))
     found = path + np.stack([_interpolate(numbers, middles, (places - means)[:, axis]) for axis in (0, 1)], 1)
     errors = np.stack([np.interp(numbers, middles, error[:, axis]) for axis in (0, 1)], 1)
     from_first = np.hypot(errors, errors[0])
     from_first[0] = 0.0
-    return Followed(found - found[0], from_first, length, reach, significance)
+    return Followed(found - found[0], from_first, length, reach, significance, fading / length**2)
 
 
 def _frames_apart(one: Start, other: Start, pixels: float) -> int:
@@ -100,10 +109,11 @@ def _frames_apart(one: Start, other: Start, pixels: float) -> int:
     return min(int(np.ceil(pixels / max(float(speed), 1e-9))) - 1, LONGEST_REACH)
 
 
-def _register(sums: np.ndarray, band: Band, places: np.ndarray, skip: int) -> tuple[np.ndarray, np.ndarray, int, float]:
-    """Return positions of groups (n, 2), their standard errors, the reach of the surroundings, and the median significance; `skip`
-    neighbours on each side are left out."""
+def _register(sums: np.ndarray, band: Band, places: np.ndarray, skip: int) -> tuple[np.ndarray, np.ndarray, int, float, float]:
+    """Return positions of groups (n, 2), their standard errors, the reach of the surroundings, the median significance, and the fading
+    from group to group; `skip` neighbours on each side are left out."""
     count, reach, common = len(sums), 1, 1.0
+    skip = max(0, min(skip, count - 3))
     for _ in range(ROUNDS):
         moved = aligned(sums, band, places)
         alike = _likeness(moved, band)
@@ -123,13 +133,15 @@ def _register(sums: np.ndarray, band: Band, places: np.ndarray, skip: int) -> tu
     walked = 2.0 * np.arange(count)[:, None] / squares * variance
     walked = walked + _walk_by_illumination(places, alike, band)
     significance = float(np.median(shifts.height)) / weight.deviation
-    return places, np.sqrt(variance + walked), reach, significance
+    # Of likenesses exp(-fading k^2) at distances of k = 1 and 2 groups.
+    fading = float(np.log(alike[0] / max(alike[1], 1e-3)) / 3.0) if len(alike) > 1 and alike[0] > 0.0 else 0.0
+    return places, np.sqrt(variance + walked), reach, significance, float(np.clip(fading, 0.0, 0.3))
 
 
 def _solve(shifts: np.ndarray, skip: int, reach: int) -> np.ndarray:
     """Return corrections (n, 2) of positions of which each differs from the mean correction of its surroundings by the shift that was
     found, (n, 2); 0 for the first."""
-    count, found = len(shifts), np.zeros_like(shifts)
+    count = len(shifts)
     numbers = np.arange(count)
     bands = np.zeros((2 * reach + 1, count))
     bands[reach] = 1.0
@@ -143,8 +155,7 @@ def _solve(shifts: np.ndarray, skip: int, reach: int) -> np.ndarray:
             bands[reach - step, step] = float(step == 0)
     right = shifts.copy()
     right[0] = 0.0
-    found[:] = solve_banded((reach, reach), bands, right)
-    return found
+    return solve_banded((reach, reach), bands, right)
 
 
 def _likeness(moved: np.ndarray, band: Band) -> np.ndarray:
@@ -169,6 +180,4 @@ def _walk_by_illumination(places: np.ndarray, alike: np.ndarray, band: Band) -> 
 
 def _interpolate(at: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Interpolate linearly, and continue linearly beyond the ends."""
-    from scipy.interpolate import interp1d
-
     return interp1d(known, values, fill_value="extrapolate")(at)

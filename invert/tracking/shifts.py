@@ -12,8 +12,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal.windows import tukey
 
-from invert.tracking.spectra import Band
+from invert.tracking.spectra import TAPER, Band
 
 NEWTON_STEPS = 6
 MIN_SIGNIFICANCE = 6.0
@@ -168,10 +169,6 @@ def _downward(curvature: np.ndarray, least: float) -> np.ndarray:
 
 def _window_bias(pixels: np.ndarray, band: Band, height: np.ndarray, inverse: np.ndarray) -> np.ndarray:
     """Return what the overlap of two windows, which falls with their distance, draws a maximum towards zero by, (n, 2)."""
-    from scipy.signal.windows import tukey
-
-    from invert.tracking.spectra import TAPER
-
     slopes = []
     for axis in (0, 1):
         window = tukey(band.shape[axis], TAPER)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tqdm import tqdm
 
-from correlograph.errors import InputError, check_positive
+from correlograph.errors import InputError, check_positive, memory_bytes
 from correlograph.files.capture import Capture
 from correlograph.files.figures import figure_as_html, save_figure
 from correlograph.files.output import atomic, output_folder, save_json, sole_writer
@@ -20,6 +20,9 @@ from invert.tracking.vibration import find_vibrations
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+BYTES_PER_COEFFICIENT = 48
+"""Measured memory per frame and coefficient of its spectrum."""
 
 TRACK_FILES = ("track.csv", "track.png", "track.json")
 
@@ -172,7 +175,8 @@ def track(
     Args:
         source_distance_m: distance from the laser spot to the object; with the metadata of the camera, displacements of the object follow.
         source_angle_deg: angles between the light from the spot and the line of sight, along rows and columns.
-        interval_s: time between the starts of two frames.
+        interval_s: time between the starts of two frames. With the exposure of the frames, it corrects what an open shutter draws
+            displacements towards zero by.
         binning: pixels that are added along each axis before the comparison; grains should stay wider than two of them.
 
     Raises InputError for fewer than three frames, and for frames without common motion.
@@ -190,14 +194,25 @@ def track(
     if band is None:
         expected, remedy = "speckle that moves as a whole", "add light, or bin less"
         raise InputError("frames", expected, "no speckle above the noise", remedy)
+    needed = len(capture.frames) * band.signal.size * BYTES_PER_COEFFICIENT
+    if needed > memory_bytes():
+        fewest = int(memory_bytes() / (band.signal.size * BYTES_PER_COEFFICIENT))
+        raise InputError("frames", f"at most {fewest} in this memory", len(capture.frames), "track them in parts")
     frames = tqdm(capture.frames, desc="frames", unit="frame", disable=None, leave=False)
     spectra = np.stack([reader.spectra(frame, band) for frame in frames])
     starts = find_objects(spectra, band)
     tracks = []
     for start in starts:
         followed = follow(spectra, band, start, [other for other in starts if other is not start])
+        followed = followed.for_open_shutter(_open_share(capture, interval_s))
         tracks.append(_track_of(start, followed, binning, lever, interval_s))
     return replace(tracks[0], others=tuple(tracks[1:]))
+
+
+def _open_share(capture: Capture, interval_s: float | None) -> float:
+    """Return the share of the interval between frames in which the shutter is open; 0 if it is unknown."""
+    exposure_s = capture.headers[0].exposure_s if capture.headers else capture.file_metadata.exposure_s
+    return 0.0 if exposure_s is None or interval_s is None else min(exposure_s / interval_s, 1.0)
 
 
 def _track_of(start: Start, found: Followed, binning: int, lever: np.ndarray | None, interval_s: float | None) -> Track:
