@@ -4,6 +4,7 @@ spectra.py   spectra of frames in the band of their speckle
 shifts.py    displacements from cross-spectra, with standard errors
 start.py     objects and their approximate paths
 follow.py    exact path of an object, frame by frame
+separation.py  spectra of one object without the patterns of others
 vibration.py periodic motion in a path
 track.py     the whole: frames -> Track
 travel.py    whether frames show speckle that travels

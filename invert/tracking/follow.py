@@ -7,14 +7,13 @@ registered alone are summed in groups of two, four and so on, as they move.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import interp1d
 from scipy.linalg import solve_banded
 
-from invert.tracking.shifts import APART_GRAINS, aligned, refine, weight_of
+from invert.tracking.shifts import aligned, refine, weight_of
 from invert.tracking.spectra import Band
 from invert.tracking.start import Start
 
@@ -63,19 +62,14 @@ class Followed:
         return replace(self, path=self.path * (1.0 + self.fading * share**2 / 3.0))
 
 
-def follow(spectra: np.ndarray, band: Band, start: Start, others: Sequence[Start] = ()) -> Followed:
-    """Return the path of an object near an approximate one.
+def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:
+    """Return the path of an object near an approximate one, from spectra (frames, R, C).
 
     Where it cannot be made exact, the approximate path is returned, with the radius of a grain as its error.
-
-    Args:
-        spectra: (frames, R, C).
-        others: other objects; frames in which they lie as they do in the one that is registered are left out of its surroundings.
     """
-    apart = max((_frames_apart(start, other, APART_GRAINS * band.grain_pixels) for other in others), default=0)
     best, length, longest = None, 1, 1
     while best is None or (best.significance < MIN_GROUP_SIGNIFICANCE and length <= longest):
-        found = _follow_groups(spectra, band, start.path, length, apart // length)
+        found = _follow_groups(spectra, band, start.path, length)
         longest = found.reach if length == 1 else longest
         if best is None or found.significance > best.significance:
             best = found
@@ -87,14 +81,14 @@ def follow(spectra: np.ndarray, band: Band, start: Start, others: Sequence[Start
     return best
 
 
-def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: int, skip: int) -> Followed:
+def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: int) -> Followed:
     """Return the path from groups of `length` frames; within a group, the approximate path gives the motion about its mean."""
     groups = np.array_split(np.arange(len(path)), max(2, len(path) // length))
     middles = np.array([group.mean() for group in groups])
     means = np.stack([path[group].mean(0) for group in groups])
     sums = np.stack([aligned(spectra[group], band, path[group] - path[group].mean(0)).sum(0) for group in groups])
     of_group = replace(band, signal=band.signal * length**2, floor=band.floor * length)
-    places, error, reach, significance, fading = _register(sums, of_group, means, skip)
+    places, error, reach, significance, fading = _register(sums, of_group, means)
     numbers = np.arange(len(path))
     found = path + np.stack([_interpolate(numbers, middles, (places - means)[:, axis]) for axis in (0, 1)], 1)
     errors = np.stack([np.interp(numbers, middles, error[:, axis]) for axis in (0, 1)], 1)
@@ -103,33 +97,24 @@ def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: in
     return Followed(found - found[0], from_first, length, reach, significance, fading / length**2)
 
 
-def _frames_apart(one: Start, other: Start, pixels: float) -> int:
-    """Return the number of frames after which two objects have not yet moved apart by a number of pixels."""
-    speed = np.linalg.norm(np.diff(one.path - other.path, axis=0), axis=1).mean()
-    return min(int(np.ceil(pixels / max(float(speed), 1e-9))) - 1, LONGEST_REACH)
-
-
-def _register(sums: np.ndarray, band: Band, places: np.ndarray, skip: int) -> tuple[np.ndarray, np.ndarray, int, float, float]:
+def _register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, float, float]:
     """Return positions of groups (n, 2), their standard errors, the reach of the surroundings, the median significance, and the fading
-    from group to group; `skip` neighbours on each side are left out."""
+    from group to group."""
     count, reach, common = len(sums), 1, 1.0
-    skip = max(0, min(skip, count - 3))
     for _ in range(ROUNDS):
         moved = aligned(sums, band, places)
-        alike = _likeness(moved, band)
+        alike = likeness(moved, band)
         common = float(np.clip(alike[0], 0.05, 1.0))
-        faded = np.flatnonzero(alike < FADED * alike[0])
-        reach = int(np.clip(faded[0] if len(faded) else LONGEST_REACH, 1, min(LONGEST_REACH, count - 1)))
+        reach = reach_of(alike)
         total = np.concatenate([np.zeros_like(moved[:1]), np.cumsum(moved, 0)])
-        reach = min(max(reach, skip + 2), count - 1)  # two distances, so that all groups are joined
-        low, near, far, high = (np.clip(np.arange(count) + side, 0, count) for side in (-reach, -skip, skip + 1, reach + 1))
-        around = (total[high] - total[far]) + (total[near] - total[low])
-        weight = weight_of(band, common, max(1, int(np.median(high - far + near - low))))
+        low, high = (np.clip(np.arange(count) + side, 0, count) for side in (-reach, reach + 1))
+        around = total[high] - total[low] - moved
+        weight = weight_of(band, common, int(np.median(high - low - 1)))
         shifts = refine(around.conj() * moved, band, weight, np.zeros((count, 2)))
-        places = places + _solve(shifts.pixels, skip, reach)
+        places = places + _solve(shifts.pixels, reach)
     variance = np.diagonal(shifts.covariance, axis1=1, axis2=2)
     # Over distances beyond the reach, errors add up like resistances of a chain in which each member is joined to its neighbours.
-    squares = np.mean(np.arange(skip + 1, reach + 1) ** 2.0)
+    squares = np.mean(np.arange(1, reach + 1) ** 2.0)
     walked = 2.0 * np.arange(count)[:, None] / squares * variance
     walked = walked + _walk_by_illumination(places, alike, band)
     significance = float(np.median(shifts.height)) / weight.deviation
@@ -138,14 +123,14 @@ def _register(sums: np.ndarray, band: Band, places: np.ndarray, skip: int) -> tu
     return places, np.sqrt(variance + walked), reach, significance, float(np.clip(fading, 0.0, 0.3))
 
 
-def _solve(shifts: np.ndarray, skip: int, reach: int) -> np.ndarray:
+def _solve(shifts: np.ndarray, reach: int) -> np.ndarray:
     """Return corrections (n, 2) of positions of which each differs from the mean correction of its surroundings by the shift that was
     found, (n, 2); 0 for the first."""
     count = len(shifts)
     numbers = np.arange(count)
     bands = np.zeros((2 * reach + 1, count))
     bands[reach] = 1.0
-    offsets = [step for step in range(-reach, reach + 1) if abs(step) > skip]
+    offsets = [step for step in range(-reach, reach + 1) if step]
     around = sum(((numbers + step >= 0) & (numbers + step < count)).astype(float) for step in offsets)
     for step in offsets:
         rows = numbers[(numbers + step >= 0) & (numbers + step < count)]
@@ -158,7 +143,13 @@ def _solve(shifts: np.ndarray, skip: int, reach: int) -> np.ndarray:
     return solve_banded((reach, reach), bands, right)
 
 
-def _likeness(moved: np.ndarray, band: Band) -> np.ndarray:
+def reach_of(alike: np.ndarray) -> int:
+    """Return the number of groups, at least 1, over which the likeness stays above `FADED` of that of neighbours."""
+    faded = np.flatnonzero(alike < FADED * alike[0])
+    return max(1, int(faded[0]) if len(faded) else len(alike))
+
+
+def likeness(moved: np.ndarray, band: Band) -> np.ndarray:
     """Return the share of the speckle that groups 1, 2, ... apart have in common, (at most `LONGEST_REACH`,)."""
     weight = np.where(band.counts > 0.0, band.counts / np.maximum(band.signal + band.floor, 1e-300), 0.0)
     full = (weight * band.signal).sum()

@@ -16,6 +16,9 @@ LAGS = (1, 2, 4, 8, 16)
 PERSISTENT = 0.2
 """Share of the common speckle of consecutive frames that frames two apart must show."""
 
+STILL_CLEAR = 0.7
+"""Significance of the faintest object over the highest at any distance of frames, above which it counts as clear."""
+
 MOST_OBJECTS = 4
 MAX_JUMP_GRAINS = 4.0
 """Largest change of the displacement from one block to the next that still counts as one object."""
@@ -47,10 +50,12 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
     Args:
         spectra: (frames, R, C).
 
-    Frames further apart tell objects of little different speed from one another; the smallest distance that shows most objects is used.
+    Frames further apart tell objects of little different speed from one another. Of the distances that show most objects, the largest is
+    used at which the faintest is still clear; a single object is followed by consecutive frames.
     Raises InputError if the whole capture shows no common motion.
     """
     best: list[Start] = []
+    clearest = 0.0
     for lag in (one for one in LAGS if one < max(2, len(spectra) // 2)):
         try:
             found = [one for one in _objects_at(spectra, band, lag) if _persists(one, spectra, band)]
@@ -58,8 +63,11 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
             if best:
                 break
             raise
+        faintest = min((one.significance for one in found), default=0.0)
         if len(found) > len(best):
-            best = found
+            best, clearest = found, faintest
+        elif len(found) == len(best) > 1 and faintest > STILL_CLEAR * clearest:
+            best, clearest = found, max(faintest, clearest)
     if not best:
         expected, remedy = "speckle that moves as a whole", "keep the laser and the camera at rest"
         raise InputError("frames", expected, "displacements that do not continue from frame to frame", remedy)
