@@ -103,7 +103,7 @@ class Simulation:
             lambda frame: _stream(seed, frame, 2 * mode.polarisation),
             number,
             grain=self._models("source_grain"),
-            displaced=self._displaced(pose.spot_m, moved, mode.part or 0),
+            displaced=self._places(pose.spot_m, moved, mode.part or 0),
         )
         scatterers, chosen = samples.lit(lit, period, mode.offset_hz), KERNELS[option.propagator]
         if mode.part is not None:
@@ -123,7 +123,7 @@ class Simulation:
             field = field * torch.from_numpy(tilt(self.geometry, wall, mode.part, pose.time_s)).to(self.device)
         return field
 
-    def _displaced(self, spot_m: float, moved: Moved | None, part: int) -> Displaced:
+    def _places(self, spot_m: float, moved: Moved | None, part: int) -> Displaced:
         if moved is None:
             return Displaced(spot_m)
         shift = None if moved.shifts_m is None else (float(moved.shifts_m[part, 0]), float(moved.shifts_m[part, 1]))

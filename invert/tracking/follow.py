@@ -13,23 +13,23 @@ import numpy as np
 from scipy.interpolate import interp1d
 from scipy.linalg import solve_banded
 
-from invert.tracking.shifts import aligned, refine, weight_of
+from invert.tracking.shifts import move_back, refine, weight_of
 from invert.tracking.spectra import Band
 from invert.tracking.start import Start
 
 MIN_GROUP_SIGNIFICANCE = 5.0
 """Median significance of a group of frames in its surroundings from which it is registered on its own."""
 
-LONGEST_REACH = 16
+MAX_REACH = 16
 """Number of groups on each side, at most, to which one is registered."""
 
-FADED = 0.6
+MIN_LIKENESS = 0.6
 """Share of the common speckle of neighbours that groups must still have in common."""
 
 WALK = 6.0
 """See `_walk_by_illumination`; measured on rendered frames of 0.1 to 1.4 megapixels (docs/tracking.md)."""
 
-STRAYED = 6.0
+MAX_CORRECTION = 6.0
 """Radii of a grain by which an exact path may differ from the approximate one."""
 
 ROUNDS = 4
@@ -74,7 +74,7 @@ def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:
         if best is None or found.significance > best.significance:
             best = found
         length *= 2
-    if best.significance < MIN_GROUP_SIGNIFICANCE or np.abs(best.path - start.path).max() > STRAYED * band.grain_pixels:
+    if best.significance < MIN_GROUP_SIGNIFICANCE or np.abs(best.path - start.path).max() > MAX_CORRECTION * band.grain_pixels:
         error = np.full_like(start.path, band.grain_pixels)
         error[0] = 0.0
         return Followed(start.path, error, start.frames_per_block, 0, best.significance)
@@ -86,7 +86,7 @@ def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: in
     groups = np.array_split(np.arange(len(path)), max(2, len(path) // length))
     middles = np.array([group.mean() for group in groups])
     means = np.stack([path[group].mean(0) for group in groups])
-    sums = np.stack([aligned(spectra[group], band, path[group] - path[group].mean(0)).sum(0) for group in groups])
+    sums = np.stack([move_back(spectra[group], band, path[group] - path[group].mean(0)).sum(0) for group in groups])
     of_group = replace(band, signal=band.signal * length**2, floor=band.floor * length)
     places, error, reach, significance, fading = _register(sums, of_group, means)
     numbers = np.arange(len(path))
@@ -102,7 +102,7 @@ def _register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndar
     from group to group."""
     count, reach, common = len(sums), 1, 1.0
     for _ in range(ROUNDS):
-        moved = aligned(sums, band, places)
+        moved = move_back(sums, band, places)
         alike = likeness(moved, band)
         common = float(np.clip(alike[0], 0.05, 1.0))
         reach = reach_of(alike)
@@ -144,25 +144,25 @@ def _solve(shifts: np.ndarray, reach: int) -> np.ndarray:
 
 
 def reach_of(alike: np.ndarray) -> int:
-    """Return the number of groups, at least 1, over which the likeness stays above `FADED` of that of neighbours."""
-    faded = np.flatnonzero(alike < FADED * alike[0])
+    """Return the number of groups, at least 1, over which the likeness stays above `MIN_LIKENESS` of that of neighbours."""
+    faded = np.flatnonzero(alike < MIN_LIKENESS * alike[0])
     return max(1, int(faded[0]) if len(faded) else len(alike))
 
 
 def likeness(moved: np.ndarray, band: Band) -> np.ndarray:
-    """Return the share of the speckle that groups 1, 2, ... apart have in common, (at most `LONGEST_REACH`,)."""
+    """Return the share of the speckle that groups 1, 2, ... apart have in common, (at most `MAX_REACH`,)."""
     weight = np.where(band.counts > 0.0, band.counts / np.maximum(band.signal + band.floor, 1e-300), 0.0)
     full = (weight * band.signal).sum()
-    steps = range(1, min(LONGEST_REACH + 1, len(moved)))
+    steps = range(1, min(MAX_REACH + 1, len(moved)))
     return np.array([float(((moved[:-step].conj() * moved[step:]).real.mean(0) * weight).sum() / full) for step in steps])
 
 
 def _walk_by_illumination(places: np.ndarray, alike: np.ndarray, band: Band) -> np.ndarray:
     """Return the variance of positions (n, 1) by the speckle of the illumination: after each way over which the likeness falls to
-    `FADED`, the pattern has become another one, and its maximum has moved by `WALK` grains over the root of the number of grains."""
+    `MIN_LIKENESS`, the pattern has become another one, and its maximum has moved by `WALK` grains over the root of the number of grains."""
     last = np.clip(alike[-1] / alike[0], 1e-6, 1.0 - 1e-6)
-    far = np.flatnonzero(alike < FADED * alike[0])
-    steps = far[0] + 1.0 if len(far) else len(alike) * (np.log(FADED) / np.log(last)) ** 0.5
+    far = np.flatnonzero(alike < MIN_LIKENESS * alike[0])
+    steps = far[0] + 1.0 if len(far) else len(alike) * (np.log(MIN_LIKENESS) / np.log(last)) ** 0.5
     ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
     travelled = np.concatenate([[0.0], np.cumsum(ways)]) / max(steps * float(ways.mean()), 1e-9)
     grains = np.prod(band.shape) / (2.0 * np.pi * band.grain_pixels**2)

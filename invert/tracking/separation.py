@@ -10,35 +10,35 @@ from __future__ import annotations
 import numpy as np
 
 from invert.tracking.follow import likeness, reach_of
-from invert.tracking.shifts import aligned
+from invert.tracking.shifts import move_back
 from invert.tracking.spectra import Band
 
-CHANGED = 0.1
+CHANGING_SHARE = 0.1
 """Share of a pattern that is taken as noise when patterns are told from one another."""
 
 
-def without_others(spectra: np.ndarray, band: Band, paths: list[np.ndarray], mine: int) -> np.ndarray:
+def isolate(spectra: np.ndarray, band: Band, paths: list[np.ndarray], mine: int) -> np.ndarray:
     """Return the spectra (n, R, C) without the patterns of all objects but one.
 
     Args:
         paths: positions of the objects, (n, 2) each, the brightest first. mine: index of the object that stays.
     """
-    left, reach = spectra.copy(), reach_of(likeness(aligned(spectra, band, paths[0]), band))
+    left, reach = spectra.copy(), reach_of(likeness(move_back(spectra, band, paths[0]), band))
     for block in np.array_split(np.arange(len(spectra)), max(1, round(len(spectra) / (2 * reach + 1)))):
         around = np.arange(max(0, block[0] - reach // 2), min(len(spectra), block[-1] + reach // 2 + 1))
         patterns = _patterns(spectra[around], band, [path[around] for path in paths])
         for other, path in enumerate(paths):
             if other != mine:
-                left[block] -= aligned(np.broadcast_to(patterns[other], left[block].shape), band, -path[block])
+                left[block] -= move_back(np.broadcast_to(patterns[other], left[block].shape), band, -path[block])
     return left
 
 
 def _patterns(spectra: np.ndarray, band: Band, paths: list[np.ndarray]) -> np.ndarray:
     """Return the pattern of each object, (objects, R, C), at the origin of its path."""
-    moved = np.stack([aligned(spectra, band, path).sum(0) for path in paths], -1)
+    moved = np.stack([move_back(spectra, band, path).sum(0) for path in paths], -1)
     ones = np.ones((len(spectra), len(band.rows), len(band.columns)), np.complex64)
-    apart = [[aligned(ones, band, one - other).sum(0) for other in paths] for one in paths]
-    # Of each pattern, a share of `CHANGED` is new from frame to frame.
-    noise = (band.floor + CHANGED * band.signal) / np.maximum(band.signal / len(paths), 1e-3 * band.floor)
+    apart = [[move_back(ones, band, one - other).sum(0) for other in paths] for one in paths]
+    # Of each pattern, a share of `CHANGING_SHARE` is new from frame to frame.
+    noise = (band.floor + CHANGING_SHARE * band.signal) / np.maximum(band.signal / len(paths), 1e-3 * band.floor)
     system = np.moveaxis(np.array(apart), (0, 1), (-2, -1)) + noise[..., None, None] * np.eye(len(paths))
     return np.moveaxis(np.linalg.solve(system, moved[..., None])[..., 0], -1, 0).astype(np.complex64)

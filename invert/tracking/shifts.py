@@ -21,9 +21,9 @@ MIN_SIGNIFICANCE = 6.0
 """Standard deviations above which a motion counts as found; the highest of a million shifts of noise lies at 5."""
 
 APART_GRAINS = 3.0
-"""Distance of two displacements that can be told apart, in rms radii of a grain."""
+"""Least distance of two displacements that are two objects, in rms radii of a grain."""
 
-FAINTEST = 0.02
+MIN_RELATIVE_HEIGHT = 0.02
 """Height of a maximum over that of the highest below which it is not another object: a seventh of its light."""
 
 MAX_COMMON = 0.99
@@ -80,7 +80,7 @@ class Shifts:
     height: np.ndarray
 
 
-def aligned(spectra: np.ndarray, band: Band, pixels: np.ndarray) -> np.ndarray:
+def move_back(spectra: np.ndarray, band: Band, pixels: np.ndarray) -> np.ndarray:
     """Return spectra (n, R, C) moved back by displacements (n, 2)."""
     rows = np.exp(2j * np.pi * band.rows * pixels[:, :1]).astype(np.complex64)
     columns = np.exp(2j * np.pi * band.columns * pixels[:, 1:]).astype(np.complex64)
@@ -93,7 +93,7 @@ def refine(cross: np.ndarray, band: Band, weight: Weight, start: np.ndarray) -> 
     rows, columns = 2.0 * np.pi * band.rows[:, None], 2.0 * np.pi * band.columns[None]
     weighted = (cross * weight.values).astype(np.complex64)
     for step in range(NEWTON_STEPS + 1):
-        here = aligned(weighted, band, pixels)
+        here = move_back(weighted, band, pixels)
         curvature = -np.stack(
             [np.stack([(here.real * one * other).sum((1, 2)) for other in (rows, columns)], -1) for one in (rows, columns)], -2
         )
@@ -150,14 +150,14 @@ def peaks(
         # Bright speckle that outlives a pair of frames makes the noise of a sum larger than that of independent pairs.
         deviation = max(deviation, float(np.median(np.abs(found)) / 0.6745))
         highest = max(height, highest)
-        if height < max(MIN_SIGNIFICANCE * deviation, FAINTEST * highest):
+        if height < max(MIN_SIGNIFICANCE * deviation, MIN_RELATIVE_HEIGHT * highest):
             break
         if len(places) == 0 or np.linalg.norm(places - exact.pixels, axis=1).min() > APART_GRAINS * band.grain_pixels:
             places = np.concatenate([places, exact.pixels])
             heights.append(height / deviation)
         elif (tried := tried + 1) > most:
             break
-        left = left - aligned(height / full * own[None].astype(np.complex64), band, -exact.pixels)[0]
+        left = left - move_back(height / full * own[None].astype(np.complex64), band, -exact.pixels)[0]
     return places, np.array(heights)
 
 

@@ -30,7 +30,7 @@ OUTER = 0.75
 SIGNAL_SIGMA = 3.0
 """Significance, in standard deviations, above which a frequency counts as signal."""
 
-SLOWEST = 2
+SLOW_PERIODS = 2
 """Frequencies up to this many periods per frame belong to uneven light and are left out."""
 
 
@@ -91,7 +91,7 @@ class Reader:
         power = torch.stack(first).mean(0).numpy().astype(np.float64)
         rows, columns = np.fft.fftfreq(self.shape[0]), np.fft.rfftfreq(self.shape[1])
         radius = np.hypot(rows[:, None], columns[None]) / 0.5
-        is_slow = np.hypot(rows[:, None] * self.shape[0], columns[None] * self.shape[1]) <= SLOWEST
+        is_slow = np.hypot(rows[:, None] * self.shape[0], columns[None] * self.shape[1]) <= SLOW_PERIODS
         for side in SMOOTHING:
             smooth = uniform_filter(power, side, mode="wrap")
             floor = float(np.median(smooth[(radius > OUTER) & (radius <= 1.0)]))

@@ -7,23 +7,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from correlograph.errors import InputError
-from invert.tracking.shifts import MIN_SIGNIFICANCE, aligned, correlate, peaks, weight_of
+from invert.tracking.shifts import MIN_SIGNIFICANCE, correlate, move_back, peaks, weight_of
 from invert.tracking.spectra import Band
 
 LAGS = (1, 2, 4, 8, 16)
 """Distances of the frames that are compared."""
 
-PERSISTENT = 0.2
+MIN_PERSISTENCE = 0.2
 """Share of the common speckle of consecutive frames that frames two apart must show."""
 
 STILL_CLEAR = 0.7
 """Significance of the faintest object over the highest at any distance of frames, above which it counts as clear."""
 
-MOST_OBJECTS = 4
+MAX_OBJECTS = 4
 MAX_JUMP_GRAINS = 4.0
 """Largest change of the displacement from one block to the next that still counts as one object."""
 
-FADED = 0.7
+MIN_PRESENCE = 0.7
 """Share of the blocks in which an object must appear."""
 
 
@@ -77,13 +77,15 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
 def _persists(one: Start, spectra: np.ndarray, band: Band) -> bool:
     """Return whether frames two apart show an object at its path, too. A camera that shakes back and forth looks like two objects that
     move in opposite directions, until then."""
-    return len(spectra) < 4 or share_along(spectra, band, one.path, 2) > PERSISTENT * share_along(spectra, band, one.path, 1)
+    return len(spectra) < 4 or share_along(spectra, band, one.path, 2) > MIN_PERSISTENCE * share_along(
+        spectra, band, one.path, 1
+    )
 
 
 def share_along(spectra: np.ndarray, band: Band, path: np.ndarray, lag: int) -> float:
     """Return the share of the speckle that frames `lag` apart have in common along a path (frames, 2)."""
     steps, weight = path[lag:] - path[:-lag], weight_of(band, 0.0)
-    alike = aligned(spectra[:-lag].conj() * spectra[lag:], band, steps).sum(0).real * weight.values
+    alike = move_back(spectra[:-lag].conj() * spectra[lag:], band, steps).sum(0).real * weight.values
     overlap = np.prod(1.0 - np.abs(steps) / np.array(band.shape), axis=1).mean()
     return float(alike.sum() / (len(steps) * weight.full * max(overlap, 0.1)))
 
@@ -101,7 +103,7 @@ def _objects_at(spectra: np.ndarray, band: Band, lag: int) -> list[Start]:
         for block in blocks:
             total, deviation = cross[block].sum(0), weight.deviation * len(block) ** 0.5
             own = np.maximum(power[block].sum(0) - len(block) * band.floor, 0.0)
-            found.append((*peaks(total, own, band, weight, deviation, MOST_OBJECTS), len(block)))
+            found.append((*peaks(total, own, band, weight, deviation, MAX_OBJECTS), len(block)))
             if len(blocks) == 1:
                 best = float(correlate(total, band, weight)[0].max()) / deviation
         chains = _chains(found, MAX_JUMP_GRAINS * band.grain_pixels)
@@ -141,4 +143,4 @@ def _chains(found: list[tuple[np.ndarray, np.ndarray, int]], jump: float) -> lis
                 free.discard(near)
             else:
                 chains.append({block: index})
-    return [chain for chain in chains if len(chain) >= FADED * len(found)]
+    return [chain for chain in chains if len(chain) >= MIN_PRESENCE * len(found)]

@@ -14,7 +14,7 @@ from correlograph.files.capture import Capture
 from correlograph.files.figures import figure_as_html, save_figure
 from correlograph.files.output import atomic, output_folder, save_json, sole_writer
 from invert.tracking.follow import Followed, follow
-from invert.tracking.separation import without_others
+from invert.tracking.separation import isolate
 from invert.tracking.spectra import Reader
 from invert.tracking.start import Start, find_objects
 from invert.tracking.vibration import find_vibrations
@@ -203,7 +203,7 @@ def track(
     spectra = np.stack([reader.spectra(frame, band) for frame in frames])
     starts, tracks = find_objects(spectra, band), []
     for index, start in enumerate(starts):
-        own = spectra if len(starts) == 1 else without_others(spectra, band, [one.path for one in starts], index)
+        own = spectra if len(starts) == 1 else isolate(spectra, band, [one.path for one in starts], index)
         followed = follow(own, band, start).for_open_shutter(_open_share(capture, interval_s))
         tracks.append(_track_of(start, followed, binning, lever, interval_s))
     return replace(tracks[0], others=tuple(tracks[1:]))

@@ -10,7 +10,7 @@ from scipy.signal import detrend
 FALSE_ALARM = 0.01
 """Probability that a path without vibration shows one."""
 
-MOST = 5
+MAX_VIBRATIONS = 5
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def find_vibrations(path: np.ndarray) -> list[Vibration]:
     chance = np.minimum(1.0, len(power) * (1.0 + ratio) * np.exp(-np.minimum(ratio, 700.0)))
     found = []
     for place in np.argsort(-ratio):
-        if chance[place] > FALSE_ALARM or len(found) == MOST:
+        if chance[place] > FALSE_ALARM or len(found) == MAX_VIBRATIONS:
             break
         if all(abs(place - other) > 3 for other, _ in found):
             found.append((place, chance[place]))

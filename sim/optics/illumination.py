@@ -19,7 +19,7 @@ _MIN_SPOT_SAMPLES = 32
 
 @dataclass(frozen=True)
 class Displaced:
-    """Where spot and object are.
+    """Positions of the spot and of the samples of a moving object.
 
     Attributes:
         spot_m: displacement of the spot on the wall.
