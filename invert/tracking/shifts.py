@@ -12,11 +12,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.fft import irfft2, next_fast_len
 from scipy.signal.windows import tukey
 
 from invert.tracking.spectra import TAPER, Band
 
-NEWTON_STEPS = 6
+GRID_PER_PERIOD = 1.5
+"""Grid points of a cross-correlation per period of twice its highest frequency."""
+
+NEWTON_STEPS = 5
 MIN_SIGNIFICANCE = 6.0
 """Standard deviations above which a motion counts as found; the highest of a million shifts of noise lies at 5."""
 
@@ -90,39 +94,48 @@ def move_back(spectra: np.ndarray, band: Band, pixels: np.ndarray) -> np.ndarray
 def refine(cross: np.ndarray, band: Band, weight: Weight, start: np.ndarray) -> Shifts:
     """Return the maxima of cross-correlations nearest to a start (n, 2), from cross-spectra (n, R, C), by Newton's method."""
     pixels, reach = start.astype(np.float64).copy(), band.grain_pixels
-    rows, columns = 2.0 * np.pi * band.rows[:, None], 2.0 * np.pi * band.columns[None]
     weighted = (cross * weight.values).astype(np.complex64)
-    for step in range(NEWTON_STEPS + 1):
-        here = move_back(weighted, band, pixels)
-        curvature = -np.stack(
-            [np.stack([(here.real * one * other).sum((1, 2)) for other in (rows, columns)], -1) for one in (rows, columns)], -2
-        )
-        if step == NEWTON_STEPS:
-            break
-        slope = -np.stack([(here.imag * one).sum((1, 2)) for one in (rows, columns)], -1)
-        # Away from a maximum, the curvature expected there keeps the step uphill.
-        usual = np.trace(weight.slope_variance) / max(weight.full, 1e-300)
+    # Away from a maximum, the curvature expected there keeps the step uphill.
+    usual = np.trace(weight.slope_variance) / max(weight.full, 1e-300)
+    for _ in range(NEWTON_STEPS):
+        _, slope, curvature = _derivatives(weighted, band, pixels)
         bent = _downward(curvature, usual)
         pixels += np.clip(-np.linalg.solve(bent, slope[..., None])[..., 0], -reach, reach)
-    height = here.real.sum((1, 2)).astype(np.float64)
+    height, _, curvature = _derivatives(weighted, band, pixels)
     inverse = np.linalg.inv(_downward(curvature, 1e-9 * max(weight.full, 1e-300)))
     return Shifts(pixels + _window_bias(pixels, band, height, inverse), inverse @ weight.slope_variance @ inverse, height)
 
 
-def correlate(cross: np.ndarray, band: Band, weight: Weight, finer: int = 2) -> tuple[np.ndarray, np.ndarray]:
+def _derivatives(weighted: np.ndarray, band: Band, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return cross-correlations at displacements (n, 2), their slopes (n, 2) and curvatures (n, 2, 2)."""
+
+    def powers(frequencies: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+        turns = 2.0 * np.pi * frequencies
+        phases = np.exp(1j * turns * shifts[:, None])
+        return np.stack([phases, turns * phases, turns**2 * phases], -1).astype(np.complex64)
+
+    along = weighted @ powers(band.columns, pixels[:, 1])  # (n, R, 3)
+    sums = np.swapaxes(powers(band.rows, pixels[:, 0]), 1, 2) @ along  # (n, 3, 3): powers of rows and of columns
+    sums = sums.astype(np.complex128)
+    slope = -np.stack([sums[:, 1, 0].imag, sums[:, 0, 1].imag], -1)
+    curvature = -np.stack([sums[:, 2, 0].real, sums[:, 1, 1].real, sums[:, 1, 1].real, sums[:, 0, 2].real], -1)
+    return sums[:, 0, 0].real, slope, curvature.reshape(-1, 2, 2)
+
+
+def correlate(cross: np.ndarray, band: Band, weight: Weight) -> tuple[np.ndarray, np.ndarray]:
     """Return the weighted cross-correlation of one cross-spectrum (R, C) on a coarse grid, zero shift first, and the pitch of that grid in
     pixels along rows and columns."""
     sides = [
         2 * int(np.round(np.abs(part).max() * side)) + 1
         for part, side in zip((band.rows, band.columns), band.shape, strict=True)
     ]
-    shape = tuple(finer * side for side in sides)
+    shape = tuple(next_fast_len(int(GRID_PER_PERIOD * side), real=True) for side in sides)
     spectrum = np.zeros((shape[0], shape[1] // 2 + 1), np.complex64)
     place = np.round(band.rows * band.shape[0]).astype(int) % shape[0]
     spectrum[place, : len(band.columns)] = cross * np.where(
         band.counts > 0.0, weight.values / np.maximum(band.counts, 1.0), 0.0
     )
-    found = np.fft.irfft2(spectrum, s=shape) * (shape[0] * shape[1])
+    found = irfft2(spectrum, s=shape) * np.float32(shape[0] * shape[1])
     return found, np.array(band.shape) / np.array(shape)
 
 

@@ -10,6 +10,9 @@ from correlograph.errors import InputError
 from invert.tracking.shifts import MIN_SIGNIFICANCE, correlate, move_back, peaks, weight_of
 from invert.tracking.spectra import Band
 
+MAX_BLOCKS = 32
+"""Number of blocks of frames in which objects are sought first."""
+
 LAGS = (1, 2, 4, 8, 16)
 """Distances of the frames that are compared."""
 
@@ -91,18 +94,18 @@ def share_along(spectra: np.ndarray, band: Band, path: np.ndarray, lag: int) -> 
 
 
 def _objects_at(spectra: np.ndarray, band: Band, lag: int) -> list[Start]:
-    """Return the objects by the displacement of frames that are `lag` apart. Blocks are as short as the light allows, so that the motion
-    may change from one to the next."""
+    """Return the objects by the displacement of frames that are `lag` apart. There are `MAX_BLOCKS` blocks of frames, between which the
+    motion may change; if they show no object, blocks as short as the light allows."""
     pairs, weight = len(spectra) - lag, weight_of(band, 0.0)
     cross = spectra[:-lag].conj() * spectra[lag:]
-    power = np.abs(spectra) ** 2
-    length, best = 1, 0.0
+    length, best = max(1, pairs // MAX_BLOCKS), 0.0
+    is_first = length > 1
     while True:
         blocks = np.array_split(np.arange(pairs), max(1, pairs // length))
         found = []
         for block in blocks:
             total, deviation = cross[block].sum(0), weight.deviation * len(block) ** 0.5
-            own = np.maximum(power[block].sum(0) - len(block) * band.floor, 0.0)
+            own = np.maximum((np.abs(spectra[block]) ** 2).sum(0) - len(block) * band.floor, 0.0)
             found.append((*peaks(total, own, band, weight, deviation, MAX_OBJECTS), len(block)))
             if len(blocks) == 1:
                 best = float(correlate(total, band, weight)[0].max()) / deviation
@@ -113,7 +116,7 @@ def _objects_at(spectra: np.ndarray, band: Band, lag: int) -> list[Start]:
             needed = f"{best:.1f} standard deviations of the summed cross-correlation, {MIN_SIGNIFICANCE:g} are needed"
             remedy = "keep the laser at rest, shorten the interval, or add light"
             raise InputError("frames", "speckle that moves as a whole", needed, remedy)
-        length *= 2
+        length, is_first = (1 if is_first else 2 * length), False
     middles = np.array([block.mean() + 0.5 * lag for block in blocks])
     starts = []
     for chain in chains:
