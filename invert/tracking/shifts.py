@@ -168,7 +168,7 @@ def peaks(
         if len(places) == 0 or np.linalg.norm(places - exact.pixels, axis=1).min() > APART_GRAINS * band.grain_pixels:
             places = np.concatenate([places, exact.pixels])
             heights.append(height / deviation)
-        elif (tried := tried + 1) > most:
+        elif (tried := tried + 1) > 1:
             break
         left = left - move_back(height / full * own[None].astype(np.complex64), band, -exact.pixels)[0]
     return places, np.array(heights)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 
 import numpy as np
@@ -53,14 +54,14 @@ class Band:
     signal: np.ndarray
     floor: float
 
-    @property
+    @cached_property
     def grain_pixels(self) -> float:
         """Width of a grain: one over the rms frequency of the speckle in cycles per pixel, over 2 pi."""
         share = self.counts * self.signal
         square = (share * (self.rows[:, None] ** 2 + self.columns**2)).sum() / max(share.sum(), 1e-300)
         return float(1.0 / (2.0 * np.pi * max(square, 1e-12) ** 0.5))
 
-    @property
+    @cached_property
     def noise_gain(self) -> float:
         """Factor by which the window raises the variance of sums over frequencies, whose noise it correlates."""
         windows = [tukey(side, TAPER) for side in self.shape]
