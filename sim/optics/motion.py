@@ -27,6 +27,10 @@ STEPS_PER_GRAIN = 6
 """Minimum number of sub-exposures per grain of motion."""
 
 MAX_STEPS = 512
+
+MIN_DISTANCE = 0.1
+"""Least distance of a moving object from the virtual detector, as a fraction of that at rest."""
+
 _SHARES = np.linspace(0.0, 1.0, 129)
 
 MAX_BEATS = 5.0
@@ -92,9 +96,13 @@ def poses(geometry: Geometry, number: int, count: int, *, moving: bool) -> list[
 
 
 def move(geometry: Geometry, samples: ObjectSamples, time_s: float, chosen: slice | np.ndarray = slice(None)) -> Moved:
-    """Return samples at a time; `chosen` selects some of them."""
+    """Return samples at a time; `chosen` selects some of them. Raises InputError for an object that has come too close to the wall."""
     rest, hidden = samples.position_m[chosen], geometry.hidden_object
     position = moved_positions(geometry, rest, samples.part[chosen], time_s)
+    nearest = geometry.distance_m + float((position @ hidden.line_of_sight).min())
+    if nearest < MIN_DISTANCE * geometry.distance_m:
+        expected = f"an object {MIN_DISTANCE * geometry.distance_m:.3g} m or more from the virtual detector"
+        raise InputError("motion", expected, f"{nearest:.3g} m after {time_s:.3g} s", "render fewer frames, or slow it down")
     ways = [hidden.axes.coordinates(one.trajectory.displacement(time_s)) for one in geometry.movements] or [np.zeros(2)]
     view = geometry.camera.view_shift(time_s)
     wall = replace(samples.wall, centre_m=samples.wall.centre_m + view)

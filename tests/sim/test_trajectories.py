@@ -199,6 +199,16 @@ def test_malformed_lists_are_refused(tmp_path, text, message):
         read_trajectory(tmp_path / "path.csv", "phase_screen.trajectory")
 
 
+def test_an_object_that_reaches_the_wall_is_refused(still):
+    """0.95 m in ten seconds, towards a wall one metre away; the first frame is that of an object at rest."""
+    geometry = moving(still, Trajectory(velocity_m_s=-0.095 * still.hidden_object.line_of_sight)).with_exposure(1e-6)
+    simulation = Simulation(geometry, EVEN)
+    with pytest.raises(
+        InputError, match=r"motion: expected an object 0\.1 m or more from the virtual detector, found 0\.05 m after 10 s"
+    ):
+        simulation.expected_frame(3, 1)
+
+
 SQUARE = """
     <shape type="rectangle" id="hidden_object_{name}">
         <transform name="to_world"><scale x="4e-4" y="6e-4"/><rotate z="1" angle="180"/><translate x="{x}" y="{y}"/></transform>
