@@ -53,8 +53,7 @@ MIN_APART_M = 3.5e-6
 
 
 def _speeds(rng: np.random.Generator, objects: int, per_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mean velocities of the objects, (n, 2), and their speeds: at most two grains of the
-    speckle per exposure."""
+    """Return the mean velocities of the objects, (n, 2), and their speeds: at most two grains of the speckle per exposure."""
     while True:
         speed = 10.0 ** rng.uniform(-5.0, np.log10(min(2e-2, 3.5e-5 * per_s)), objects)
         angle = rng.uniform(0.0, 2.0 * np.pi, objects)
@@ -112,8 +111,7 @@ def draw(number: int, folder: Path, objects: int) -> tuple[Geometry, dict[str, A
 
 def true_paths(geometry: Geometry) -> list[np.ndarray]:
     """Return the paths of the objects in metres along rows and columns, (frames, 2) each, from the first frame."""
-    exposure_s = geometry.camera.electronics.exposure_s
-    times = np.array([geometry.frame_time_s(number) for number in range(FRAMES)]) + 0.5 * exposure_s
+    times = np.array([geometry.frame_middle_s(number) for number in range(FRAMES)])
     ways = [geometry.hidden_object.axes.coordinates(one.trajectory.displacement(times)) for one in geometry.movements]
     return [way - way[0] for way in ways]
 

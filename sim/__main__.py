@@ -164,9 +164,8 @@ def _render(scene, plan, content, options) -> None:
         seconds = {"prepare": prepared - begin, "render": time.perf_counter() - prepared - write_s, "write": write_s}
         save_array(staging / "truth.npy", truth)
         if plan.geometry.moves:
-            times = [plan.geometry.frame_time_s(number) for number in range(options.frames)]
-            half = 0.5 * plan.geometry.camera.electronics.exposure_s
-            moved = [moved_albedo(plan.geometry, time + half, options.truth_patch, options.truth_lags) for time in times]
+            times = map(plan.geometry.frame_middle_s, range(options.frames))
+            moved = [moved_albedo(plan.geometry, time, options.truth_patch, options.truth_lags) for time in times]
             save_array(staging / MOVED_TRUTH, np.stack(moved))
         save_json(staging / "sim.json", record(scene, recording, content, pitches_m, saturated, seconds))
         replace_capture(staging, folder)

@@ -176,6 +176,10 @@ class Geometry:
         """Return when the exposure of a frame begins."""
         return number * max(self.camera.frame_interval_s, self.camera.electronics.exposure_s)
 
+    def frame_middle_s(self, number: int) -> float:
+        """Return the middle of the exposure of a frame."""
+        return self.frame_time_s(number) + 0.5 * self.camera.electronics.exposure_s
+
     def moments(self) -> np.ndarray:
         """Return times that show every part of the motion."""
         parts = [one.trajectory.moments(FORESEEN_S) for one in self.movements]

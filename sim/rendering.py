@@ -138,7 +138,7 @@ def motion_of(geometry: Geometry, frames: int) -> list[dict[str, Any]]:
     hidden, found = geometry.hidden_object, []
     turned = np.stack([hidden.axes.down, hidden.axes.right, hidden.line_of_sight])
     for number in range(frames):
-        time_s = geometry.frame_time_s(number) + 0.5 * geometry.camera.electronics.exposure_s
+        time_s = geometry.frame_middle_s(number)
         objects = []
         for one in geometry.movements:
             way = one.trajectory.displacement(time_s)

@@ -17,19 +17,23 @@ CHANGING_SHARE = 0.1
 """Share of a pattern that is taken as noise when patterns are told from one another."""
 
 
-def isolate(spectra: np.ndarray, band: Band, paths: list[np.ndarray], mine: int) -> np.ndarray:
-    """Return the spectra (n, R, C) without the patterns of all objects but one.
+def isolate(spectra: np.ndarray, band: Band, paths: list[np.ndarray]) -> list[np.ndarray]:
+    """Return, for each object, the spectra (n, R, C) without the patterns of all others.
 
     Args:
-        paths: positions of the objects, (n, 2) each, the brightest first. mine: index of the object that stays.
+        paths: positions of the objects, (n, 2) each, the brightest first.
     """
-    left, reach = spectra.copy(), reach_of(likeness(move_back(spectra, band, paths[0]), band))
+    if len(paths) == 1:
+        return [spectra]
+    left, reach = [spectra.copy() for _ in paths], reach_of(likeness(move_back(spectra, band, paths[0]), band))
     for block in np.array_split(np.arange(len(spectra)), max(1, round(len(spectra) / (2 * reach + 1)))):
         around = np.arange(max(0, block[0] - reach // 2), min(len(spectra), block[-1] + reach // 2 + 1))
         patterns = _patterns(spectra[around], band, [path[around] for path in paths])
-        for other, path in enumerate(paths):
-            if other != mine:
-                left[block] -= move_back(np.broadcast_to(patterns[other], left[block].shape), band, -path[block])
+        for index, path in enumerate(paths):
+            light = move_back(np.broadcast_to(patterns[index], spectra[block].shape), band, -path[block])
+            for other in range(len(paths)):
+                if other != index:
+                    left[other][block] -= light
     return left
 
 

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.fft import irfft2, next_fast_len
-from scipy.signal.windows import tukey
 
-from invert.tracking.spectra import TAPER, Band
+from invert.tracking.spectra import Band
 
 GRID_PER_PERIOD = 1.5
 """Grid points of a cross-correlation per period of twice its highest frequency."""
@@ -132,17 +131,16 @@ def correlate(cross: np.ndarray, band: Band, weight: Weight) -> tuple[np.ndarray
     shape = tuple(next_fast_len(int(GRID_PER_PERIOD * side), real=True) for side in sides)
     spectrum = np.zeros((shape[0], shape[1] // 2 + 1), np.complex64)
     place = np.round(band.rows * band.shape[0]).astype(int) % shape[0]
-    spectrum[place, : len(band.columns)] = cross * np.where(
-        band.counts > 0.0, weight.values / np.maximum(band.counts, 1.0), 0.0
-    )
+    spectrum[place, : len(band.columns)] = cross * (weight.values / np.maximum(band.counts, 1.0))
     found = irfft2(spectrum, s=shape) * np.float32(shape[0] * shape[1])
     return found, np.array(band.shape) / np.array(shape)
 
 
 def peaks(
     cross: np.ndarray, own: np.ndarray, band: Band, weight: Weight, deviation: float, most: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the displacements in a cross-spectrum (R, C) above `MIN_SIGNIFICANCE`, (k, 2) in pixels, and their significance, (k,).
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the displacements in a cross-spectrum (R, C) above `MIN_SIGNIFICANCE`, (k, 2) in pixels, the heights of their maxima, and
+    their significance, (k,) each.
 
     Speckle has maxima beside its own. Each displacement found is therefore subtracted, with all that belongs to it, before the next, and
     what is left within `APART_GRAINS` of it is not another one.
@@ -152,7 +150,7 @@ def peaks(
         deviation: standard deviation of the cross-correlation by the noise of independent frames.
     """
     full = max(float((weight.values * own).sum()), 1e-300)
-    places, heights = np.zeros((0, 2)), []
+    places, heights, significance = np.zeros((0, 2)), [], []
     left, tried, highest = cross.copy(), 0, 0.0
     while len(heights) < most:
         found, pitch = correlate(left, band, weight)
@@ -167,11 +165,12 @@ def peaks(
             break
         if len(places) == 0 or np.linalg.norm(places - exact.pixels, axis=1).min() > APART_GRAINS * band.grain_pixels:
             places = np.concatenate([places, exact.pixels])
-            heights.append(height / deviation)
+            heights.append(height)
+            significance.append(height / deviation)
         elif (tried := tried + 1) > 1:
             break
         left = left - move_back(height / full * own[None].astype(np.complex64), band, -exact.pixels)[0]
-    return places, np.array(heights)
+    return places, np.array(heights), np.array(significance)
 
 
 def _downward(curvature: np.ndarray, least: float) -> np.ndarray:
@@ -182,12 +181,9 @@ def _downward(curvature: np.ndarray, least: float) -> np.ndarray:
 
 def _window_bias(pixels: np.ndarray, band: Band, height: np.ndarray, inverse: np.ndarray) -> np.ndarray:
     """Return what the overlap of two windows, which falls with their distance, draws a maximum towards zero by, (n, 2)."""
-    slopes = []
-    for axis in (0, 1):
-        window = tukey(band.shape[axis], TAPER)
-        overlap = np.correlate(window, window, "full")[len(window) - 1 :]
-        slope = np.gradient(np.log(np.maximum(overlap, 1e-3 * overlap[0])))
-        distance = np.minimum(np.abs(pixels[:, axis]), len(window) - 1.0)
-        slopes.append(np.sign(pixels[:, axis]) * np.interp(distance, np.arange(len(window)), slope))
+    slopes = [
+        np.sign(along) * np.interp(np.abs(along), np.arange(len(slope)), slope)
+        for along, slope in zip(pixels.T, band.overlap_slopes, strict=True)
+    ]
     drawn = np.stack(slopes, -1) * height[:, None]
     return (inverse @ drawn[..., None])[..., 0]

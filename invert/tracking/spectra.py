@@ -67,6 +67,16 @@ class Band:
         windows = [tukey(side, TAPER) for side in self.shape]
         return float(np.prod([(one**4).mean() / (one**2).mean() ** 2 for one in windows]))
 
+    @cached_property
+    def overlap_slopes(self) -> list[np.ndarray]:
+        """Slopes of the logarithm of the overlap of two windows over their distance in pixels, along rows (H,) and columns (W,)."""
+        slopes = []
+        for side in self.shape:
+            window = tukey(side, TAPER)
+            overlap = np.correlate(window, window, "full")[side - 1 :]
+            slopes.append(np.gradient(np.log(np.maximum(overlap, 1e-3 * overlap[0]))))
+        return slopes
+
 
 class Reader:
     """Reader of frames into spectra in one band.

@@ -110,7 +110,7 @@ def _objects_at(spectra: np.ndarray, band: Band, lag: int) -> list[Start]:
             if len(blocks) == 1:
                 best = float(correlate(total, band, weight)[0].max()) / deviation
         chains = _chains(found, MAX_JUMP_GRAINS * band.grain_pixels)
-        if chains and np.mean([len(places) > 0 for places, _, _ in found]) > 0.9:
+        if chains and np.mean([len(places) > 0 for places, *_ in found]) > 0.9:
             break
         if len(blocks) == 1:
             needed = f"{best:.1f} standard deviations of the summed cross-correlation, {MIN_SIGNIFICANCE:g} are needed"
@@ -122,21 +122,22 @@ def _objects_at(spectra: np.ndarray, band: Band, lag: int) -> list[Start]:
     for chain in chains:
         known = np.array(sorted(chain))
         steps = np.array([found[block][0][chain[block]] for block in known])
-        heights = np.array([found[block][1][chain[block]] * found[block][2] ** 0.5 for block in known])
+        heights = np.array([found[block][1][chain[block]] for block in known])
+        clear = np.array([found[block][2][chain[block]] * found[block][3] ** 0.5 for block in known])
         at = np.arange(len(spectra) - 1) + 0.5
         each = np.stack([np.interp(at, middles[known], steps[:, axis]) for axis in (0, 1)], 1) / lag
         path = np.concatenate([np.zeros((1, 2)), np.cumsum(each, 0)])
-        used = sum(found[block][2] for block in known)
+        used = sum(found[block][3] for block in known)
         overlap = np.prod(1.0 - np.abs(lag * each) / np.array(band.shape), axis=1).mean()
-        share = heights.sum() * weight.deviation / (used * weight.full * max(overlap, 0.1))
-        starts.append(Start(path, float(heights.sum() / used**0.5), float(min(share, 1.0)), length))
+        share = heights.sum() / (used * weight.full * max(overlap, 0.1))
+        starts.append(Start(path, float(clear.sum() / used**0.5), float(min(share, 1.0)), length))
     return sorted(starts, key=lambda one: -one.share)
 
 
-def _chains(found: list[tuple[np.ndarray, np.ndarray, int]], jump: float) -> list[dict[int, int]]:
+def _chains(found: list[tuple[np.ndarray, np.ndarray, np.ndarray, int]], jump: float) -> list[dict[int, int]]:
     """Return, for each object, the maximum that belongs to it in each block: {block: index}."""
     chains: list[dict[int, int]] = []
-    for block, (places, _, _) in enumerate(found):
+    for block, (places, *_) in enumerate(found):
         free = set(range(len(chains)))
         for index, place in enumerate(places):
             last = {one: found[max(chains[one])][0][chains[one][max(chains[one])]] for one in free}

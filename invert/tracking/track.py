@@ -197,13 +197,12 @@ def track(
         raise InputError("frames", expected, "no speckle above the noise", remedy)
     needed = len(capture.frames) * band.signal.size * BYTES_PER_COEFFICIENT
     if needed > memory_bytes():
-        fewest = int(memory_bytes() / (band.signal.size * BYTES_PER_COEFFICIENT))
-        raise InputError("frames", f"at most {fewest} in this memory", len(capture.frames), "track them in parts")
+        most = int(memory_bytes() / (band.signal.size * BYTES_PER_COEFFICIENT))
+        raise InputError("frames", f"at most {most} in this memory", len(capture.frames), "track them in parts")
     frames = tqdm(capture.frames, desc="frames", unit="frame", disable=None, leave=False)
     spectra = np.stack([reader.spectra(frame, band) for frame in frames])
     starts, tracks = find_objects(spectra, band), []
-    for index, start in enumerate(starts):
-        own = spectra if len(starts) == 1 else isolate(spectra, band, [one.path for one in starts], index)
+    for start, own in zip(starts, isolate(spectra, band, [one.path for one in starts]), strict=True):
         followed = follow(own, band, start).for_open_shutter(_open_share(capture, interval_s))
         tracks.append(_track_of(start, followed, binning, lever, interval_s))
     return replace(tracks[0], others=tuple(tracks[1:]))

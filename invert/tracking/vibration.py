@@ -25,7 +25,7 @@ class Vibration:
 def find_vibrations(path: np.ndarray) -> list[Vibration]:
     """Return the vibrations of a path (frames, 2), the strongest first.
 
-    The powers of white noise are exponential; their mean around a frequency is the median over log 2.
+    The sum of the powers of both axes is compared with the median of its neighbours.
     """
     frames = len(path)
     if frames < 16:

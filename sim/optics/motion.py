@@ -19,6 +19,7 @@ from numpy.polynomial.chebyshev import chebpts1
 from correlograph.errors import InputError
 from radiometry.motion import airy, disc_overlap
 from sim.geometry import Geometry
+from sim.optics.illumination import grain_m
 from sim.optics.object_samples import ObjectSamples
 from sim.propagation.nufft import interpolation
 from sim.propagation.sampling import Wall, path_difference
@@ -210,7 +211,7 @@ def correlation(geometry: Geometry, samples: ObjectSamples, seconds: float, begi
     power = samples.amplitude[chosen].astype(np.float64) ** 2
     before, after = (move(geometry, samples, time, chosen) for time in (begin_s, begin_s + seconds))
     path = (after.path_m + after.frame_path_m) - (before.path_m + before.frame_path_m)
-    through = np.pi * np.linalg.norm(after.coordinates_m - before.coordinates_m, axis=1) / geometry.motion.grain_m
+    through = np.pi * np.linalg.norm(after.coordinates_m - before.coordinates_m, axis=1) / grain_m(geometry)
     field = power / power.sum() * airy(through) * np.exp(2j * np.pi / geometry.wavelength_m * (path - path.mean()))
     spot = disc_overlap(geometry.spot.scan_speed_m_s * seconds / geometry.spot.diameter_m)
     return float((spot * abs(field.sum())) ** 2)
@@ -244,13 +245,13 @@ def _grains(geometry: Geometry, samples: ObjectSamples) -> float:
     begin_s, exposure_s, chosen = geometry.busiest_time_s(), geometry.camera.electronics.exposure_s, _few(samples)
     height, width = samples.wall.shape
     rows, columns = np.array([0.5, 0.0, 0.0, 1.0, 1.0]) * height, np.array([0.5, 0.0, 1.0, 0.0, 1.0]) * width
-    largest, before = geometry.motion.spot_way, move(geometry, samples, begin_s, chosen)
+    before = move(geometry, samples, begin_s, chosen)
     on_wall, through, part = 0.0, 0.0, samples.part[chosen]
     apart = not beats_remain(geometry, samples, static=False)
     together = [part == index for index in np.unique(part)] if apart else [np.ones(len(part), bool)]
     for time in begin_s + exposure_s * np.array([0.25, 0.5, 0.75, 1.0]):
         after = move(geometry, samples, float(time), chosen)
-        through += float(np.linalg.norm(after.coordinates_m - before.coordinates_m, axis=1).max()) / geometry.motion.grain_m
+        through += float(np.linalg.norm(after.coordinates_m - before.coordinates_m, axis=1).max()) / grain_m(geometry)
         ways = [
             path_difference(pixel, moved.position_m) + moved.path_m
             for moved in (before, after)
@@ -259,4 +260,4 @@ def _grains(geometry: Geometry, samples: ObjectSamples) -> float:
         turns = (np.array(ways[5:]) - np.array(ways[:5])) / geometry.wavelength_m
         on_wall += max(float(np.ptp(turns[:, mine], axis=1).max()) for mine in together)
         before = after
-    return max(largest, on_wall, through)
+    return max(geometry.motion.spot_way, on_wall, through)
