@@ -6,9 +6,10 @@
     forward_model.py    expected counts of a field, and the derivative of their likelihood
     prior.py            expected intensity of the field: from the coarse albedo, then from the fields
     search.py           ADMM from a random field
-    refinement.py       conjugate gradients on the exact posterior
+    posterior.py        posterior of the field of a frame, and its gradient
+    sampling.py         samples of the posterior (Langevin dynamics) and their means
     certificate.py      held-out pixels: whether a field predicts counts that it has not seen
-    frame_retrieval.py  one frame: counts, search, refinement, certificate
+    frame_retrieval.py  one frame: counts, search, sampling, certificate
     retrieval.py        all frames of a capture: passes, expectation maximisation, albedo
     despeckling.py      albedo from the intensities of several fields: by a network, or by total variation
     total_variation.py  total variation under the likelihood of the looks

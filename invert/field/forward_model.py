@@ -37,10 +37,6 @@ class ForwardModel:
         """Return H |U|^2 on the frame."""
         return self.grid.on_frame(self.blur(power(wall).sum(0)))
 
-    def cross_intensity(self, wall: torch.Tensor, other: torch.Tensor) -> torch.Tensor:
-        """Return H 2 Re(U* V) on the frame, the derivative of the intensity of U in the direction V."""
-        return self.grid.on_frame(self.blur(2.0 * (wall.real * other.real + wall.imag * other.imag).sum(0)))
-
     def gradient(self, residual: torch.Tensor, wall: torch.Tensor) -> torch.Tensor:
         """Return the derivative of sum(residual I) with respect to the conjugate of the field on the object."""
         padded = residual.new_zeros(self.grid.shape)

@@ -1,4 +1,4 @@
-"""Retrieval of the field of one frame: counts, search, refinement, prediction of the held-out pixels."""
+"""Retrieval of the field of one frame: counts, search, sampling, prediction of the held-out pixels."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from invert.field.certificate import Prediction, predict_held_out
 from invert.field.counts import Calibration, FrameCounts, background_of, read_counts
 from invert.field.filtering import filter_counts, intensity_spectrum, variance_transfer
 from invert.field.forward_model import ForwardModel, expected_counts
+from invert.field.posterior import FieldPosterior
 from invert.field.prior import scale_to_signal
-from invert.field.refinement import Refinement
+from invert.field.sampling import Sampling
 from invert.field.search import Search
 
 BRIGHT_STEPS, DIM_STEPS = 150, 800
@@ -26,21 +27,24 @@ BRIGHT_PHOTONS, DIM_PHOTONS = 15.0, 5.0
 WARM_FRACTION = 0.4
 """Steps of a search from the field of an earlier pass, as a fraction of those from a random field."""
 
-REFINEMENT_STEPS = 30
-"""Steps of conjugate gradients."""
+WARM_UP_FRACTION, SAMPLES_FRACTION = 0.05, 0.1
+"""Samples of the posterior that are drawn before its means, and for them, as fractions of the steps of a search from a random field."""
 
 FRAMES_FOR_CALIBRATION = 8
 """Number of frames from which gain, read noise and background are estimated."""
 
-SEARCH_STREAM, HELD_OUT_STREAM = 1_000_003, 7_368_787
-"""Factors of the seeds of random fields and of held-out pixels, so that both differ between frames and seeds."""
+SEARCH_STREAM, HELD_OUT_STREAM, SAMPLING_STREAM = 1_000_003, 7_368_787, 15_485_863
+"""Factors of the seeds of random fields, of held-out pixels and of samples, so that they differ between frames and seeds."""
 
 
 @dataclass(frozen=True)
 class FrameOutcome:
-    """Field of one frame (modes, box rows, box columns), prediction of its held-out pixels, and expected signal per binned pixel."""
+    """Mean field of one frame over samples of its posterior (modes, box rows, box columns), mean of |E|^2 alike, prediction of its
+    held-out pixels, and expected signal per binned pixel.
+    """
 
     field: torch.Tensor
+    power: torch.Tensor
     prediction: Prediction
     signal: float
 
@@ -115,17 +119,18 @@ class FrameRetrieval:
         target = filter_counts(counts, intensity_spectrum(prior, model, self.modes), model)
         search = Search(model, counts, target, prior, self.modes)
         if start is None:
-            start = search.random_field(torch.Generator().manual_seed(self.seed * SEARCH_STREAM + number))
-            found = search.run(start, self.steps)
+            random = search.random_field(torch.Generator().manual_seed(self.seed * SEARCH_STREAM + number))
+            found = search.run(random, self.steps)
         else:
             found = search.run(start, round(WARM_FRACTION * self.steps))
-        refinement = Refinement(model, counts, scale_to_signal(prior, counts.signal / self.modes, model.grid))
-        state = refinement.run(found, REFINEMENT_STEPS)
+        posterior = FieldPosterior(model, counts, scale_to_signal(prior, counts.signal / self.modes, model.grid))
+        rng = torch.Generator(self.device).manual_seed(self.seed * SAMPLING_STREAM + number)
+        mean = Sampling(posterior, rng).run(found, round(WARM_UP_FRACTION * self.steps), round(SAMPLES_FRACTION * self.steps))
         plain = plain.change_background(self.filter_background)
         coarse_spectrum = intensity_spectrum(self.coarse_prior.to(self.device), model)
         filtered = model.grid.on_frame(model.blur(filter_counts(plain, coarse_spectrum, model)))
-        prediction = predict_held_out(plain, refinement.expected(state), expected_counts(filtered, plain))
-        return FrameOutcome(refinement.field(state).cpu(), prediction, counts.signal)
+        prediction = predict_held_out(plain, mean.expected, expected_counts(filtered, plain))
+        return FrameOutcome(mean.field.cpu(), mean.power.cpu(), prediction, counts.signal)
 
     def _counts(self, number: int) -> FrameCounts:
         """Return the counts of a frame, with all of the mean counted as signal."""

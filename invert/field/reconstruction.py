@@ -24,11 +24,12 @@ class FieldReconstruction:
         looks: number of fields: frames times polarisation modes.
         frames: number of frames whose fields were retrieved.
         weight: weight of the fields at the scale of a lag (`invert.field.blending`); the rest is the coarse albedo.
-        resolution_lags: half of the finest period that two halves of the frames share, in lags; None for one frame, and if the fields
-            with the coarse albedo as prior were not accepted.
+        resolution_lags: half of the finest period that two halves of the frames share, in lags; None for one frame, if the fields with
+            the coarse albedo as prior were not accepted, and if much of the coarse albedo is still in the fine one (`coarse_weight`).
         agreement: correlation of the albedos from two halves of the frames; None like the resolution.
         photons_per_grain: expected photoelectrons per frame and speckle grain of the object's bounding box.
         background_fraction: fraction of the light that does not come from the object.
+        coarse_weight: weight that the coarse albedo, as the first prior, still has in the mean intensity of the fields.
         deviation: standard deviation of the albedo, from halves of the frames, like `albedo`; None for one frame.
         intensity: mean intensity of the fields before despeckling, like `albedo`; None for a loaded result.
         field: field of each frame; None for a loaded result.
@@ -44,6 +45,7 @@ class FieldReconstruction:
     agreement: float | None
     photons_per_grain: float
     background_fraction: float
+    coarse_weight: float
     deviation: np.ndarray | None = None
     intensity: np.ndarray | None = None
     field: Field | None = None
@@ -83,6 +85,7 @@ class FieldReconstruction:
             "confidence": self.confidence,
             "photons_per_grain": self.photons_per_grain,
             "background_fraction": self.background_fraction,
+            "coarse_weight": self.coarse_weight,
             "resolution_lags": self.resolution_lags,
             "resolution_m": self.resolution_m(lag_pitches_m),
             "certificate": self.certificate.as_dict(),
@@ -107,6 +110,6 @@ class FieldReconstruction:
             float(summary["weight_at_lags"]),
             *(None if summary[name] is None else float(summary[name]) for name in ("resolution_lags", "agreement")),
             float(summary["photons_per_grain"]),
-            float(summary["background_fraction"]),
+            *(float(summary[name]) for name in ("background_fraction", "coarse_weight")),
             deviation,
         )

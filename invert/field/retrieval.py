@@ -36,10 +36,15 @@ from invert.measure.estimate import Estimate
 from invert.measure.spectrum import Measurement
 from invert.methods import Reconstruction
 from radiometry.field_forecast import MAX_FIELD_FRAMES, bounding_box
+from radiometry.ring_correlation import MIN_CORRELATION
 
 MAXIMISATIONS = 4
 """Maximum number of times that the prior is replaced by the albedo from the fields. They end if the first frame predicts its held-out
 pixels no better, or all frames together by less than a standard error."""
+
+MAX_COARSE_WEIGHT = MIN_CORRELATION
+"""Maximum weight of the coarse albedo, as the first prior, in the fine one for which resolution and confidence are stated: the correlation
+of halves that counts as resolved."""
 
 MIN_LIGHT = 0.1
 """Minimum mean of a frame in units of the median over the frames; darker frames are left out."""
@@ -67,11 +72,22 @@ class Pass:
         """Certificate of all frames together."""
         return Certificate.of([one.prediction for one in self.outcomes])
 
+    @property
+    def prior_weight(self) -> float:
+        """Weight of the prior in the mean |E|^2; the counts have the rest.
+
+        Under a prior q, a field E of variance r that is measured with the noise n has the posterior mean s (E + noise) with
+        s = q / (q + n), and the posterior variance s n. The mean |E|^2 is therefore s^2 r + (1 - s^2) q on average. If q is right, s is the
+        share of the mean field in the mean |E|^2.
+        """
+        shares = [float(power(one.field).sum() / one.power.sum()) for one in self.outcomes]
+        return 1.0 - float(np.mean(shares)) ** 2
+
 
 def intensities(outcomes: Sequence[FrameOutcome]) -> torch.Tensor:
     """Return |E|^2 (frames, modes, box rows, box columns), scaled to the mean signal of the frames."""
     mean = float(np.mean([one.signal for one in outcomes]))
-    return torch.stack([power(one.field) * (mean / one.signal) for one in outcomes])
+    return torch.stack([one.power * (mean / one.signal) for one in outcomes])
 
 
 def retrieve_fields(
@@ -110,7 +126,7 @@ def retrieve_fields(
             return Pass.of([*done, *_in_threads(retrieval.retrieve, jobs, bar.update)])
 
         best = run_pass(prior, [None] * len(numbers), done)
-        coarse_is_certified = best.certificate.is_accepted
+        coarse_is_certified, coarse_weight = best.certificate.is_accepted, best.prior_weight
         for _ in range(MAXIMISATIONS):
             candidates, starts = priors_from_albedo(best.albedo.albedo), [one.field for one in best.outcomes]
             trials = list(_in_threads(retrieval.retrieve, [(one, numbers[0], starts[0]) for one in candidates], bar.update))
@@ -120,7 +136,7 @@ def retrieve_fields(
             again = run_pass(candidates[chosen], starts, trials[chosen : chosen + 1])
             improvement = again.certificate.gain_nats_per_pixel - best.certificate.gain_nats_per_pixel
             if improvement > 0.0:
-                best = again
+                best, coarse_weight = again, coarse_weight * again.prior_weight
             if improvement < best.certificate.gain_error:
                 break
     fine = best.albedo
@@ -129,6 +145,8 @@ def retrieve_fields(
     looks_per_lag = looks / (grid.cell_lags[0] * grid.cell_lags[1])
     shown, weight = blend_with_coarse(window.image(fine.albedo), coarse.albedo, looks_per_lag, coarse.confidence)
     top = max(float(shown.max()), 1e-30)
+    # Halves that share a prior that is wrong, or still visible, agree with each other and not with the object.
+    halves_are_independent = coarse_is_certified and coarse_weight < MAX_COARSE_WEIGHT
     return FieldReconstruction(
         shown / top,
         window.cells_per_lag,
@@ -136,11 +154,11 @@ def retrieve_fields(
         looks,
         len(numbers),
         weight,
-        # Halves that share a wrong prior agree with each other and not with the object.
-        fine.resolution(grid.cell_lags) if coarse_is_certified else None,
-        fine.agreement if coarse_is_certified else None,
+        fine.resolution(grid.cell_lags) if halves_are_independent else None,
+        fine.agreement if halves_are_independent else None,
         retrieval.photons_per_grain,
         retrieval.background_fraction,
+        coarse_weight,
         None if fine.deviation is None else window.image(fine.deviation) / top,
         window.image(intensities(best.outcomes).mean((0, 1))) / top,
         _field_of(torch.cat([one.field for one in best.outcomes]), grid, capture, estimate),

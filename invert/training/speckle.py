@@ -1,8 +1,8 @@
 """Training data of the despeckler: mean intensities of a few speckled fields on cells of the diffraction limit of a frame.
 
 A field is the product of the square root of the albedo, the speckle field of the illumination and white scatter, all on half cells, seen
-through the window of a frame. Part of the fields also have the noise and the shrinkage that retrieval from few photons leaves: with
-noise n and a prior p, the most probable field is p / (p + n) times the noisy one.
+through the window of a frame. Part of the intensities are those that retrieval from few photons leaves: with noise n and a prior p,
+the mean of the posterior field is p / (p + n) times the noisy field, and its variance p n / (p + n).
 """
 
 from __future__ import annotations
@@ -32,6 +32,12 @@ ASPECT = 1.4
 
 SHARP_SHARE, SHADED_SHARE, RETRIEVED_SHARE, LIT_SHARE = 0.6, 0.3, 0.6, 0.7
 """Fractions of the images: edges as sharp as a cell; shaded; noise of retrieval; illuminated by speckle."""
+
+GRATING_SHARE = 0.08
+"""Fraction of the images whose objects are filled with bars."""
+
+GRATING_PERIOD = (2.4, 24.0)
+"""Period of the bars in cells."""
 
 GRAIN = (1.0, 3.0)
 """Grain of the illumination in cells."""
@@ -92,8 +98,20 @@ def _draw_albedos(targets: torch.Tensor, count: int, rng: torch.Generator) -> to
     top = albedo.amax((-2, -1), keepdim=True).clamp_min(0.05)
     steep = top * torch.sigmoid((albedo - 0.5 * top) * (8.0 + 4.0 * zoom)[:, None, None] / top)
     albedo = torch.where(sharp[:, None, None], (steep - 0.02 * top).clamp_min(0.0), albedo)
+    barred = torch.rand(count, generator=rng) < GRATING_SHARE
+    albedo = torch.where(barred[:, None, None], albedo * _draw_bars(count, rng), albedo)
     shaded = torch.rand(count, generator=rng) < SHADED_SHARE
     return torch.where(shaded[:, None, None], apply_shading(albedo, rng), albedo)
+
+
+def _draw_bars(count: int, rng: torch.Generator) -> torch.Tensor:
+    """Return gratings of bars (count, FINE SIDE, FINE SIDE), 0 to 1, of any direction, period and width; edges as sharp as a cell."""
+    place = torch.arange(FINE * SIDE) / FINE
+    angle, offset = 2.0 * math.pi * torch.rand(2, count, 1, 1, generator=rng)
+    frequency = 2.0 * math.pi / _spread(count, GRATING_PERIOD, rng)[:, None, None]
+    wave = torch.sin(frequency * (angle.cos() * place[:, None] + angle.sin() * place) + offset)
+    level = torch.rand(count, 1, 1, generator=rng) - 0.5
+    return torch.sigmoid((wave - level) * 8.0 / frequency)
 
 
 def _speckle(albedo: torch.Tensor, looks: int, photons: torch.Tensor, rng: torch.Generator) -> Speckled:
@@ -115,7 +133,7 @@ def _speckle(albedo: torch.Tensor, looks: int, photons: torch.Tensor, rng: torch
         light = torch.where(lit[:, None, None], light, torch.ones((), dtype=light.dtype))
         field = _through_window(albedo.sqrt() * light * _complex_normal(albedo.shape, rng), kept)
         field = share * (field + noise.sqrt() * _complex_normal(field.shape, rng))
-        total += field.abs().square() / looks
+        total += (field.abs().square() + share * noise) / looks
     fitted = (total * truth).sum((-2, -1)) / truth.square().sum((-2, -1)).clamp_min(1e-12)
     return Speckled(total, torch.full((count,), float(looks)), truth * fitted[:, None, None])
 

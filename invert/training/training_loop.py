@@ -96,9 +96,11 @@ class Training:
 
     def _draw(self, targets: torch.Tensor) -> Batch | Speckled:
         """Return the batch of this step; larger targets make smaller batches of as many pixels."""
-        rng = _rng(self.options.seed, self.step)
         if self._despeckles:
-            return draw_speckled(targets, max(2, self.options.batch * OBJECT_SIDE**2 // SIDE**2), rng)
+            device, count = self.options.device, max(2, self.options.batch * OBJECT_SIDE**2 // SIDE**2)
+            with torch.device(device):
+                return draw_speckled(targets.to(device), count, _rng(self.options.seed, self.step, device))
+        rng = _rng(self.options.seed, self.step)
         count = max(2, self.options.batch * OBJECT_SIDE**2 // targets.shape[-1] ** 2)
         if self.options.noise == "paper":
             return paper_noise(targets, count, rng)
@@ -113,7 +115,7 @@ class Training:
         """Return held-out targets at the levels of `VALIDATION` or, for the despeckler, `LEVELS`; or held-out precomputed
         reconstructions at noise of every level."""
         rng = torch.Generator().manual_seed(self.options.seed)
-        if self._despeckles:
+        if self._despeckles:  # drawn where all trainings draw them alike
             return [speckled_at(pool, VALIDATION_IMAGES, *level, rng) for pool in held_out for level in LEVELS]
         if self.warm_held_out is not None:
             return [warm(self.warm_held_out, 256, rng)]
@@ -255,5 +257,5 @@ def _schedule(step: int, steps: int) -> float:
     return min(1.0, (step + 1) / WARM_UP) * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * step / steps)))
 
 
-def _rng(seed: int, step: int) -> torch.Generator:
-    return torch.Generator().manual_seed((seed << 32) + step)
+def _rng(seed: int, step: int, device: str = "cpu") -> torch.Generator:
+    return torch.Generator(device).manual_seed((seed << 32) + step)

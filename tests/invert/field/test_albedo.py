@@ -60,7 +60,7 @@ def test_confidence_is_the_correlation_of_the_mean_of_both_halves_with_their_exp
     agreement = float(np.corrcoef(halves[0].ravel(), halves[1].ravel())[0, 1])
     expected = float(np.corrcoef((halves[0] + halves[1]).ravel(), signal.ravel())[0, 1])
     certificate = Certificate(100, 0.1, 0.01, 4.0, 1.5, 1.1)
-    found = FieldReconstruction(signal, 1, certificate, 2, 2, 1.0, 1.0, agreement, 10.0, 0.0)
+    found = FieldReconstruction(signal, 1, certificate, 2, 2, 1.0, 1.0, agreement, 10.0, 0.0, 0.1)
     assert found.confidence == pytest.approx(expected, abs=0.01)
     assert replace(found, agreement=None).confidence is None
 

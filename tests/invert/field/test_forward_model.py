@@ -10,7 +10,6 @@ from correlograph.files.capture import CameraMetadata
 from invert.field.counts import FrameCounts
 from invert.field.forward_model import ForwardModel, expected_counts, log_likelihood, power
 from invert.field.grid import field_grid
-from invert.field.refinement import Refinement
 from radiometry.transfer import amplitude_transfer
 
 CAMERA = CameraMetadata(532e-9, 6.9e-6, 1.0, 0.05, 0.54)
@@ -121,24 +120,3 @@ def test_gradient_is_the_derivative_of_the_likelihood(grid, rng, modes, roughnes
     step = 2e-2
     numerical = (deficit(field + step * direction) - deficit(field - step * direction)) / (2.0 * step)
     assert 2.0 * float((gradient.conj() * direction).real.sum()) == pytest.approx(numerical, rel=2e-2)
-
-
-@pytest.mark.parametrize(("modes", "roughness"), [(1, 0.0), (2, 0.3)])
-def test_refinement_descends_to_a_stationary_point(grid, rng, modes, roughness):
-    model, counts = ForwardModel(grid, grid.transfer(CAMERA, (0.0, 0.0))), make_counts(grid, rng, roughness=roughness)
-    prior = torch.from_numpy(rng.random(grid.box_shape).astype(np.float32)) * 20.0
-    prior[:3] = 0.0
-    refinement = Refinement(model, counts, prior)
-    state = refinement.init(complex_normal((modes, *grid.box_shape), rng))
-    objectives = [state.objective]
-    for _ in range(80):
-        refinement.step(state)
-        objectives.append(state.objective)
-    assert (np.diff(objectives) <= 0.0).all()
-    field = refinement.field(state)
-    assert not field[:, :3].any()
-    expected = expected_counts(model.intensity(grid.to_wall(field)), counts)
-    explicit = -(counts.fitted * log_likelihood(counts.values, expected, counts.roughness)).sum(dtype=torch.float64)
-    explicit += (power(field)[:, 3:] / prior[3:].clamp_min(1e-30)).sum(dtype=torch.float64)
-    assert state.objective == pytest.approx(float(explicit), rel=1e-4)
-    assert objectives[-11] - objectives[-1] < 1e-3 * (objectives[0] - objectives[-1])
