@@ -39,7 +39,7 @@ WIDTHS_UM = (0, 75, 150, 300)
 
 FWHM_PER_SIGMA = 2.3548
 
-EXPOSURES_S = (1 / 8, 1 / 11, 1 / 16, 1 / 32)
+EXPOSURES_S = (1 / 8, 1 / 16, 1 / 23, 1 / 32)
 
 MAX_PAGE_FRAMES = 10
 

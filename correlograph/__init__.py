@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from invert.output.result import Result
     from invert.output.truth import Truth
     from invert.pipeline import reconstruct
+    from invert.tracking.rotation import Rotation, track_rotation
     from invert.tracking.track import Track, track
     from sim.plan import Settings
     from sim.rendering import render
@@ -52,6 +53,7 @@ _MODULES = {
     "Forecast": "sim.scene_forecast",
     "InputError": "correlograph.errors",
     "Result": "invert.output.result",
+    "Rotation": "invert.tracking.rotation",
     "Samples": "invert.albedo.posterior",
     "Scene": "sim.scene",
     "Scores": "invert.albedo.metrics",
@@ -66,6 +68,7 @@ _MODULES = {
     "render": "sim.rendering",
     "score": "invert.albedo.metrics",
     "track": "invert.tracking.track",
+    "track_rotation": "invert.tracking.rotation",
 }
 
 __all__ = [
@@ -76,6 +79,7 @@ __all__ = [
     "Forecast",
     "InputError",
     "Result",
+    "Rotation",
     "Samples",
     "Scene",
     "Scores",
@@ -90,6 +94,7 @@ __all__ = [
     "render",
     "score",
     "track",
+    "track_rotation",
 ]
 
 

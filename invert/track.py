@@ -1,4 +1,4 @@
-"""`python -m invert.track`: path of a moving object from frames with the laser at rest."""
+"""`python -m invert.track`: path of a moving object from frames with the laser at rest, or its rotation."""
 
 from __future__ import annotations
 
@@ -15,6 +15,11 @@ def parser() -> ArgumentParser:
     )
     p.add_argument("inputs", nargs="+", help="frames in order: files, stacks, or a folder of them")
     p.add_argument("-o", "--output", required=True, help="folder for track.csv, track.json and track.png")
+    p.add_argument(
+        "--rotation",
+        action="store_true",
+        help="find rotation about the line of sight and change of distance instead (rotation.csv, .json, .png); the laser may move",
+    )
     p.add_argument(
         "--source-distance-m", type=SI, help="distance from the laser spot to the object, for displacements in metres"
     )
@@ -42,18 +47,24 @@ def main(argv: Sequence[str] | None = None) -> None:
     from correlograph.files.captured_frames import read_capture
     from correlograph.files.manifest import claim
     from correlograph.files.output import output_folder
+    from invert.tracking.rotation import ROTATION_FILES, track_rotation
     from invert.tracking.track import TRACK_FILES, track
 
-    claim(output_folder(options.output), TRACK_FILES, overwrite=options.overwrite)
+    claim(output_folder(options.output), ROTATION_FILES if options.rotation else TRACK_FILES, overwrite=options.overwrite)
     known = CameraMetadata(options.wavelength_m, options.pixel_pitch_m, options.distance_m)
     capture = read_capture([Path(one) for one in options.inputs], known)
-    found = track(
-        capture,
-        source_distance_m=options.source_distance_m,
-        source_angle_deg=tuple(options.source_angle_deg),
-        interval_s=None if options.frames_per_s is None else 1.0 / options.frames_per_s,
-        binning=options.binning,
-    )
+    interval_s = None if options.frames_per_s is None else 1.0 / options.frames_per_s
+    if options.rotation:
+        found = track_rotation(capture, interval_s=interval_s)
+    else:
+        angle = tuple(options.source_angle_deg)
+        found = track(
+            capture,
+            source_distance_m=options.source_distance_m,
+            source_angle_deg=angle,
+            interval_s=interval_s,
+            binning=options.binning,
+        )
     found.save(options.output)
     print(found)
 

@@ -7,5 +7,7 @@ follow.py    exact path of an object, frame by frame
 separation.py  spectra of one object without the patterns of others
 vibration.py periodic motion in a path
 track.py     the whole: frames -> Track
+rings.py     turn and scale of autocorrelations
+rotation.py  rotation and distance: frames -> Rotation
 travel.py    whether frames show speckle that travels
 """

@@ -33,7 +33,7 @@ contact_sheet.png contact_sheet_of_my_wedding.png frame_0000.exr frame_0001.exr 
 truth.npy plan.png plan.json validation.json noise_statistics.png photon_budget.png lab_floor.png G.png G.ply
 w.safetensors w.png w.json w.checkpoint.safetensors m.ply results.json pareto.png shapes.png thesis.partial
 .capture-is-being-moved .correlograph-partial-1-x a/albedo.npy a/result.json b/samples.npy cells/notes.txt
-preview.png cameras.json cameras.png track.csv track.json track.png scene.xml object.png scene.png
+preview.png cameras.json cameras.png track.csv track.json track.png rotation.csv rotation.json rotation.png scene.xml object.png scene.png
 """.split()  # noqa: SIM905
 
 
@@ -76,6 +76,7 @@ WRITING = {
     "validate": ["-o", "OUT"],
     "invert": ["IN/captures/a", "-o", "OUT", "--method", "er"],
     "track": ["IN/moving", "-o", "OUT"],
+    "track rotation": ["IN/moving", "-o", "OUT", "--rotation"],
     "invert many": ["IN/captures", "-o", "OUT", "--method", "er", "--workers", "1"],
     "letters": ["OUT", "G"],
     "letters mesh": ["OUT", "G", "--mesh-depth-m", "0.001"],

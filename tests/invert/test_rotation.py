@@ -1,0 +1,108 @@
+"""Rotation and distance from autocorrelations: exact ones, and those of frames of an independent generator."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+import correlograph as cg
+from correlograph.errors import InputError
+from invert.track import main as track_command
+from invert.tracking.rings import find_turns, group_means
+from tests.invert.field.speckle import expected_frame, letter
+
+FINE = 4
+"""Points per lag along each axis at which an object is turned."""
+
+
+def turned(angle_deg, scale=1.0, aspect=1.0):
+    """Return an F (64, 64) turned anticlockwise and scaled; lags along rows are `aspect` times as long as those along columns."""
+    fine = np.kron(letter(64, 28), np.ones((FINE, FINE)))
+    turn = np.radians(angle_deg)
+    back = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) / scale @ np.diag([aspect, 1.0])
+    middle = 0.5 * (np.array(fine.shape) - 1.0)
+    seen = ndimage.affine_transform(fine, back, middle - back @ middle, order=1)
+    return seen.reshape(64, FINE, 64, FINE).mean((1, 3))
+
+
+def autocorrelation(albedo):
+    spectrum = np.fft.fft2(albedo, (127, 127))
+    found = np.fft.fftshift(np.fft.ifft2(np.abs(spectrum) ** 2).real)
+    return found / found[63, 60]
+
+
+@pytest.mark.parametrize("aspect", [1.0, 1.2])
+def test_exact_autocorrelations_show_angle_and_scale(aspect):
+    angles, scales = np.linspace(0.0, 100.0, 11), np.linspace(1.0, 1.15, 11)
+    turns = find_turns(np.stack([autocorrelation(turned(*one, aspect)) for one in zip(angles, scales, strict=True)]), aspect)
+    assert np.degrees(turns.angle) == pytest.approx(angles, abs=0.3)
+    assert turns.scale == pytest.approx(scales, abs=0.01)
+
+
+def test_noise_is_averaged_over_all_groups(rng):
+    angles = np.linspace(0.0, -80.0, 16)
+    noise = 0.03 * rng.standard_normal((16, 127, 127))
+    turns = find_turns(np.stack([autocorrelation(turned(one)) for one in angles]) + noise + noise[:, ::-1, ::-1])
+    deviation = np.degrees(turns.angle) - angles
+    assert (deviation - deviation.mean()).std() < 0.6
+    assert turns.significance > 5.0
+
+
+def test_unrelated_groups_are_not_significant(rng):
+    noise = rng.standard_normal((12, 127, 127))
+    assert find_turns(noise + noise[:, ::-1, ::-1]).significance < 5.0
+
+
+def test_groups_are_means_of_consecutive_estimates():
+    assert group_means([np.full((2, 2), float(number)) for number in range(7)], 3)[:, 0, 0].tolist() == [1.0, 4.0]
+
+
+def frames_of(angles, light, rng, scales=None):
+    scales = np.ones(len(angles)) if scales is None else scales
+    return [
+        rng.poisson(light * expected_frame(turned(*one), (420, 460), 128, rng)).astype(np.float32)
+        for one in zip(angles, scales, strict=True)
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("light", [0.3, 0.05])
+def test_a_quarter_turn_is_followed_within_its_errors(light, rng):
+    angles, scales = np.linspace(0.0, 90.0, 48), np.linspace(1.0, 0.93, 48)
+    found = cg.track_rotation(cg.Capture(frames_of(angles, light, rng, scales)), interval_s=0.01)
+    expected = np.interp(found.middle_frame, np.arange(48), angles)
+    deviation = found.angle_deg - (expected - expected[0])
+    assert (deviation - deviation.mean()).std() < 1.0
+    assert (deviation - deviation.mean()).std() < 2.0 * found.angle_error_deg
+    ratio = np.interp(found.middle_frame, np.arange(48), 1.0 / scales)
+    assert found.distance_ratio[-1] == pytest.approx(ratio[-1] / ratio[0], abs=4.0 * found.distance_error)
+    assert found.as_dict()["mean_rate_deg_per_s"] == pytest.approx(90.0 / 0.47, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_ring_shows_no_angle(rng):
+    row, column = np.indices((64, 64)) - 31.5
+    ring = (np.abs(np.hypot(row, column) - 10.0) < 2.0).astype(float)
+    frames = [rng.poisson(0.5 * expected_frame(ring, (300, 320), 128, rng)).astype(np.float32) for _ in range(8)]
+    with pytest.raises(InputError, match="a round object shows no angle"):
+        cg.track_rotation(cg.Capture(frames))
+
+
+@pytest.mark.slow
+def test_the_command_writes_angle_and_distance(command, tmp_path, rng):
+    np.save(tmp_path / "frames.npy", np.stack(frames_of(np.linspace(0.0, 60.0, 12), 1.0, rng)))
+    code, out, error = command(
+        track_command, tmp_path / "frames.npy", "-o", tmp_path / "out", "--rotation", "--frames-per-s", "20"
+    )
+    assert (code, error.count("Error")) == (0, 0)
+    assert "degrees" in out
+    assert {"rotation.csv", "rotation.json", "rotation.png"} <= {path.name for path in (tmp_path / "out").iterdir()}
+    table = np.genfromtxt(tmp_path / "out" / "rotation.csv", delimiter=",", names=True)
+    assert table.dtype.names == ("frame", "time_s", "angle_deg", "distance_ratio")
+    assert json.loads((tmp_path / "out" / "rotation.json").read_text())["turn_deg"] == pytest.approx(table["angle_deg"][-1])
+
+
+def test_too_few_frames_are_refused(rng):
+    with pytest.raises(InputError, match="8 or more for a rotation"):
+        cg.track_rotation(cg.Capture([np.ones((200, 200), np.float32)] * 7))
