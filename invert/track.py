@@ -1,4 +1,4 @@
-"""`python -m invert.track`: path of a moving object from frames with the laser at rest, or its rotation."""
+"""`python -m invert.track`: path of a moving object (laser at rest), or its rotation and distance (`--rotation`)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from correlograph.ranges import SI, WAVELENGTH, Range
 
 def parser() -> ArgumentParser:
     p = ArgumentParser(
-        prog="python -m invert.track", description="Track a hidden object by its speckle, with the laser at rest."
+        prog="python -m invert.track",
+        description="Track a hidden object by its speckle, with the laser at rest; or its rotation and distance.",
     )
     p.add_argument("inputs", nargs="+", help="frames in order: files, stacks, or a folder of them")
     p.add_argument("-o", "--output", required=True, help="folder for track.csv, track.json and track.png")

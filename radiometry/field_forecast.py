@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 MIN_PHOTONS_PER_GRAIN = 4.3
-"""Photons per speckle grain of the object's bounding box above which fields are accepted. Evidence: docs/fields.md."""
+"""Photons per speckle grain of the object's bounding box above which fields improve the albedo. Evidence: docs/fields.md."""
 
 MIN_ALBEDO = 0.03
 """Fraction of the maximum of an albedo above which a pixel belongs to the object."""
@@ -40,7 +40,7 @@ class FieldForecast:
     Attributes:
         photons_per_grain: photoelectrons of a frame per speckle grain of the object's bounding box; other noise counts as if it lowered
             the light.
-        needed_photons_per_grain: least number at which fields are accepted.
+        needed_photons_per_grain: least number at which fields improve the albedo.
         cells_m: width of a cell of the field on the object along rows and columns; None if the camera is unknown.
         looks: number of independent speckle patterns of the fine albedo.
         cpu_s: CPU time on one core.

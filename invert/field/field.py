@@ -18,7 +18,8 @@ class Field:
     """Field on the object in each look, in square roots of photoelectrons per cell.
 
     The global phase of each frame, a shift, and the twin image (complex conjugate, rotated by 180 degrees) are undetermined. The
-    field includes the Fresnel phase of the distance between object and wall.
+    field includes the Fresnel phase of the distance between object and wall. Retrieved fields are posterior means:
+    where the counts say little, they are smaller than the field itself.
 
     Attributes:
         samples: complex64 (looks, rows, columns).

@@ -28,7 +28,7 @@ WARM_FRACTION = 0.4
 """Steps of a search from the field of an earlier pass, as a fraction of those from a random field."""
 
 WARM_UP_FRACTION, SAMPLES_FRACTION = 0.05, 0.1
-"""Samples of the posterior that are drawn before its means, and for them, as fractions of the steps of a search from a random field."""
+"""Langevin steps that are discarded, and that are averaged, as fractions of the steps of a search from a random field."""
 
 FRAMES_FOR_CALIBRATION = 8
 """Number of frames from which gain, read noise and background are estimated."""

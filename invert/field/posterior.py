@@ -1,7 +1,8 @@
 """Posterior of the field of one frame: likelihood of its counts times the prior E_j ~ CN(0, q_j).
 
-A count adds 2 to the second derivative of its negative logarithm by the real part of E_j, and the prior 2 / q_j. Fields are therefore in
-units of the deviation that both leave: E = s V with s^2 = q / (1 + q), so that all cells have similar curvatures.
+The counts of a frame together add about 2 to the second derivative of its negative logarithm by the real part of E_j, because the transform
+to the wall is unitary; the prior adds 2 / q_j. Fields are therefore in units of the deviation that both leave, E = s V with
+s^2 = q / (1 + q): all cells then have similar curvatures.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from invert.field.forward_model import ForwardModel, expected_counts
 
 class FieldPosterior:
     """Posterior of fields V (modes, box rows, box columns): exp(-sum(I - n log I) - sum |V|^2 / (1 + q)), with the expected counts I of
-    the forward model.
+    the forward model; counts of a rough wall are negative binomial instead.
 
     Args:
         prior: q, expected |E|^2 of each mode in counts (box rows, box columns); the field is zero where it is zero.

@@ -76,9 +76,9 @@ class Pass:
     def prior_weight(self) -> float:
         """Weight of the prior in the mean |E|^2; the counts have the rest.
 
-        Under a prior q, a field E of variance r that is measured with the noise n has the posterior mean s (E + noise) with
-        s = q / (q + n), and the posterior variance s n. The mean |E|^2 is therefore s^2 r + (1 - s^2) q on average. If q is right, s is the
-        share of the mean field in the mean |E|^2.
+        If a field E of variance r is measured with noise of variance n, its posterior under a prior of variance q has the mean
+        s (E + noise) with s = q / (q + n), and the variance s n. The expected mean |E|^2 is s^2 r + (1 - s^2) q. If q = r,
+        |mean E|^2 over the mean |E|^2 is s, which is how it is found here.
         """
         shares = [float(power(one.field).sum() / one.power.sum()) for one in self.outcomes]
         return 1.0 - float(np.mean(shares)) ** 2

@@ -1,7 +1,8 @@
 """Samples of the posterior of a field by underdamped Langevin dynamics, and their means.
 
-The most probable field fits noise: in dim frames it predicts pixels that it has not seen worse than a filter does, although the mean
-over the posterior predicts them much better. The steps are those of the splitting BAOAB (Leimkuhler and Matthews,
+In dim frames, the most probable field predicts held-out pixels worse than a Wiener filter does; the mean over samples predicts them
+better. The counts do not determine the global phase of a field, so a mean field exists only because the dynamics are short and stay near
+the field from which they start. The steps are those of the splitting BAOAB (Leimkuhler and Matthews,
 doi:10.1093/amrx/abs010), with unit masses.
 """
 
@@ -16,15 +17,17 @@ from invert.field.forward_model import power
 from invert.field.posterior import FieldPosterior
 
 STEP = 0.7
-"""Duration of a step; a cell oscillates with a period of about 4, and steps above 1 diverge."""
+"""Duration of a step for masses of 1; a cell oscillates with a period of about 4.4, and steps above 1 diverge."""
 
 FRICTION = 0.5
-"""Friction, in the inverse of the same unit."""
+"""Friction per unit of that time."""
 
 
 @dataclass
 class SamplingState:
-    """Field in units of the prior, its velocity, the gradient of the energy, and the expected counts on the frame."""
+    """Field in the units of `FieldPosterior`, its velocity, the gradient of the negative log-posterior, and the expected counts on the
+    frame.
+    """
 
     field: torch.Tensor
     velocity: torch.Tensor
@@ -67,7 +70,7 @@ class Sampling:
         state.velocity -= 0.5 * STEP * state.gradient
 
     def run(self, field: torch.Tensor, first: int, steps: int) -> PosteriorMean:
-        """Return the means over a number of steps from a field on the object, after a `first` number that do not count."""
+        """Return the means over `steps` steps from a field on the object, after `first` steps that are discarded."""
         state = self.init(field)
         expected, total, strength = torch.zeros_like(state.expected), torch.zeros_like(field), torch.zeros_like(power(field))
         for number in range(first + steps):

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MIN_ANGLES = 4
-"""Minimum number of angles, each of two groups of frames."""
+"""Minimum number of angles, each of two halves of at least one frame."""
 
 MAX_ERROR_DEG = 3.0
-"""Standard error of an angle above which more frames are added up."""
+"""Standard error of an angle above which the autocorrelations of more frames are averaged."""
 
 MIN_SIGMA = 5.0
 """Minimum correlation of consecutive groups in standard deviations; among fifty pairs and fifty angles, chance exceeds it with a
@@ -129,8 +129,8 @@ class Rotation:
 def track_rotation(capture: Capture, *, interval_s: float | None = None) -> Rotation:
     """Find the rotation of the object about the line of sight and the change of its distance.
 
-    The laser may be at rest or not. Consecutive frames are added up in groups, as few as the light permits, between which the object must
-    turn by less than a quarter.
+    The laser may be at rest or not. The autocorrelations of consecutive frames are averaged in groups of two halves, as short as the light
+    permits. The object must turn by less than a quarter from one half to the next.
 
     Raises InputError for too few frames or too little light, and for objects that look alike at every angle.
     """

@@ -2,7 +2,7 @@
 
 A field is the product of the square root of the albedo, the speckle field of the illumination and white scatter, all on half cells, seen
 through the window of a frame. Part of the intensities are those that retrieval from few photons leaves: with noise n and a prior p,
-the mean of the posterior field is p / (p + n) times the noisy field, and its variance p n / (p + n).
+the posterior mean of the field is p / (p + n) times the noisy field, and the posterior variance p n / (p + n).
 """
 
 from __future__ import annotations
