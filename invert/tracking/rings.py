@@ -2,8 +2,8 @@
 
 If an object turns about the line of sight, the expected r*r turns with it, whether the laser moves or not (doi:10.1364/AO.57.000905), and
 its width in lags is inversely proportional to the distance. On rings around zero lag it is a Fourier series in the angle; a turn by phi
-multiplies coefficient m by exp(-i m phi). Only even m occur, because r*r is symmetric, so an angle is known up to half a turn: it is taken to
-change by less than a quarter turn from group to group.
+multiplies coefficient m by exp(-i m phi). Only even m occur, because r*r is symmetric, so an angle is known up to half a turn: it is
+taken to change by less than a quarter turn from group to group.
 """
 
 from __future__ import annotations
