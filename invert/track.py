@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from correlograph.command import ArgumentParser, run_command
+from correlograph.errors import InputError
 from correlograph.ranges import SI, WAVELENGTH, Range
 
 
@@ -15,7 +16,9 @@ def parser() -> ArgumentParser:
         description="Track a hidden object by its speckle, with the laser at rest; or its rotation and distance.",
     )
     p.add_argument("inputs", nargs="+", help="frames in order: files, stacks, or a folder of them")
-    p.add_argument("-o", "--output", required=True, help="folder for track.csv, track.json and track.png")
+    p.add_argument(
+        "-o", "--output", required=True, help="folder for track.csv, .json and .png, or rotation.csv, .json and .png"
+    )
     p.add_argument(
         "--rotation",
         action="store_true",
@@ -51,6 +54,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     from invert.tracking.rotation import ROTATION_FILES, track_rotation
     from invert.tracking.track import TRACK_FILES, track
 
+    ignored = options.binning != 1 or options.source_distance_m is not None or tuple(options.source_angle_deg) != (0.0, 0.0)
+    if options.rotation and ignored:
+        expected = "no --binning, --source-distance-m and --source-angle-deg, which concern paths"
+        raise InputError("--rotation", expected, "one of them", "omit it")
     claim(output_folder(options.output), ROTATION_FILES if options.rotation else TRACK_FILES, overwrite=options.overwrite)
     known = CameraMetadata(options.wavelength_m, options.pixel_pitch_m, options.distance_m)
     capture = read_capture([Path(one) for one in options.inputs], known)

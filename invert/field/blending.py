@@ -1,4 +1,4 @@
-"""Blend of the fine albedo with the coarse one, by their errors at the scale of a lag.
+"""Blend of the fine albedo with the coarse one, by their errors at the scale of a lag, as if these were independent.
 
 With few looks and few cells per lag, the speckle of the fields leaves larger errors than the autocorrelation, which has many degrees of
 freedom.

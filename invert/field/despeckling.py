@@ -1,7 +1,7 @@
 """Albedo from the intensities of several fields: by a network, or by total variation.
 
 The network (`invert.network.despeckler`) was trained on the speckle of other objects. Total variation takes its place where it predicts
-the looks that neither has seen with a lower squared error; their likelihood would be decided by the darkest cells.
+the other half of the looks with a lower squared error; their likelihood would be decided by the darkest cells.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ class Field:
 
     @property
     def intensity(self) -> np.ndarray:
-        """Mean squared modulus over the looks, float32 (rows, columns): the albedo times the illumination."""
+        """Mean squared modulus over the looks, float32 (rows, columns): the albedo times the illumination, less the posterior variance."""
         return (np.abs(self.samples) ** 2).mean(0)
 
     def on_wall(self) -> np.ndarray:

@@ -1,8 +1,8 @@
 """Posterior of the field of one frame: likelihood of its counts times the prior E_j ~ CN(0, q_j).
 
-The counts of a frame together add about 2 to the second derivative of its negative logarithm by the real part of E_j, because the transform
-to the wall is unitary; the prior adds 2 / q_j. Fields are therefore in units of the deviation that both leave, E = s V with
-s^2 = q / (1 + q): all cells then have similar curvatures.
+The counts of a frame together add about 2 v to the second derivative of its negative logarithm by the real part of E_j, because the
+transform to the wall is unitary; v is the relative illumination. The prior adds 2 / q_j. Fields are therefore in units of the least
+deviation that both leave, E = s V with s^2 = q / (1 + v q) and the largest v: no cell then has a curvature above 4.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from invert.field.forward_model import ForwardModel, expected_counts
 
 
 class FieldPosterior:
-    """Posterior of fields V (modes, box rows, box columns): exp(-sum(I - n log I) - sum |V|^2 / (1 + q)), with the expected counts I of
+    """Posterior of fields V (modes, box rows, box columns): exp(-sum(I - n log I) - sum |V|^2 / (1 + v q)), with the expected counts I of
     the forward model; counts of a rough wall are negative binomial instead.
 
     Args:
@@ -23,7 +23,8 @@ class FieldPosterior:
 
     def __init__(self, model: ForwardModel, counts: FrameCounts, prior: torch.Tensor) -> None:
         self._model, self._counts = model, counts
-        self._unit, self._stiffness = (prior / (1.0 + prior)).sqrt(), 1.0 / (1.0 + prior)
+        self._stiffness = 1.0 / (1.0 + float(counts.illumination.max()) * prior)
+        self._unit = (prior * self._stiffness).sqrt()
         self._weight = counts.fitted.to(prior.dtype)
         self.is_free = prior > 0.0
 

@@ -43,8 +43,8 @@ MAXIMISATIONS = 4
 pixels no better, or all frames together by less than a standard error."""
 
 MAX_COARSE_WEIGHT = MIN_CORRELATION
-"""Maximum weight of the coarse albedo, as the first prior, in the fine one for which resolution and confidence are stated: the correlation
-of halves that counts as resolved."""
+"""Maximum weight of the coarse albedo, as the first prior, in the fine one for which resolution and confidence are stated. Halves that
+have nothing else in common then correlate by about as much as those that count as resolved."""
 
 MIN_LIGHT = 0.1
 """Minimum mean of a frame in units of the median over the frames; darker frames are left out."""
@@ -74,11 +74,11 @@ class Pass:
 
     @property
     def prior_weight(self) -> float:
-        """Weight of the prior in the mean |E|^2; the counts have the rest.
+        """Least weight of the prior in the mean |E|^2; the counts have the rest.
 
         If a field E of variance r is measured with noise of variance n, its posterior under a prior of variance q has the mean
         s (E + noise) with s = q / (q + n), and the variance s n. The expected mean |E|^2 is s^2 r + (1 - s^2) q. If q = r,
-        |mean E|^2 over the mean |E|^2 is s, which is how it is found here.
+        |mean E|^2 over the mean |E|^2 is s, which is how it is found here. Short dynamics stay near one field, so that s is too large.
         """
         shares = [float(power(one.field).sum() / one.power.sum()) for one in self.outcomes]
         return 1.0 - float(np.mean(shares)) ** 2
@@ -146,7 +146,7 @@ def retrieve_fields(
     shown, weight = blend_with_coarse(window.image(fine.albedo), coarse.albedo, looks_per_lag, coarse.confidence)
     top = max(float(shown.max()), 1e-30)
     # Halves that share a prior that is wrong, or still visible, agree with each other and not with the object.
-    halves_are_independent = coarse_is_certified and coarse_weight < MAX_COARSE_WEIGHT
+    halves_are_compared = coarse_is_certified and coarse_weight < MAX_COARSE_WEIGHT
     return FieldReconstruction(
         shown / top,
         window.cells_per_lag,
@@ -154,8 +154,8 @@ def retrieve_fields(
         looks,
         len(numbers),
         weight,
-        fine.resolution(grid.cell_lags) if halves_are_independent else None,
-        fine.agreement if halves_are_independent else None,
+        fine.resolution(grid.cell_lags) if halves_are_compared else None,
+        fine.agreement if halves_are_compared else None,
         retrieval.photons_per_grain,
         retrieval.background_fraction,
         coarse_weight,

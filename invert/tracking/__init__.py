@@ -9,5 +9,6 @@ vibration.py periodic motion in a path
 track.py     the whole: frames -> Track
 rings.py     turn and scale of autocorrelations
 rotation.py  rotation and distance: frames -> Rotation
+tables.py    checks and files that both share
 travel.py    whether frames show speckle that travels
 """

@@ -94,8 +94,8 @@ def find_turns(estimates: np.ndarray, aspect: float = 1.0) -> Turns:
         )
         # without the group itself, whose own noise would hold it where it is
         others = (series.sum(0) - series) / (count - 1)
-        noise = (np.abs(residual) ** 2).sum(0).mean(1, keepdims=True) / (count - 1) ** 2
-        others = np.where(np.abs(others) ** 2 > MIN_POWER * noise, others, 0.0)
+        noise = (np.abs(residual) ** 2).sum((0, 2)) / rings.is_used.sum(1) / (count - 1) ** 2
+        others = np.where(np.abs(others) ** 2 > MIN_POWER * noise[:, None], others, 0.0)
         weight = 1.0 / variance.clip(1e-9 * variance.max() + 1e-300)
         change = np.array([_fit(rings, one, mean, weight) for one, mean in zip(series, others, strict=True)])
         angle, scale = angle - change[:, 0], scale * np.exp(-change[:, 1])
@@ -110,7 +110,7 @@ def _first_angles(rings: Rings, count: int) -> tuple[np.ndarray, float]:
     power = np.mean([np.abs(one) ** 2 for one in series], 0)
     outer = len(rings.radius) * 2 // 3  # beyond the object
     noise = rings.radius[outer:, None] * power[outer:] * rings.is_used[outer:]
-    noise = noise.sum() / rings.is_used[outer:].sum() / rings.radius[:, None]
+    noise = noise.sum() / rings.is_used[outer:].sum() / rings.radius[:, None] + 1e-300
     signal = np.where(rings.is_used, (power - noise).clip(0.0), 0.0)
     weight = signal / (noise * (2.0 * signal + noise))  # Knapp and Carter, doi:10.1109/TASSP.1976.1162830
     chance = np.sqrt(0.5 * ((weight * (signal + noise)) ** 2).sum()) + 1e-300

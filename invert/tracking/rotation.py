@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tqdm import tqdm
 
-from correlograph.errors import InputError, check_positive
+from correlograph.errors import InputError
 from correlograph.files.capture import Capture
-from correlograph.files.figures import figure_as_html, save_figure
-from correlograph.files.output import atomic, output_folder, save_json, sole_writer
+from correlograph.files.captured_frames import check_frame
+from correlograph.files.figures import figure_as_html
 from correlograph.lags import LAGS
 from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import read_measurement
 from invert.request import Request
 from invert.tracking.rings import Turns, find_turns, group_means
+from invert.tracking.tables import check_frames, save_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -25,8 +26,14 @@ if TYPE_CHECKING:
 MIN_ANGLES = 4
 """Minimum number of angles, each of two halves of at least one frame."""
 
+MAX_HALVES = 128
+"""Maximum number of halves of groups; the time grows with its square."""
+
 MAX_ERROR_DEG = 3.0
 """Standard error of an angle above which the autocorrelations of more frames are averaged."""
+
+MIN_SIDE = 4 * LAGS + 2
+"""Minimum side of a frame in pixels: two patches of as many pixels as an autocorrelation has lags."""
 
 MIN_SIGMA = 5.0
 """Minimum correlation of consecutive groups in standard deviations; among fifty pairs and fifty angles, chance exceeds it with a
@@ -117,49 +124,43 @@ class Rotation:
 
     def save(self, folder: str | Path) -> Path:
         """Write rotation.csv, rotation.json and rotation.png; return the folder."""
-        target, table = output_folder(str(folder)), self.columns()
-        with sole_writer(target):
-            with atomic(target / "rotation.csv") as partial:
-                np.savetxt(partial, np.column_stack([*table.values()]), "%.9g", ",", header=",".join(table), comments="")
-            save_figure(target / "rotation.png", self.plot())
-            save_json(target / "rotation.json", self.as_dict())
-        return target
+        return save_table(folder, "rotation", self.columns(), self.as_dict(), self.plot())
 
 
 def track_rotation(capture: Capture, *, interval_s: float | None = None) -> Rotation:
     """Find the rotation of the object about the line of sight and the change of its distance.
 
-    The laser may be at rest or not. The autocorrelations of consecutive frames are averaged in groups of two halves, as short as the light
-    permits. The object must turn by less than a quarter from one half to the next.
+    The autocorrelations of consecutive frames are averaged in groups of two halves, as short as the light permits. The object must turn by
+    less than a quarter from one half to the next. The laser may move. If it is at rest, its illumination does not turn with the object and
+    draws the angle towards zero, unless its grain is much smaller than a lag.
 
-    Raises InputError for too few frames or too little light, and for objects that look alike at every angle.
+    Raises InputError for too few frames, frames that are too small or equal, too little light, and objects that look alike at every angle.
     """
-    if interval_s is not None:
-        check_positive("interval_s", interval_s)
-    if not isinstance(capture, Capture):
-        raise InputError("capture", "a Capture", f"{capture!r:.60}", "load it with correlograph.Capture.load")
-    count = len(capture.frames)
-    if count < 2 * MIN_ANGLES:
-        raise InputError("frames", f"{2 * MIN_ANGLES} or more for a rotation", count, "provide more frames")
+    check_frames(capture, interval_s, 2 * MIN_ANGLES, "rotation")
     signals, aspect = _signals(capture)
-    size = 1
-    while count // (2 * size) >= MIN_ANGLES:
+    size = -(-len(signals) // MAX_HALVES)
+    while len(signals) // (2 * size) >= MIN_ANGLES:
         turns = find_turns(group_means(signals, size), aspect)
         found = Rotation.of(turns, 2 * size, interval_s)
         if turns.significance >= MIN_SIGMA and found.angle_error_deg <= MAX_ERROR_DEG:
             return found
         size *= 2
-    expected = f"an autocorrelation whose angle is known to {MAX_ERROR_DEG:g} degrees"
-    raise InputError("frames", expected, f"none in {MIN_ANGLES} groups", "add light or frames; a round object shows no angle")
+    expected = f"autocorrelations whose angle is known to {MAX_ERROR_DEG:g} degrees"
+    raise InputError("frames", expected, "none", "add light or frames; a round object shows no angle")
 
 
 def _signals(capture: Capture) -> tuple[list[np.ndarray], float]:
     """Return r*r of each frame without floor, (127, 127) each, and the pitch of its lags along rows over that along columns."""
-    signals, aspect = [], 1.0
+    shape = capture.frames[0].shape
+    if min(shape) < MIN_SIDE:
+        raise InputError("frames", f"sides of {MIN_SIDE} pixels or more for a rotation", shape, "use larger frames")
+    for number, frame in enumerate(capture.frames):
+        check_frame(np.asarray(frame), Path(f"frame {number}"))
+    request, signals = Request(lags=LAGS), []
+    estimate_from_frames(capture, request)  # refuses copies of one frame
     for frame in tqdm(capture.frames, desc="autocorrelations", unit="frame", disable=None, leave=False):
-        estimate = estimate_from_frames(replace(capture, frames=[frame], names=()), Request(lags=LAGS))
+        estimate = estimate_from_frames(replace(capture, frames=[frame], names=()), request)
         measurement = read_measurement(estimate.values, estimate.quantisation, estimate.transfer)
         signals.append(measurement.values - measurement.noise.floor)
-        if estimate.pitches_m is not None:
-            aspect = estimate.pitches_m[0] / estimate.pitches_m[1]
-    return signals, aspect
+    pitches = estimate.pitches_m
+    return signals, 1.0 if pitches is None else pitches[0] / pitches[1]

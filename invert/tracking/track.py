@@ -11,12 +11,12 @@ from tqdm import tqdm
 
 from correlograph.errors import InputError, check_positive, memory_bytes
 from correlograph.files.capture import Capture
-from correlograph.files.figures import figure_as_html, save_figure
-from correlograph.files.output import atomic, output_folder, save_json, sole_writer
+from correlograph.files.figures import figure_as_html
 from invert.tracking.follow import Followed, follow
 from invert.tracking.separation import isolate
 from invert.tracking.spectra import Reader
 from invert.tracking.start import Start, find_objects
+from invert.tracking.tables import check_frames, save_table
 from invert.tracking.vibration import find_vibrations
 
 if TYPE_CHECKING:
@@ -154,13 +154,7 @@ class Track:
 
     def save(self, folder: str | Path) -> Path:
         """Write track.csv, track.json and track.png; return the folder."""
-        target, table = output_folder(str(folder)), self.columns()
-        with sole_writer(target):
-            with atomic(target / "track.csv") as partial:
-                np.savetxt(partial, np.column_stack([*table.values()]), "%.9g", ",", header=",".join(table), comments="")
-            save_figure(target / "track.png", self.plot())
-            save_json(target / "track.json", self.as_dict())
-        return target
+        return save_table(folder, "track", self.columns(), self.as_dict(), self.plot())
 
 
 def track(
@@ -182,13 +176,9 @@ def track(
 
     Raises InputError for fewer than three frames, and for frames without common motion.
     """
-    for name, value in (("source_distance_m", source_distance_m), ("interval_s", interval_s)):
-        if value is not None:
-            check_positive(name, value)
-    if not isinstance(capture, Capture):
-        raise InputError("capture", "a Capture", f"{capture!r:.60}", "load it with correlograph.Capture.load")
-    if len(capture.frames) < 3:
-        raise InputError("frames", "three or more for a path", len(capture.frames), "provide more frames")
+    if source_distance_m is not None:
+        check_positive("source_distance_m", source_distance_m)
+    check_frames(capture, interval_s, 3, "path")
     lever = None if source_distance_m is None else metres_per_pixel(capture, source_distance_m, source_angle_deg)
     reader = Reader(capture.frames[0].shape, binning)
     band = reader.band(capture.frames)

@@ -104,7 +104,7 @@ def _train(options: Any, rank: int, world: int) -> None:
     training.resume()
     if rank == 0 and training.step:
         print(f"continues at step {training.step} of {options.steps}", file=sys.stderr)
-    validation = training.validation(held_out)
+    targets, validation = training.place(targets), training.validation(held_out)
     with tqdm(total=options.steps, initial=training.step, unit="step", disable=None if rank == 0 else True) as bar:
         while training.step < options.steps:
             loss = training.advance(targets)

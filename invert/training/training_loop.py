@@ -99,7 +99,7 @@ class Training:
         if self._despeckles:
             device, count = self.options.device, max(2, self.options.batch * OBJECT_SIDE**2 // SIDE**2)
             with torch.device(device):
-                return draw_speckled(targets.to(device), count, _rng(self.options.seed, self.step, device))
+                return draw_speckled(targets, count, _rng(self.options.seed, self.step, device))
         rng = _rng(self.options.seed, self.step)
         count = max(2, self.options.batch * OBJECT_SIDE**2 // targets.shape[-1] ** 2)
         if self.options.noise == "paper":
@@ -110,6 +110,10 @@ class Training:
 
     def _make_batch_for_part(self, batch: Batch, rng: torch.Generator) -> Batch:
         return hidden_in_noise(batch, rng) if isinstance(self.part, Sampler) else batch
+
+    def place(self, targets: Sequence[torch.Tensor]) -> list[torch.Tensor]:
+        """Return the target pools where batches are drawn from them."""
+        return [pool.to(self.options.device) if self._despeckles else pool for pool in targets]
 
     def validation(self, held_out: Sequence[torch.Tensor]) -> Sequence[Batch | Speckled]:
         """Return held-out targets at the levels of `VALIDATION` or, for the despeckler, `LEVELS`; or held-out precomputed
@@ -220,7 +224,20 @@ class Training:
         self.average.module.load_state_dict(earlier.state_dict())
 
     def _run(self) -> dict[str, Any]:
-        names = ("dataset", "network", "width", "loss", "noise", "steps", "batch", "learning_rate", "seed", "part", "warm")
+        names = (
+            "dataset",
+            "network",
+            "width",
+            "loss",
+            "noise",
+            "steps",
+            "batch",
+            "learning_rate",
+            "seed",
+            "part",
+            "warm",
+            "device",
+        )
         return {**{name: getattr(self.options, name) for name in names}, "start_from": self.earlier}
 
     def finish(self, dataset: list[dict[str, Any]]) -> None:

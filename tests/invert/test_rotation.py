@@ -103,6 +103,21 @@ def test_the_command_writes_angle_and_distance(command, tmp_path, rng):
     assert json.loads((tmp_path / "out" / "rotation.json").read_text())["turn_deg"] == pytest.approx(table["angle_deg"][-1])
 
 
-def test_too_few_frames_are_refused(rng):
+def test_frames_that_show_no_rotation_are_refused(rng):
+    frame = rng.poisson(2.0, (300, 300)).astype(np.float32)
     with pytest.raises(InputError, match="8 or more for a rotation"):
-        cg.track_rotation(cg.Capture([np.ones((200, 200), np.float32)] * 7))
+        cg.track_rotation(cg.Capture([frame] * 7))
+    with pytest.raises(InputError, match="254 pixels or more"):
+        cg.track_rotation(cg.Capture([frame[:200]] * 8))
+    with pytest.raises(InputError, match="cop"):
+        cg.track_rotation(cg.Capture([frame] * 8))
+    frames = [rng.poisson(2.0, (300, 300)).astype(np.float32) for _ in range(8)]
+    frames[3][5, 7] = np.nan
+    with pytest.raises(InputError, match="finite"):
+        cg.track_rotation(cg.Capture(frames))
+
+
+def test_options_of_paths_are_refused_for_rotations(command, tmp_path):
+    code, _, error = command(track_command, tmp_path, "-o", tmp_path / "out", "--rotation", "--binning", "2")
+    assert code == 2
+    assert "--rotation" in error

@@ -27,9 +27,15 @@ def draw_prior(grid, rng):
     return prior
 
 
-def draw_counts(model, field, rng, roughness=0.0):
-    """Return counts of a field under uneven light, a tenth of the pixels unmeasured."""
-    lit = torch.from_numpy(np.linspace(0.5, 1.5, model.grid.frame_shape[1], dtype=np.float32)).expand(model.grid.frame_shape)
+def draw_counts(model, field, rng, roughness=0.0, spot=None):
+    """Return counts of a field under uneven light, a tenth of the pixels unmeasured.
+
+    Args:
+        spot: width of a Gaussian illumination in units of the frame; None for a slope.
+    """
+    columns = np.linspace(-0.5, 0.5, model.grid.frame_shape[1], dtype=np.float32)
+    lit = 1.0 + columns if spot is None else np.exp(-0.5 * (columns / spot) ** 2)
+    lit = torch.from_numpy(lit / lit.mean()).expand(model.grid.frame_shape)
     expected = (lit * model.intensity(model.grid.to_wall(field)) + BACKGROUND).numpy()
     spread = rng.gamma(1.0 / roughness, roughness, expected.shape) if roughness else 1.0
     values = torch.from_numpy(rng.poisson(expected * spread).astype(np.float32))
@@ -75,15 +81,15 @@ def test_without_data_the_samples_are_those_of_the_prior(model, rng):
     assert float(power(mean.field)[0][strong].sum() / prior[strong].sum()) < 0.3
 
 
-@pytest.mark.parametrize("modes", [1, 2])
-def test_samples_and_truth_are_exchangeable(model, modes):
+@pytest.mark.parametrize(("modes", "spot"), [(1, None), (2, None), (1, 0.1)])
+def test_samples_and_truth_are_exchangeable(model, modes, spot):
     """Started at the truth, itself a sample, chains have its energy on average; those with too long steps have a higher one."""
     excess, deviation = [], []
     for seed in range(12):
         rng = np.random.default_rng([seed, modes])
         prior = draw_prior(model.grid, rng)
         truth = complex_normal((modes, *prior.shape), rng) * (0.5 * prior).sqrt()
-        counts = draw_counts(model, truth, rng)
+        counts = draw_counts(model, truth, rng, spot=spot)
         posterior = FieldPosterior(model, counts, prior)
         sampling = Sampling(posterior, torch.Generator().manual_seed(seed))
         state = sampling.init(truth)
