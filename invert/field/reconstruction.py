@@ -29,7 +29,7 @@ class FieldReconstruction:
         agreement: correlation of the albedos from two halves of the frames; None like the resolution.
         photons_per_grain: expected photoelectrons per frame and speckle grain of the object's bounding box.
         background_fraction: fraction of the light that does not come from the object.
-        coarse_weight: least weight that the coarse albedo, as the first prior, still has in the mean intensity of the fields.
+        coarse_weight: weight that the coarse albedo, as the first prior, still has in the mean intensity of the fields.
         deviation: standard deviation of the albedo, from halves of the frames, like `albedo`; None for one frame.
         intensity: mean intensity of the fields before despeckling, like `albedo`; None for a loaded result.
         field: field of each frame; None for a loaded result.

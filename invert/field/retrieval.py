@@ -6,6 +6,7 @@ number.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -74,14 +75,15 @@ class Pass:
 
     @property
     def prior_weight(self) -> float:
-        """Least weight of the prior in the mean |E|^2; the counts have the rest.
+        """Weight of the prior in the mean |E|^2; the counts have the rest.
 
         If a field E of variance r is measured with noise of variance n, its posterior under a prior of variance q has the mean
         s (E + noise) with s = q / (q + n), and the variance s n. The expected mean |E|^2 is s^2 r + (1 - s^2) q. If q = r,
-        |mean E|^2 over the mean |E|^2 is s, which is how it is found here. Short dynamics stay near one field, so that s is too large.
+        |mean E|^2 over the mean |E|^2 is s. Dynamics that stay near one field make s too large: what a wrong part of the prior keeps lies
+        between 1 - s^2 and its square root (`test_the_weight_of_a_wrong_prior_is_not_understated`), which is returned.
         """
         shares = [float(power(one.field).sum() / one.power.sum()) for one in self.outcomes]
-        return 1.0 - float(np.mean(shares)) ** 2
+        return math.sqrt(max(1.0 - float(np.mean(shares)) ** 2, 0.0))
 
 
 def intensities(outcomes: Sequence[FrameOutcome]) -> torch.Tensor:
