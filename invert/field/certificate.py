@@ -46,6 +46,10 @@ class Prediction:
     variance: float
     chi_squared: tuple[float, float, float]
 
+    def is_worse_than(self, other: Prediction) -> bool:
+        """Return whether the gain is lower than another one by more than its standard error."""
+        return self.gain_nats < other.gain_nats - self.variance**0.5
+
 
 @dataclass(frozen=True)
 class Certificate:

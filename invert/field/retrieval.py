@@ -40,8 +40,8 @@ from radiometry.field_forecast import MAX_FIELD_FRAMES, bounding_box
 from radiometry.ring_correlation import MIN_CORRELATION
 
 MAXIMISATIONS = 4
-"""Maximum number of times that the prior is replaced by the albedo from the fields. They end if the first frame predicts its held-out
-pixels no better, or all frames together by less than a standard error."""
+"""Maximum number of times that the prior is replaced by the albedo from the fields. They end if held-out pixels are predicted worse by a
+standard error, or better by less than one and little of the coarse albedo is left."""
 
 MAX_COARSE_WEIGHT = MIN_CORRELATION
 """Maximum weight of the coarse albedo, as the first prior, in the fine one for which resolution and confidence are stated. Halves that
@@ -133,13 +133,14 @@ def retrieve_fields(
             candidates, starts = priors_from_albedo(best.albedo.albedo), [one.field for one in best.outcomes]
             trials = list(_in_threads(retrieval.retrieve, [(one, numbers[0], starts[0]) for one in candidates], bar.update))
             chosen = int(np.argmax([one.prediction.gain_nats for one in trials]))
-            if trials[chosen].prediction.gain_nats <= best.outcomes[0].prediction.gain_nats:
+            if trials[chosen].prediction.is_worse_than(best.outcomes[0].prediction):
                 break
             again = run_pass(candidates[chosen], starts, trials[chosen : chosen + 1])
-            improvement = again.certificate.gain_nats_per_pixel - best.certificate.gain_nats_per_pixel
-            if improvement > 0.0:
-                best, coarse_weight = again, coarse_weight * again.prior_weight
-            if improvement < best.certificate.gain_error:
+            change = again.certificate.gain_nats_per_pixel - best.certificate.gain_nats_per_pixel
+            if change < -best.certificate.gain_error:
+                break
+            best, coarse_weight = again, coarse_weight * again.prior_weight
+            if coarse_weight < MAX_COARSE_WEIGHT and change < best.certificate.gain_error:
                 break
     fine = best.albedo
     window = _Window(grid, len(coarse.albedo), int(min(max(1, round(1.0 / min(grid.cell_lags))), CELLS_PER_LAG.most)))
