@@ -38,6 +38,9 @@ ONE_PATTERN = (
     "move the spot between frames to gain from several"
 )
 
+MAX_LEFT = 0.5
+"""Maximum weight of the coarse albedo in that of the fields: beyond it, the counts of the frames have added less than half."""
+
 MIN_PATTERN_LAGS = 0.9
 """Fraction of the lags at which frames share power, above which they may show one speckle pattern."""
 
@@ -184,6 +187,9 @@ def _retrieve_fields(request: Request, capture: Capture, result: Result) -> tupl
         )
     except InputError as error:
         return None, [f"no fields were retrieved ({error}); the coarse albedo stands"]
+    if found.certificate.is_accepted and found.coarse_weight > MAX_LEFT:
+        left = f"up to {100.0 * found.coarse_weight:.0f} % of the coarse albedo"
+        return None, [f"the fields add too little: {left} is left in their albedo; the coarse albedo stands"]
     if found.certificate.is_accepted:
         used, given = found.frames, len(capture.frames)
         return found, [] if used == given else [f"fields were retrieved from {used} of {given} frames"]
