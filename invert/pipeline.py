@@ -187,14 +187,16 @@ def _retrieve_fields(request: Request, capture: Capture, result: Result) -> tupl
         )
     except InputError as error:
         return None, [f"no fields were retrieved ({error}); the coarse albedo stands"]
-    if found.certificate.is_accepted and found.coarse_weight > MAX_LEFT:
+    if not found.certificate.is_accepted:
+        gain = f"{found.certificate.gain_nats_per_pixel:.2g} +- {found.certificate.gain_error:.1g} nats per pixel"
+        return None, [
+            f"the fields predict held-out pixels no better than a filter does (gain {gain}); the coarse albedo stands"
+        ]
+    if found.coarse_weight > MAX_LEFT:
         left = f"up to {100.0 * found.coarse_weight:.0f} % of the coarse albedo"
         return None, [f"the fields add too little: {left} is left in their albedo; the coarse albedo stands"]
-    if found.certificate.is_accepted:
-        used, given = found.frames, len(capture.frames)
-        return found, [] if used == given else [f"fields were retrieved from {used} of {given} frames"]
-    gain = f"{found.certificate.gain_nats_per_pixel:.2g} +- {found.certificate.gain_error:.1g} nats per pixel"
-    return None, [f"the fields predict held-out pixels no better than a filter does (gain {gain}); the coarse albedo stands"]
+    used, given = found.frames, len(capture.frames)
+    return found, [] if used == given else [f"fields were retrieved from {used} of {given} frames"]
 
 
 def _suggest_fields(result: Result) -> list[str]:

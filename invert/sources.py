@@ -9,8 +9,7 @@ import numpy as np
 
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata, Capture
-from correlograph.files.captured_frames import check_frame, read_capture
-from correlograph.files.file_frames import FileFrames
+from correlograph.files.captured_frames import check_frames_in_memory, read_capture
 from correlograph.files.images import check_symmetry
 from correlograph.files.stacks import open_stack
 from correlograph.lags import LAG_SIDE
@@ -25,9 +24,7 @@ def read_source(source: Source, camera: CameraMetadata, autocorrelation: bool | 
     `reconstruct`.
     """
     if isinstance(source, Capture):
-        in_memory = () if isinstance(source.frames, FileFrames) else source.frames
-        for number, frame in enumerate(in_memory):
-            check_frame(np.asarray(frame), Path(f"frame {number}"))
+        check_frames_in_memory(source.frames)
         return source
     if isinstance(source, Estimate):
         return source
@@ -66,8 +63,7 @@ def _read_array(source: object, camera: CameraMetadata, autocorrelation: bool | 
         found = f"{array.dtype} of shape {array.shape}"
         raise InputError("frames", "numbers of shape (frames, height, width)", found, "provide one channel of intensity")
     frames = [np.array(frame, np.float32) for frame in array]
-    for number, frame in enumerate(frames):
-        check_frame(frame, Path(f"frame {number}"))
+    check_frames_in_memory(frames)
     return Capture(frames, camera, tuple(f"frame {number}" for number in range(len(frames))))
 
 

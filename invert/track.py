@@ -54,8 +54,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     from invert.tracking.rotation import ROTATION_FILES, track_rotation
     from invert.tracking.track import TRACK_FILES, track
 
-    ignored = options.binning != 1 or options.source_distance_m is not None or tuple(options.source_angle_deg) != (0.0, 0.0)
-    if options.rotation and ignored:
+    angle = tuple(options.source_angle_deg)
+    if options.rotation and (options.binning, options.source_distance_m, angle) != (1, None, (0.0, 0.0)):
         expected = "no --binning, --source-distance-m and --source-angle-deg, which concern paths"
         raise InputError("--rotation", expected, "one of them", "omit it")
     claim(output_folder(options.output), ROTATION_FILES if options.rotation else TRACK_FILES, overwrite=options.overwrite)
@@ -65,7 +65,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     if options.rotation:
         found = track_rotation(capture, interval_s=interval_s)
     else:
-        angle = tuple(options.source_angle_deg)
         found = track(
             capture,
             source_distance_m=options.source_distance_m,

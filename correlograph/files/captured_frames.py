@@ -203,6 +203,12 @@ def printable(name: str) -> str:
     return name.encode("utf-8", "replace").decode()
 
 
+def check_frames_in_memory(frames: Sequence[np.ndarray]) -> None:
+    """Raise InputError for a frame without finite pixels; those of files are checked when they are read."""
+    for number, frame in enumerate(() if isinstance(frames, FileFrames) else frames):
+        check_frame(np.asarray(frame), Path(f"frame {number}"))
+
+
 def check_frame(pixels: np.ndarray, file: Path) -> None:
     """Refuse frames that cannot be speckle. Frames of zeros are legal, because a short exposure may be empty."""
     lowest, highest = (float(pixels.min()), float(pixels.max())) if pixels.size else (0.0, 0.0)

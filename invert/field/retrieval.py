@@ -107,21 +107,11 @@ def retrieve_fields(
 
     Raises InputError if the frames undersample the speckle, or hold too little light or too few pixels.
     """
-    assert estimate.record is not None
-    shape, patch = (capture.frames[0].shape[0], capture.frames[0].shape[1]), estimate.record.grid.patch_shape
-    grid = field_grid(shape, patch, bounding_box(coarse.albedo))
-    model = ForwardModel(grid, grid.transfer(capture.camera, estimate.blur_pixels or (0.0, 0.0)))
-    numbers = bright_frames(capture)
-    first = [capture.frames[number] for number in numbers[:FRAMES_FOR_CALIBRATION]]
-    gain = capture.file_metadata.gain_e
-    calibration = Calibration.of(first, measurement.noise.floor, gain and 1.0 / gain, capture.measured)
-    uneven = patch if estimate.record.background.uneven_illumination else None
-    prior = prior_from_albedo(coarse.albedo, grid)
+    prepared = prepare(capture, estimate, measurement, coarse.albedo, seed, device)
+    grid, numbers, prior = prepared.model.grid, prepared.numbers, prepared.coarse_prior
     total = len(numbers) * (1 + MAXIMISATIONS) + len(FLOORS) * MAXIMISATIONS
     with tqdm(total=total, desc="fields", unit="frame", disable=None, leave=False) as bar:
-        retrieval, done = _choose_modes(
-            FrameRetrieval(capture, numbers, model, calibration, prior, uneven, seed, device), bar.update
-        )
+        retrieval, done = _choose_modes(prepared, bar.update)
 
         def run_pass(with_prior: torch.Tensor, starts: Sequence[torch.Tensor | None], done: Sequence[FrameOutcome]) -> Pass:
             jobs = list(zip([with_prior] * len(numbers), numbers, starts, strict=True))[len(done) :]
@@ -166,6 +156,25 @@ def retrieve_fields(
         window.image(intensities(best.outcomes).mean((0, 1))) / top,
         _field_of(torch.cat([one.field for one in best.outcomes]), grid, capture, estimate),
     )
+
+
+def prepare(
+    capture: Capture, estimate: Estimate, measurement: Measurement, albedo: np.ndarray, seed: int, device: str = "cpu"
+) -> FrameRetrieval:
+    """Return the retrieval of the frames of a capture with an albedo on the lags as prior; `FrameRetrieval.calibrate` completes it.
+
+    Raises InputError like `retrieve_fields`.
+    """
+    assert estimate.record is not None
+    shape, patch = (capture.frames[0].shape[0], capture.frames[0].shape[1]), estimate.record.grid.patch_shape
+    grid = field_grid(shape, patch, bounding_box(albedo))
+    model = ForwardModel(grid, grid.transfer(capture.camera, estimate.blur_pixels or (0.0, 0.0)))
+    numbers = bright_frames(capture)
+    first = [capture.frames[number] for number in numbers[:FRAMES_FOR_CALIBRATION]]
+    gain = capture.file_metadata.gain_e
+    calibration = Calibration.of(first, measurement.noise.floor, gain and 1.0 / gain, capture.measured)
+    uneven = patch if estimate.record.background.uneven_illumination else None
+    return FrameRetrieval(capture, numbers, model, calibration, prior_from_albedo(albedo, grid), uneven, seed, device)
 
 
 def bright_frames(capture: Capture) -> tuple[int, ...]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy import ndimage
@@ -123,8 +124,10 @@ def _first_angles(rings: Rings, count: int) -> tuple[np.ndarray, float]:
 
     steps = np.array([turn_between(number, number + 1, 0.0) for number in range(count - 1)])
     angle = np.concatenate(([0.0], np.cumsum(steps[:, 0])))
-    pairs = [[turn_between(one, other, angle[other] - angle[one])[0] for other in range(count)] for one in range(count)]
-    return (angle[:, None] + np.array(pairs)).mean(0), float(steps[:, 1].min())
+    turns = np.zeros((count, count))
+    for one, other in combinations(range(count), 2):
+        turns[one, other] = turn_between(one, other, angle[other] - angle[one])[0]
+    return (angle[:, None] + turns - turns.T).mean(0), float(steps[:, 1].min())
 
 
 def _fit(rings: Rings, series: np.ndarray, mean: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from correlograph.errors import InputError
 from correlograph.files.capture import Capture
-from correlograph.files.captured_frames import check_frame
+from correlograph.files.captured_frames import check_frames_in_memory
 from correlograph.files.figures import figure_as_html
 from correlograph.lags import LAGS
 from invert.measure.estimate import estimate_from_frames
@@ -154,8 +154,7 @@ def _signals(capture: Capture) -> tuple[list[np.ndarray], float]:
     shape = capture.frames[0].shape
     if min(shape) < MIN_SIDE:
         raise InputError("frames", f"sides of {MIN_SIDE} pixels or more for a rotation", shape, "use larger frames")
-    for number, frame in enumerate(capture.frames):
-        check_frame(np.asarray(frame), Path(f"frame {number}"))
+    check_frames_in_memory(capture.frames)
     request, signals = Request(lags=LAGS), []
     estimate_from_frames(capture, request)  # refuses copies of one frame
     for frame in tqdm(capture.frames, desc="autocorrelations", unit="frame", disable=None, leave=False):

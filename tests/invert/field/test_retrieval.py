@@ -10,17 +10,13 @@ from scipy import ndimage
 import correlograph as cg
 from correlograph.errors import InputError
 from invert.__main__ import main as invert
-from invert.field.counts import Calibration
-from invert.field.forward_model import ForwardModel
-from invert.field.frame_retrieval import FrameRetrieval, search_steps
-from invert.field.grid import field_grid
+from invert.field.frame_retrieval import search_steps
 from invert.field.prior import prior_from_albedo
-from invert.field.retrieval import Pass, retrieve_fields
+from invert.field.retrieval import Pass, prepare, retrieve_fields
 from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import read_measurement
 from invert.output.result_files import expected_files
 from invert.request import Request
-from radiometry.field_forecast import bounding_box
 from tests.invert.field.speckle import expected_frame, letter
 
 PATCH, SHAPE = 128, (400, 452)
@@ -65,15 +61,13 @@ def test_threads_do_not_change_the_fields(bright, monkeypatch):
 @pytest.mark.parametrize("photons", [0.3, 2.0])
 def test_the_weight_of_a_wrong_prior_is_not_understated(photons):
     """The prior is 0.7 times the letter and 0.3 times its mirror image, which frames of the letter do not show."""
-    truth, wrong, numbers = letter(), letter()[:, ::-1].copy(), (0, 1)
-    capture = cg.Capture(capture_of(truth, photons, len(numbers), 3))
+    truth, wrong = letter(), letter()[:, ::-1].copy()
+    capture = cg.Capture(capture_of(truth, photons, 2, 3))
     estimate = estimate_from_frames(capture, Request(patch=PATCH))
     coarse = 0.7 * truth + 0.3 * wrong
-    grid = field_grid(SHAPE, estimate.record.grid.patch_shape, bounding_box(coarse))
-    model = ForwardModel(grid, grid.transfer(capture.camera, (0.0, 0.0)))
-    calibration = Calibration.of(capture.frames, read_measurement(estimate.values).noise.floor, None, None)
-    retrieval = FrameRetrieval(capture, numbers, model, calibration, prior_from_albedo(coarse, grid), None, 0).calibrate(1)
-    found = Pass.of([retrieval.retrieve((retrieval.coarse_prior, number, None)) for number in numbers])
+    retrieval = prepare(capture, estimate, read_measurement(estimate.values), coarse, 0).calibrate(1)
+    grid = retrieval.model.grid
+    found = Pass.of([retrieval.retrieve((retrieval.coarse_prior, number, None)) for number in retrieval.numbers])
     image = torch.stack([one.power for one in found.outcomes]).mean((0, 1)).numpy().ravel()
     parts = np.stack([prior_from_albedo(one, grid).numpy().ravel() for one in (truth, wrong)], 1)
     right, left = np.linalg.lstsq(parts, image, rcond=None)[0]
