@@ -15,7 +15,7 @@ from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.captured_frames import describe_files, stray_light_of
 from correlograph.files.corrections import Corrections
 from correlograph.workers import check_scheduler
-from invert.assess.reliability import assess_reliability, describe_limits, has_shifted, is_speckle
+from invert.assess.reliability import assess_reliability, describe_limits, is_speckle
 from invert.assess.speckle_test import speckle_test
 from invert.blur_fit import MAX_RECONSTRUCTIONS, estimate_blur, likelihood_before_division
 from invert.choices import FAST, UNET
@@ -30,7 +30,8 @@ from invert.output.outcome import MethodSettings
 from invert.output.result import Result
 from invert.request import Request
 from invert.sources import Source, read_source
-from invert.tracking.travel import find_travel
+from invert.tracking.stabilise import stabilise_travelling
+from invert.tracking.travel import find_travel, may_travel
 from radiometry.field_forecast import forecast_fields
 
 ONE_PATTERN = (
@@ -83,8 +84,7 @@ def fulfil(request: Request, source: Source) -> Result:
     if isinstance(shown, Estimate):
         capture, estimate = None, shown
     else:
-        capture = shown
-        estimate, more = _estimate(request, capture)
+        capture, estimate, more = _estimate(request, shown)
         notes += more
     seconds["autocorrelation"] = estimate.seconds
 
@@ -125,13 +125,16 @@ def _read(request: Request, source: Source) -> tuple[Capture | Estimate, list[st
     return shown, []
 
 
-def _estimate(request: Request, capture: Capture) -> tuple[Estimate, list[str]]:
-    """Estimate r*r from frames. Those of one speckle that travels are pooled, with a note."""
+def _estimate(request: Request, capture: Capture) -> tuple[Capture, Estimate, list[str]]:
+    """Estimate r*r from frames. Those of one speckle that travels are pooled, with a note, and follow it if it is that of one object."""
     estimate = estimate_from_frames(capture, request)
-    if request.mean_model == "auto" and has_shifted(estimate.record) and (travel := find_travel(capture)):
-        pooled = replace(request, mean_model="pooled", sums_file=None)
-        return estimate_from_frames(capture, pooled), [travel.describe()]
-    return estimate, []
+    shown = estimate.filtered_frames
+    if request.mean_model == "auto" and shown is not None and may_travel(shown) and (travel := find_travel(capture)):
+        pooled, notes = replace(request, mean_model="pooled", sums_file=None), []
+        if (stabilised := stabilise_travelling(capture)) is not None:
+            travel, capture, notes = stabilised.travel, stabilised.capture, stabilised.notes
+        return capture, estimate_from_frames(capture, pooled), [travel.describe(), *notes]
+    return capture, estimate, []
 
 
 def _retrieve(request: Request, estimate: Estimate) -> tuple[Estimate, Measurement, Reconstruction]:

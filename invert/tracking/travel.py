@@ -7,16 +7,23 @@ share the speckle itself, then most of its power appears in the cross-correlatio
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+import torch
 
 from correlograph.errors import InputError
 from correlograph.files.capture import Capture
 from invert.tracking.spectra import FRAMES_FOR_POWER, Reader
 from invert.tracking.start import find_objects, share_along
+from radiometry.estimation.third_moment import FilteredFrames
 
 MIN_SHARE = 0.6
 """Share of the speckle in common above which it counts as speckle that travels; the rest could be static light."""
+
+MIN_RATIO = 6.0
+"""Highest cross-correlation of consecutive frames over its rms from which travel is sought; the highest of 10^5 shifts of frames that
+share nothing lies below it with a probability of 0.9999."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +44,21 @@ class Travel:
         )
 
 
+def may_travel(frames: FilteredFrames) -> bool:
+    """Return whether the first frames have a pattern in common, at any shift; from spectra at hand, without a transform of each frame."""
+    spectra = frames.spectra
+    if len(spectra) < 2:
+        return False
+    cross = torch.stack([one.conj() * other for one, other in pairwise(spectra)]).sum(0)
+    cross[0, 0] = 0.0
+    rows, columns = cross.shape
+    found = torch.fft.irfft2(cross, s=(rows, 2 * columns - 1))
+    return float(found.max() / found.square().mean().sqrt().clamp_min(1e-30)) > MIN_RATIO
+
+
 def find_travel(capture: Capture) -> Travel | None:
-    """Return how the speckle of a capture travels; None if consecutive frames have less than `MIN_SHARE` of it in common."""
+    """Return how the speckle of a capture travels; None if consecutive frames have less than `MIN_SHARE` of it in common, or if it travels
+    by less than a grain in the first frames."""
     first = capture.frames[:FRAMES_FOR_POWER]
     reader = Reader(first[0].shape, 1)
     band = reader.band(first)
@@ -51,4 +71,5 @@ def find_travel(capture: Capture) -> Travel | None:
         return None
     share = sum(share_along(spectra, band, one.path, 1) for one in found)
     steps = np.array([one.path[-1] / (len(first) - 1) for one in found])
-    return Travel(steps, share) if share > MIN_SHARE else None
+    ways = np.linalg.norm([one.path - one.path[0] for one in found], axis=2)
+    return Travel(steps, share) if share > MIN_SHARE and ways.max() > band.grain_pixels else None

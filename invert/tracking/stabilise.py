@@ -1,0 +1,122 @@
+"""Frames that follow an object: consecutive ones, moved back along the path of its speckle, are added to one of a longer exposure.
+
+While an object moves by a fraction of a grain of its illumination, its speckle stays the same. The sum of g frames that follow it has g
+times the light of one, as if the shutter had been open g times as long and the object at rest. Faint light gains the root of g in r*r;
+bright light gains nothing, and too large a g adds patterns that no longer agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from correlograph.errors import InputError
+from correlograph.files.capture import Capture
+from invert.measure.estimate import estimate_from_frames
+from invert.measure.spectrum import read_measurement
+from invert.request import Request
+from invert.tracking.track import Track, track
+from invert.tracking.travel import Travel
+
+MIN_GROUPS = 2
+"""Minimum number of groups that are left."""
+
+FRAMES_FOR_SIZE = 64
+"""Number of frames, in the middle of the capture, by which the size of a group is chosen."""
+
+
+@dataclass(frozen=True)
+class Stabilised:
+    """Frames that follow an object.
+
+    Attributes:
+        capture: one frame for each group.
+        size: number of frames in a group.
+        middle_frame: number of the frame in the middle of each group, (groups,).
+        track: path of the object, and its standard errors.
+    """
+
+    capture: Capture
+    size: int
+    middle_frame: np.ndarray
+    track: Track
+
+    @property
+    def travel(self) -> Travel:
+        """The mean step along the path."""
+        return Travel(self.track.step_pixels[None], self.track.share)
+
+    @property
+    def notes(self) -> list[str]:
+        """Notes for a result."""
+        return [f"groups of {self.size} frames were added along the path of the speckle"] if self.size > 1 else []
+
+
+def stabilise(capture: Capture, path: Track) -> Stabilised:
+    """Return a capture whose frames follow a path. The size of a group is the power of two at which r*r is most significant."""
+    count, pixels = len(capture.frames), path.path_pixels
+    first = max(0, (count - FRAMES_FOR_SIZE) // 2)
+    some = range(first, min(count, first + FRAMES_FOR_SIZE))
+    best, clearest, size = 1, -np.inf, 1
+    while len(some) // size >= MIN_GROUPS:
+        found = _detection(_add(capture, pixels, _groups(some, size)))
+        if found <= clearest:
+            break
+        best, clearest, size = size, found, 2 * size
+    groups = _groups(range(count), best)
+    added = capture if best == 1 else _add(capture, pixels, groups)
+    return Stabilised(added, best, np.array([0.5 * (one[0] + one[-1]) for one in groups]), path)
+
+
+def stabilise_travelling(capture: Capture) -> Stabilised | None:
+    """Return a capture whose frames follow its only object; None if there are several, or if no path is found."""
+    try:
+        path = track(capture)
+        return None if path.others else stabilise(capture, path)
+    except InputError:
+        return None
+
+
+def _detection(capture: Capture) -> float:
+    """Return the significance of r*r in standard deviations."""
+    try:
+        estimate = estimate_from_frames(capture, Request(mean_model="pooled"))
+    except InputError:  # too small after the edges were cut off
+        return -np.inf
+    return read_measurement(estimate.values, estimate.quantisation, estimate.transfer).detection
+
+
+def _groups(numbers: Sequence[int], size: int) -> list[range]:
+    """Return consecutive groups of frames; those at the end that fill no group are left out."""
+    return [range(start, start + size) for start in range(numbers[0], numbers[-1] + 2 - size, size)]
+
+
+def _add(capture: Capture, path: np.ndarray, groups: Sequence[range]) -> Capture:
+    """Return a capture of the sums of groups of frames, each moved back to the middle frame by whole pixels.
+
+    Photoelectrons stay integers. Pixels that a frame of a group does not hold are cut off from all.
+    """
+    moves = [np.rint(path[group] - path[group[len(group) // 2]]).astype(int) for group in groups]
+    least, most = (np.array([function(one, 0) for one in moves]) for function in (np.min, np.max))
+    before, after = -least.min(0).clip(max=0), most.max(0).clip(min=0)
+    if any(side < start + end + 2 for side, start, end in zip(capture.frames[0].shape, before, after, strict=True)):
+        raise InputError("frames", "an object that stays in the frame", "a longer way", "take shorter groups")
+    rows, columns = (slice(start, side - end) for side, start, end in zip(capture.frames[0].shape, before, after, strict=True))
+    sums = [
+        sum(_part(capture.frames[number], rows, columns, move) for number, move in zip(group, ways, strict=True))
+        for group, ways in zip(groups, moves, strict=True)
+    ]
+    measured = capture.measured
+    if measured is not None:
+        alike = {tuple(move) for ways in moves for move in ways}
+        measured = np.logical_and.reduce([_part(measured, rows, columns, move) for move in alike])
+    written, size = capture.file_metadata, len(groups[0])
+    if written.exposure_s is not None:
+        written = replace(written, exposure_s=size * written.exposure_s)
+    return replace(capture, frames=sums, names=(), headers=(), measured=measured, file_metadata=written)
+
+
+def _part(frame: np.ndarray, rows: slice, columns: slice, move: np.ndarray) -> np.ndarray:
+    return frame[rows.start + move[0] : rows.stop + move[0], columns.start + move[1] : columns.stop + move[1]]

@@ -1,0 +1,80 @@
+"""Frames that follow a moving object: exact sums of rigid speckle, and the gain in faint light, by an independent generator."""
+
+import numpy as np
+import pytest
+
+import correlograph as cg
+from invert.measure.estimate import estimate_from_frames
+from invert.measure.spectrum import read_measurement
+from invert.pipeline import fulfil
+from invert.request import Request
+from invert.tracking.stabilise import stabilise, stabilise_travelling
+from invert.tracking.track import Track
+from invert.tracking.travel import find_travel, may_travel
+from tests.invert.field.speckle import expected_frame, letter, travelling_frames
+
+SHAPE, PATCH = (330, 410), 128
+
+
+def path_of(frames, step):
+    """Return a curved path (frames, 2) with a mean step in pixels."""
+    along = np.arange(frames)
+    return along[:, None] * np.array(step) + 6.0 * np.sin(along / 9.0)[:, None] * np.array([0.4, 1.0])
+
+
+def dim_frames(rng, light, frames=48, memory=5.0):
+    path = path_of(frames, (1.3, -2.1))
+    return [rng.poisson(light * one).astype(np.float32) for one in travelling_frames(letter(), SHAPE, PATCH, rng, path, memory)]
+
+
+def significance(capture):
+    return read_measurement(estimate_from_frames(capture, Request(mean_model="pooled")).values).detection
+
+
+def test_frames_of_rigid_speckle_add_up_to_the_middle_one(rng):
+    """Speckle that moves by whole pixels: groups of frames are exactly their middle frame, times their number."""
+    wall = expected_frame(letter(), (460, 520), PATCH, rng)
+    path = np.rint(path_of(16, (2.0, -3.0))).astype(int)
+    frames = [wall[60 - down : 360 - down, 80 - right : 400 - right].astype(np.float32) for down, right in path]
+    found = stabilise(cg.Capture(frames), Track(path.astype(float), np.ones(path.shape), 50.0, 1.0))
+    assert found.size > 1
+    for group, added in enumerate(found.capture.frames):
+        (rows, columns), middle = added.shape, frames[group * found.size + found.size // 2]
+        matches = [
+            np.array_equal(added, found.size * middle[top : top + rows, left : left + columns])
+            for top in range(301 - rows)
+            for left in range(321 - columns)
+        ]
+        assert sum(matches) == 1, group
+    np.testing.assert_array_equal(found.middle_frame, found.size * np.arange(16 // found.size) + 0.5 * (found.size - 1))
+
+
+@pytest.mark.slow
+def test_faint_frames_that_follow_the_object_show_it_more_clearly(rng):
+    """The gain in significance of groups of four is about the root of their number, less what the changing illumination takes."""
+    capture = cg.Capture(dim_frames(rng, 0.05))
+    found = stabilise_travelling(capture)
+    assert found.size in (2, 4, 8)
+    assert significance(found.capture) > 1.3 * significance(capture)
+    total = sum(float(frame.sum()) for frame in found.capture.frames)
+    assert total == round(total)  # photoelectrons stay whole
+
+
+@pytest.mark.slow
+def test_the_pipeline_follows_an_object_and_says_so(rng):
+    capture = cg.Capture(dim_frames(rng, 0.3, frames=16))
+    result = fulfil(Request(quality="fast", blur_pixels=0.0), capture)
+    assert any("groups of" in note for note in result.notes)
+    assert result.estimate.record.frames < 16
+
+
+def test_independent_frames_share_no_pattern(rng):
+    frames = [rng.poisson(0.5 * expected_frame(letter(), SHAPE, PATCH, rng)).astype(np.float32) for _ in range(6)]
+    assert not may_travel(estimate_from_frames(cg.Capture(frames)).filtered_frames)
+
+
+def test_speckle_at_rest_does_not_travel(rng):
+    wall = expected_frame(letter(), SHAPE, PATCH, rng)
+    capture = cg.Capture([rng.poisson(0.5 * wall).astype(np.float32) for _ in range(6)])
+    assert may_travel(estimate_from_frames(capture).filtered_frames)
+    assert find_travel(capture) is None
