@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from invert.pipeline import reconstruct
     from invert.tracking.rotation import Rotation, track_rotation
     from invert.tracking.track import Track, track
+    from invert.video.film import Film
+    from invert.video.video import film
     from sim.plan import Settings
     from sim.rendering import render
     from sim.scene import Scene, load
@@ -50,6 +52,7 @@ _MODULES = {
     "Capture": "correlograph.files.capture",
     "Corrections": "correlograph.files.corrections",
     "Field": "invert.field.field",
+    "Film": "invert.video.film",
     "Forecast": "sim.scene_forecast",
     "InputError": "correlograph.errors",
     "Result": "invert.output.result",
@@ -61,6 +64,7 @@ _MODULES = {
     "Track": "invert.tracking.track",
     "Truth": "invert.output.truth",
     "aligned_pearson": "invert.albedo.metrics",
+    "film": "invert.video.video",
     "light_budget": "sim.scene_forecast",
     "load": "sim.scene",
     "predict": "sim.scene_forecast",
@@ -76,6 +80,7 @@ __all__ = [
     "Capture",
     "Corrections",
     "Field",
+    "Film",
     "Forecast",
     "InputError",
     "Result",
@@ -87,6 +92,7 @@ __all__ = [
     "Track",
     "Truth",
     "aligned_pearson",
+    "film",
     "light_budget",
     "load",
     "predict",

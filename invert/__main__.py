@@ -66,6 +66,12 @@ def parser() -> ArgumentParser:
     p.add_argument(
         "--save-fields", action="store_true", help="also write the field of each frame (fields.npz), for --method field"
     )
+    p.add_argument(
+        "--video",
+        action="store_true",
+        help="reconstruct a film of a moving object from at least eight frames in order (film.gif, .png, .csv, .json, .npy)",
+    )
+    p.add_argument("--frames-per-s", type=SI, help="frames per second, for the times of --video")
     p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("--workers", type=WORKERS, help="processes for many captures; default: one per core")
     p.add_argument(
@@ -87,7 +93,9 @@ def main(argv: Sequence[str] | None = None) -> None:
 
     job = _job(options)
     captures = find_captures(options.inputs, options.autocorrelation)
-    if "" in captures:
+    if options.video:
+        _invert_video(job, captures, options)
+    elif "" in captures:
         _invert_one(job, captures[""], options)
     else:
         _invert_many(job, captures, options, workers)
@@ -112,6 +120,23 @@ def _invert_one(job: Job, files: Sequence[Path], options: Any) -> None:
     if "pearson" in summary:
         parts.append(f"correlation {summary['pearson']:.2f}")
     print(f"{', '.join(parts)}, {time.perf_counter() - begin:.1f} s: {output / 'report.png'}")
+
+
+def _invert_video(job: Job, captures: Captures, options: Any) -> None:
+    from correlograph.files.manifest import claim
+    from correlograph.files.output import output_folder
+    from invert.video.film import FILM_FILES
+    from invert.video.video import film_of
+
+    if "" not in captures:
+        raise InputError("inputs", "frames of one capture for --video", f"{len(captures)} captures", "give them one by one")
+    begin, folder = time.perf_counter(), output_folder(options.output)
+    claim(folder, FILM_FILES, overwrite=options.overwrite)
+    found = film_of(job.request, captures[""], None if options.frames_per_s is None else 1.0 / options.frames_per_s)
+    found.save(folder)
+    for note in found.notes:
+        print(f"note: {note}", file=sys.stderr)
+    print(f"{found!r}, {time.perf_counter() - begin:.1f} s: {folder / 'film.gif'}")
 
 
 def _invert_many(job: Job, captures: Captures, options: Any, workers: int) -> None:
@@ -172,12 +197,23 @@ def _check(options: Any) -> int:
     if options.save_fields and not retrieves_fields(method, QUALITIES[options.quality]):
         expected, found = f"--method {FIELD}, or --quality best", f"--method {method}, --quality {options.quality}"
         raise InputError("--save-fields", expected, found, f"select --method {FIELD}")
+    _check_video(options)
     given = [name for name in ("dark", "flat", "mask", "blur_pixels") if getattr(options, name) is not None]
     given += [name for name in ("patch", "lags", "pitch_m", "mean_model") if getattr(options, name) != "auto"]
     if options.autocorrelation and given:
         found = ", ".join("--" + name.replace("_", "-") for name in given)
         raise InputError("--autocorrelation", "no option that applies to frames", found, "remove these options")
     return workers
+
+
+def _check_video(options: Any) -> None:
+    """Refuse options that a film does not have, and times without one."""
+    if not options.video and options.frames_per_s is not None:
+        raise InputError("--frames-per-s", "--video, whose times it sets", "no --video", "remove --frames-per-s")
+    given = [name for name in ("autocorrelation", "truth", "save_fields", "scheduler") if getattr(options, name)]
+    if options.video and given:
+        found = ", ".join("--" + name.replace("_", "-") for name in given)
+        raise InputError("--video", "no option of single images", found, "remove it")
 
 
 def _patch(text: str) -> Any:

@@ -30,8 +30,7 @@ from invert.output.outcome import MethodSettings
 from invert.output.result import Result
 from invert.request import Request
 from invert.sources import Source, read_source
-from invert.tracking.stabilise import stabilise_travelling
-from invert.tracking.travel import find_travel, may_travel
+from invert.tracking.stabilise import follow_travel
 from radiometry.field_forecast import forecast_fields
 
 ONE_PATTERN = (
@@ -79,7 +78,7 @@ reconstruct.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
 def fulfil(request: Request, source: Source) -> Result:
     """Reconstruct a source with the options of a request; see `reconstruct`."""
     begin = time.perf_counter()
-    shown, notes = _read(request, source)
+    shown, notes = read_prepared(request, source)
     seconds = {"read": time.perf_counter() - begin}
     if isinstance(shown, Estimate):
         capture, estimate = None, shown
@@ -113,7 +112,7 @@ def fulfil(request: Request, source: Source) -> Result:
     return replace(result, warnings=tuple(warnings), notes=tuple(notes))
 
 
-def _read(request: Request, source: Source) -> tuple[Capture | Estimate, list[str]]:
+def read_prepared(request: Request, source: Source) -> tuple[Capture | Estimate, list[str]]:
     """Return a source as an estimate, or as a capture of prepared frames with notes on what was done to them."""
     request.check_source(source)
     if request.scheduler is not None:
@@ -128,12 +127,9 @@ def _read(request: Request, source: Source) -> tuple[Capture | Estimate, list[st
 def _estimate(request: Request, capture: Capture) -> tuple[Capture, Estimate, list[str]]:
     """Estimate r*r from frames. Those of one speckle that travels are pooled, with a note, and follow it if it is that of one object."""
     estimate = estimate_from_frames(capture, request)
-    shown = estimate.filtered_frames
-    if request.mean_model == "auto" and shown is not None and may_travel(shown) and (travel := find_travel(capture)):
-        pooled, notes = replace(request, mean_model="pooled", sums_file=None), []
-        if (stabilised := stabilise_travelling(capture)) is not None:
-            travel, capture, notes = stabilised.travel, stabilised.capture, stabilised.notes
-        return capture, estimate_from_frames(capture, pooled), [travel.describe(), *notes]
+    if request.mean_model == "auto" and (followed := follow_travel(capture, estimate.filtered_frames)):
+        pooled = replace(request, mean_model="pooled", sums_file=None)
+        return followed.capture, estimate_from_frames(followed.capture, pooled), followed.notes
     return capture, estimate, []
 
 

@@ -136,6 +136,11 @@ class Request:
         of_frames = {"camera": None, "corrections": None, "mean_model": "auto", "autocorrelation": None}
         return replace(self, **of_frames, sums_file=None, scheduler=None)
 
+    def for_estimate(self) -> Request:
+        """Return the options for an estimate, without those of frames; fields need frames, so that their coarse albedo remains."""
+        method = UNET if self.method == FIELD else self.method
+        return replace(self.for_capture(), method=method, patch=None, lags=None, pitch_m=None, blur_pixels=None)
+
     def check_source(self, source: object) -> None:
         """Raise InputError for metadata given twice."""
         if isinstance(source, Capture) and self.camera is not None:

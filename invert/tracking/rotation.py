@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.interpolate import interp1d
 from tqdm import tqdm
 
 from correlograph.errors import InputError
@@ -78,6 +80,10 @@ class Rotation:
         """Number of the frame in the middle of each group, (groups,)."""
         return self.frames_per_angle * (np.arange(len(self.angle_deg)) + 0.5) - 0.5
 
+    def angle_at(self, frames: np.ndarray) -> np.ndarray:
+        """Return the angle in degrees at frame numbers; straight lines connect the groups and continue beyond them."""
+        return np.asarray(interp1d(self.middle_frame, self.angle_deg, fill_value="extrapolate")(frames))
+
     def __repr__(self) -> str:
         return (
             f"Rotation({len(self.angle_deg)} groups of {self.frames_per_angle} frames, {self.angle_deg[-1]:.1f} +- "
@@ -137,7 +143,17 @@ def track_rotation(capture: Capture, *, interval_s: float | None = None) -> Rota
     Raises InputError for too few frames, frames that are too small or equal, too little light, and objects that look alike at every angle.
     """
     check_frames(capture, interval_s, 2 * MIN_ANGLES, "rotation")
-    signals, aspect = _signals(capture)
+    return rotation_of(*_signals(capture), interval_s)
+
+
+def rotation_of(signals: Sequence[np.ndarray], aspect: float, interval_s: float | None = None) -> Rotation:
+    """Return the rotation from r*r of each frame without floor (n, n); see `track_rotation`.
+
+    Args:
+        aspect: pitch of the lags along rows over that along columns.
+
+    Raises InputError for too little light, and objects that look alike at every angle.
+    """
     size = -(-len(signals) // MAX_HALVES)
     while len(signals) // (2 * size) >= MIN_ANGLES:
         turns = find_turns(group_means(signals, size), aspect)
@@ -147,6 +163,12 @@ def track_rotation(capture: Capture, *, interval_s: float | None = None) -> Rota
         size *= 2
     expected = f"autocorrelations whose angle is known to {MAX_ERROR_DEG:g} degrees"
     raise InputError("frames", expected, "none", "add light or frames; a round object shows no angle")
+
+
+def signal_of(values: np.ndarray, transfer: np.ndarray | None) -> np.ndarray:
+    """Return an estimate (n, n) without its floor, divided by the transfer of the camera where it shows a signal."""
+    measurement = read_measurement(values, transfer=transfer)
+    return measurement.values - measurement.noise.floor
 
 
 def _signals(capture: Capture) -> tuple[list[np.ndarray], float]:
@@ -159,7 +181,6 @@ def _signals(capture: Capture) -> tuple[list[np.ndarray], float]:
     estimate_from_frames(capture, request)  # refuses copies of one frame
     for frame in tqdm(capture.frames, desc="autocorrelations", unit="frame", disable=None, leave=False):
         estimate = estimate_from_frames(replace(capture, frames=[frame], names=()), request)
-        measurement = read_measurement(estimate.values, estimate.quantisation, estimate.transfer)
-        signals.append(measurement.values - measurement.noise.floor)
+        signals.append(signal_of(estimate.values, estimate.transfer))
     pitches = estimate.pitches_m
     return signals, 1.0 if pitches is None else pitches[0] / pitches[1]

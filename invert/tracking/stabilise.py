@@ -18,7 +18,8 @@ from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import read_measurement
 from invert.request import Request
 from invert.tracking.track import Track, track
-from invert.tracking.travel import Travel
+from invert.tracking.travel import Travel, find_travel, may_travel
+from radiometry.estimation.third_moment import FilteredFrames
 
 MIN_GROUPS = 2
 """Minimum number of groups that are left."""
@@ -35,23 +36,38 @@ class Stabilised:
         capture: one frame for each group.
         size: number of frames in a group.
         middle_frame: number of the frame in the middle of each group, (groups,).
-        track: path of the object, and its standard errors.
+        travel: mean displacement from frame to frame, of each object.
+        track: path of the only object; None if there are several, which no frame can follow.
     """
 
     capture: Capture
     size: int
     middle_frame: np.ndarray
-    track: Track
-
-    @property
-    def travel(self) -> Travel:
-        """The mean step along the path."""
-        return Travel(self.track.step_pixels[None], self.track.share)
+    travel: Travel
+    track: Track | None = None
 
     @property
     def notes(self) -> list[str]:
         """Notes for a result."""
-        return [f"groups of {self.size} frames were added along the path of the speckle"] if self.size > 1 else []
+        added = f"groups of {self.size} frames were added along the path of the speckle"
+        return [self.travel.describe()] + ([added] if self.size > 1 else [])
+
+
+def follow_travel(capture: Capture, filtered: FilteredFrames | None) -> Stabilised | None:
+    """Return frames that follow a speckle that travels; None if it does not.
+
+    Args:
+        filtered: band-limited frames of an estimate from the capture.
+    """
+    if filtered is None or not may_travel(filtered) or (travel := find_travel(capture)) is None:
+        return None
+    try:
+        path = track(capture)
+        if not path.others:
+            return stabilise(capture, path)
+    except InputError:
+        pass  # too dim, or too long a way: the frames are pooled as they are
+    return Stabilised(capture, 1, np.arange(float(len(capture.frames))), travel)
 
 
 def stabilise(capture: Capture, path: Track) -> Stabilised:
@@ -67,16 +83,8 @@ def stabilise(capture: Capture, path: Track) -> Stabilised:
         best, clearest, size = size, found, 2 * size
     groups = _groups(range(count), best)
     added = capture if best == 1 else _add(capture, pixels, groups)
-    return Stabilised(added, best, np.array([0.5 * (one[0] + one[-1]) for one in groups]), path)
-
-
-def stabilise_travelling(capture: Capture) -> Stabilised | None:
-    """Return a capture whose frames follow its only object; None if there are several, or if no path is found."""
-    try:
-        path = track(capture)
-        return None if path.others else stabilise(capture, path)
-    except InputError:
-        return None
+    middles = np.array([0.5 * (one[0] + one[-1]) for one in groups])
+    return Stabilised(added, best, middles, Travel(path.step_pixels[None], path.share), path)
 
 
 def _detection(capture: Capture) -> float:

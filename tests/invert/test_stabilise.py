@@ -8,7 +8,7 @@ from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import read_measurement
 from invert.pipeline import fulfil
 from invert.request import Request
-from invert.tracking.stabilise import stabilise, stabilise_travelling
+from invert.tracking.stabilise import follow_travel, stabilise
 from invert.tracking.track import Track
 from invert.tracking.travel import find_travel, may_travel
 from tests.invert.field.speckle import expected_frame, letter, travelling_frames
@@ -53,7 +53,7 @@ def test_frames_of_rigid_speckle_add_up_to_the_middle_one(rng):
 def test_faint_frames_that_follow_the_object_show_it_more_clearly(rng):
     """The gain in significance of groups of four is about the root of their number, less what the changing illumination takes."""
     capture = cg.Capture(dim_frames(rng, 0.05))
-    found = stabilise_travelling(capture)
+    found = follow_travel(capture, estimate_from_frames(capture).filtered_frames)
     assert found.size in (2, 4, 8)
     assert significance(found.capture) > 1.3 * significance(capture)
     total = sum(float(frame.sum()) for frame in found.capture.frames)

@@ -1,0 +1,86 @@
+"""r*r of each frame on common lags, and means over windows of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from tqdm import tqdm
+
+from correlograph.files.capture import Capture
+from invert.measure.estimate import Estimate, estimate_from_frames
+from invert.request import Request
+from invert.video.turning import turn
+from radiometry.estimation.autocorrelation_estimator import estimator_of
+from radiometry.noise.measured_noise import fill_zero_lag, read_noise_level
+
+
+@dataclass(frozen=True)
+class Looks:
+    """r*r of each frame.
+
+    Attributes:
+        values: (frames, n, n), with noise floor; static patterns are subtracted, zero lag holds a mean of the lags around it.
+        whole: estimate from all frames, whose lags and metadata these share.
+        angle_deg: angle of the object in each frame, (frames,); zero where it is not followed.
+    """
+
+    values: np.ndarray
+    whole: Estimate
+    angle_deg: np.ndarray
+
+    @classmethod
+    def of(cls, capture: Capture, request: Request) -> Looks:
+        """Estimate r*r of each frame on lags that suit all of them."""
+        whole = estimate_from_frames(capture, request)
+        assert whole.record is not None
+        values = []
+        for frame in tqdm(capture.frames, desc="autocorrelations", unit="frame", disable=None, leave=False):
+            estimator = estimator_of(whole.record.grid, request.mean_model, request.device)
+            estimator.add(frame)
+            values.append(_without_zero_lag(estimator.estimate()))
+        every = np.stack(values)
+        if whole.record.background.fixed_pattern_lags:
+            every -= every.mean(0) - _without_zero_lag(whole.values)
+        return cls(every, whole, np.zeros(len(every)))
+
+    @property
+    def turns(self) -> np.ndarray:
+        """Angle of the object in each frame relative to the first, (frames,)."""
+        return self.angle_deg - self.angle_deg[0]
+
+    @property
+    def aspect(self) -> float:
+        """Pitch of the lags along rows over that along columns."""
+        pitches = self.whole.pitches_m
+        return 1.0 if pitches is None else pitches[0] / pitches[1]
+
+    @cached_property
+    def floor(self) -> float:
+        """Noise floor of the mean over all frames."""
+        return read_noise_level(self.values.mean(0)).floor
+
+    def with_angles(self, angle_deg: np.ndarray) -> Looks:
+        """Return the same with the angle of the object in each frame, (frames,)."""
+        return replace(self, angle_deg=angle_deg)
+
+    def turned_back(self) -> np.ndarray:
+        """Return the values (frames, n, n) as if the object had the angle of the first frame."""
+        return np.stack(
+            [turn(one, -angle, self.aspect, self.floor) for one, angle in zip(self.values, self.turns, strict=True)]
+        )
+
+    def mean(self, upright: np.ndarray, chosen: slice) -> Estimate:
+        """Return the estimate from a window of frames, of values that were turned back."""
+        assert self.whole.record is not None
+        count = len(range(*chosen.indices(len(upright))))
+        record = replace(self.whole.record, frames=count, dof_expected=self.whole.record.dof_expected * count / len(upright))
+        values = upright[chosen].mean(0).astype(np.float32)
+        return replace(self.whole, values=values, record=record, filtered_frames=None)
+
+
+def _without_zero_lag(values: np.ndarray) -> np.ndarray:
+    middle = len(values) // 2
+    beside = [values[middle + row, middle + column] for row, column in ((0, 1), (1, 0), (1, 1), (1, -1))]
+    return fill_zero_lag(values, float(np.mean(beside)))
