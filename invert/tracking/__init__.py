@@ -11,4 +11,5 @@ rings.py     turn and scale of autocorrelations
 rotation.py  rotation and distance: frames -> Rotation
 tables.py    checks and files that both share
 travel.py    whether frames show speckle that travels
+stabilise.py frames that follow an object
 """

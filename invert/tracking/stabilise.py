@@ -53,30 +53,31 @@ class Stabilised:
         return [self.travel.describe()] + ([added] if self.size > 1 else [])
 
 
-def follow_travel(capture: Capture, filtered: FilteredFrames | None) -> Stabilised | None:
+def follow_travel(capture: Capture, filtered: FilteredFrames | None, groups: int = MIN_GROUPS) -> Stabilised | None:
     """Return frames that follow a speckle that travels; None if it does not.
 
     Args:
         filtered: band-limited frames of an estimate from the capture.
+        groups: minimum number of groups that are left.
     """
     if filtered is None or not may_travel(filtered) or (travel := find_travel(capture)) is None:
         return None
     try:
         path = track(capture)
         if not path.others:
-            return stabilise(capture, path)
+            return stabilise(capture, path, groups)
     except InputError:
         pass  # too dim, or too long a way: the frames are pooled as they are
     return Stabilised(capture, 1, np.arange(float(len(capture.frames))), travel)
 
 
-def stabilise(capture: Capture, path: Track) -> Stabilised:
+def stabilise(capture: Capture, path: Track, least: int = MIN_GROUPS) -> Stabilised:
     """Return a capture whose frames follow a path. The size of a group is the power of two at which r*r is most significant."""
     count, pixels = len(capture.frames), path.path_pixels
     first = max(0, (count - FRAMES_FOR_SIZE) // 2)
     some = range(first, min(count, first + FRAMES_FOR_SIZE))
     best, clearest, size = 1, -np.inf, 1
-    while len(some) // size >= MIN_GROUPS:
+    while len(some) // size >= MIN_GROUPS and count // size >= least:
         found = _detection(_add(capture, pixels, _groups(some, size)))
         if found <= clearest:
             break

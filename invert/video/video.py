@@ -74,8 +74,8 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
 def _follow(request: Request, capture: Capture) -> tuple[Looks, np.ndarray, Track | None, list[str]]:
     """Return r*r of each frame that follows the object, the number of the frame in its middle, the path of the object, and notes."""
     filtered = estimate_from_frames(capture, request).filtered_frames
-    followed = follow_travel(capture, filtered) if request.mean_model == "auto" else None
-    if followed is None or len(followed.capture.frames) < MIN_FRAMES:
+    followed = follow_travel(capture, filtered, MIN_FRAMES) if request.mean_model == "auto" else None
+    if followed is None:
         return Looks.of(capture, request), np.arange(float(len(capture.frames))), None, []
     looks = Looks.of(followed.capture, replace(request, mean_model="pooled"))
     return looks, followed.middle_frame, followed.track, followed.notes

@@ -1,0 +1,149 @@
+"""Films: turning, windows of time, whole films from frames of an independent generator, files and refusals."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import correlograph as cg
+from correlograph.errors import InputError
+from invert.__main__ import main as invert_command
+from invert.request import Request
+from invert.video.looks import Looks
+from invert.video.turning import turn
+from invert.video.windows import Window, change, choose_window
+from tests.invert.field.speckle import letter, travelling_frames
+from tests.invert.test_rotation import frames_of, turned
+
+
+@pytest.mark.parametrize("aspect", [1.0, 1.2])
+def test_a_turned_albedo_is_that_of_the_turned_object(aspect):
+    """Anticlockwise on the screen, with rows `aspect` times as far apart as columns."""
+    for angle in (25.0, -70.0):
+        shown = turn(turned(0.0, aspect=aspect), angle, aspect)
+        expected = turned(angle, aspect=aspect)
+        assert np.corrcoef(shown.ravel(), expected.ravel())[0, 1] > 0.97
+        assert np.corrcoef(shown.ravel(), turned(-angle, aspect=aspect).ravel())[0, 1] < 0.6
+
+
+def test_middles_cover_the_capture_without_gaps():
+    window = Window(4, 40)
+    middles = window.middles()
+    assert (middles[0], middles[-1]) == (4, 35)
+    assert max(np.diff(middles)) <= 4
+    assert all(len(range(40)[window.around(one)]) == 9 for one in middles)
+    assert Window(40, 40).middles() == [20]
+    assert Window(40, 40).around(20) == slice(0, 61)
+
+
+def looks_of(values):
+    """Return looks on 63 x 63 lags without metadata but for their number."""
+    from dataclasses import replace
+
+    capture = cg.Capture([np.random.default_rng(number).poisson(2.0, (300, 300)).astype(np.float32) for number in range(2)])
+    whole = Looks.of(capture, Request(lags=32)).whole
+    record = replace(whole.record, frames=len(values), dof_expected=20.0 * len(values))
+    return Looks(values, replace(whole, record=record), np.zeros(len(values)))
+
+
+def gamma_noise(rng, mean, dof=20.0):
+    """Return symmetric lags of Gamma noise around a mean (frames, n, n); each lag is independent, as if the inflation were 1."""
+    noisy = rng.gamma(dof, mean / dof)
+    half = noisy.shape[-1] // 2
+    noisy[:, half + 1 :] = noisy[:, :half][:, ::-1, ::-1]
+    noisy[:, half, half + 1 :] = noisy[:, half, :half][:, ::-1]
+    return noisy
+
+
+def test_the_change_is_that_of_the_closed_form(rng):
+    """A quadratic change c t^2 of every lag: the mean over a window of h is off by c h^2 / 3, which costs K / 2 (c h^2 / 3)^2 nats per lag
+    and frame of the window, K the effective degrees of freedom."""
+    time, half, slope = np.arange(-30, 31), 12, 4e-4
+    mean = 1.0 + slope * time[:, None, None] ** 2 * np.ones((1, 65, 65))
+    mean /= mean[30]
+    near = looks_of(gamma_noise(rng, mean))
+    found, error = change(near, near.values, half)
+    lags = near.whole.lag_grid.off_axis.sum()
+    # relative to the level at each time, which the frames outside the middle have already reached
+    level = (slope * half**2 / 3.0) / mean[half:-half, 0, 0]
+    expected = 0.5 * 20.0 / 2.25 * (2 * half + 1) * lags * np.mean(level**2)
+    assert found == pytest.approx(expected, abs=4.0 * error, rel=0.15)
+    assert error < 0.5 * expected
+
+
+def test_lags_that_stay_the_same_share_one_window(rng):
+    """The limit is exceeded falsely by two standard errors, at most in one of forty tries of a half-width."""
+    every = [choose_window(looks_of(gamma_noise(rng, np.ones((32, 65, 65))))).holds_all for _ in range(4)]
+    assert sum(every) >= 3
+
+
+@pytest.mark.slow
+def test_the_window_of_a_fast_object_is_shorter(rng):
+    widths = []
+    for turn_deg in (20.0, 90.0):
+        capture = cg.Capture(frames_of(np.linspace(0.0, turn_deg, 40), 0.1, rng))
+        widths.append(choose_window(Looks.of(capture, Request())).half_width)
+    assert 2 <= widths[1] < widths[0]
+    assert widths[1] <= 8  # 18 degrees on either side
+
+
+@pytest.mark.slow
+def test_a_turning_letter_is_pooled_over_all_frames(rng, tmp_path):
+    angles = np.linspace(0.0, 90.0, 40)
+    found = cg.film(cg.Capture(frames_of(angles, 0.1, rng)), interval_s=0.1, quality="fast", blur_pixels=0.0)
+    assert found.frames_per_image == 40
+    for number in (0, 20, 39):
+        truth = turned(angles[number]).astype(np.float32)
+        assert cg.aligned_pearson(found.albedos[number], truth)[0] > 0.9
+    assert found.angle_deg[-1] == pytest.approx(90.0, abs=3.0)
+    found.save(tmp_path)
+    table = np.genfromtxt(tmp_path / "film.csv", delimiter=",", names=True)
+    assert table.dtype.names == ("frame", "time_s", "confidence", "angle_deg")
+    np.testing.assert_allclose(table["angle_deg"], found.angle_deg, rtol=1e-6)
+    assert np.load(tmp_path / "film.npy").shape == (40, 64, 64)
+    with Image.open(tmp_path / "film.gif") as film:
+        assert film.n_frames >= 30
+        assert film.info["duration"] == pytest.approx(1000 * 3.9 / 40, abs=10)
+    assert json.loads((tmp_path / "film.json").read_text())["turn_deg"] == pytest.approx(90.0, abs=3.0)
+
+
+@pytest.mark.slow
+def test_a_moving_object_has_path_and_image(rng):
+    path = np.arange(48)[:, None] * np.array([1.3, -2.1])
+    frames = [rng.poisson(0.2 * one).astype(np.float32) for one in travelling_frames(letter(), (330, 410), 128, rng, path, 6.0)]
+    found = cg.film(cg.Capture(frames), quality="fast", blur_pixels=0.0)
+    assert {"row_pixels", "column_pixels"} <= found.columns().keys()
+    moved = np.polyfit(found.middle_frame, found.columns()["column_pixels"], 1)[0] if len(found.middle_frame) > 1 else -2.1
+    assert moved == pytest.approx(-2.1, rel=0.1)
+    assert found.path.step_pixels == pytest.approx([1.3, -2.1], rel=0.1)
+    assert any("groups of" in note for note in found.notes)
+    assert cg.aligned_pearson(found.albedos[0], letter().astype(np.float32))[0] > 0.75
+
+
+@pytest.mark.slow
+def test_the_command_writes_a_film(command, tmp_path, rng):
+    np.save(tmp_path / "frames.npy", np.stack(frames_of(np.linspace(0.0, 40.0, 12), 1.0, rng)))
+    options = ("--video", "--frames-per-s", "8", "--quality", "fast", "--blur-pixels", "0")
+    code, out, _ = command(invert_command, tmp_path / "frames.npy", "-o", tmp_path / "out", *options)
+    assert code == 0
+    assert "film.gif" in out
+    names = {"film.gif", "film.png", "film.csv", "film.json", "film.npy"}
+    assert names <= {path.name for path in (tmp_path / "out").iterdir()}
+
+
+def test_what_makes_no_film_is_refused(command, tmp_path, rng):
+    frames = rng.poisson(2.0, (7, 300, 300)).astype(np.float32)
+    with pytest.raises(InputError, match="8 or more for a film"):
+        cg.film(cg.Capture(list(frames)))
+    with pytest.raises(InputError, match="an autocorrelation"):
+        cg.film(np.ones((127, 127), np.float32))
+    np.save(tmp_path / "frames.npy", frames)
+    for options in (
+        ["--video", "--autocorrelation"],
+        ["--video", "--save-fields", "--method", "field"],
+        ["--frames-per-s", "3"],
+    ):
+        code, _, error = command(invert_command, tmp_path / "frames.npy", "-o", tmp_path / "out", *options)
+        assert code == 2
+        assert "remove" in error
