@@ -102,7 +102,7 @@ def fulfil(request: Request, source: Source) -> Result:
     settings = MethodSettings(request.method.name, request.quality.name, request.seed)
     result = Result(estimate, measurement, found, settings, seconds, test)
     if capture is not None:
-        result, more = _add_fields(request, capture, result)
+        result, more = add_fields(request, capture, result)
         notes += more + describe_files(capture)
         warnings += stray_light_of(capture)
     if request.weights is not None and (missing := untrained_parts(load_network(request.weights, request.device)[1])):
@@ -166,7 +166,7 @@ def _may_be_one_pattern(capture: Capture, estimate: Estimate, found: Reconstruct
     return not found.object_found and len(capture.frames) > 1 and shared > MIN_PATTERN_LAGS
 
 
-def _add_fields(request: Request, capture: Capture, result: Result) -> tuple[Result, list[str]]:
+def add_fields(request: Request, capture: Capture, result: Result) -> tuple[Result, list[str]]:
     """Return the result with the field of each frame, or, if they were not asked for, a note where the light suffices for them."""
     if not request.retrieves_fields:
         return result, _suggest_fields(result)

@@ -12,7 +12,7 @@ intensity after a fraction t of the exposure, at the position to which the speck
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import j1
@@ -47,6 +47,11 @@ class Motion:
     @property
     def moves(self) -> bool:
         return bool(self.spot_way or any(self.object_way_m))
+
+    def lasting(self, exposures: float) -> Motion:
+        """Return the motion in an exposure of another duration, in units of this one."""
+        rows, columns = self.object_way_m
+        return replace(self, spot_way=exposures * self.spot_way, object_way_m=(exposures * rows, exposures * columns))
 
     def correlation(self, share: float | np.ndarray) -> np.ndarray:
         """Return the correlation c of the speckle intensity with that after a fraction of the exposure, the shift of the

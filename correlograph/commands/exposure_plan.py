@@ -33,6 +33,11 @@ def parser() -> ArgumentParser:
         type=SI,
         help="half-period in metres that the fields of --method field must resolve: fewest frames and shortest exposure",
     )
+    p.add_argument(
+        "--moving",
+        action="store_true",
+        help="the object moves and the laser is at rest: exposure, frames and groups that follow it, within --budget-s",
+    )
     p.add_argument("--resolution-m", type=SI, default=300e-6, help="required lag pitch on the object in metres (300e-6)")
     p.add_argument(
         "--check",
@@ -49,7 +54,7 @@ def parser() -> ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    """Load the scene and divide an exposure, plan one for fields, or compare cameras."""
+    """Load the scene and divide an exposure, plan one for fields or for a moving object, or compare cameras."""
     options = parser().parse_args(argv)
     aims = {"--budget-s": options.budget_s, "--fields-m": options.fields_m, "--cameras": options.cameras}
     given = [name for name, value in aims.items() if value is not None]
@@ -57,6 +62,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         raise InputError(
             "arguments", "--budget-s SECONDS, --fields-m METRES or --cameras", " and ".join(given) or "none", "choose one"
         )
+    if options.moving and (options.budget_s is None or options.check):
+        raise InputError("--moving", "--budget-s SECONDS, without --check", "another aim", "give --budget-s alone")
     from correlograph.files.manifest import claim
     from correlograph.files.output import output_folder
 
@@ -70,13 +77,15 @@ def main(argv: Sequence[str] | None = None) -> None:
     folder = None if options.output is None else output_folder(options.output)
     if folder is not None:
         name = "plan" if options.cameras is None else "cameras"
-        claim(folder, [f"{name}.json", f"{name}.png"], overwrite=options.overwrite)
+        claim(folder, [f"{name}.json"] + ([] if options.moving else [f"{name}.png"]), overwrite=options.overwrite)
     log_to_standard_error()
     scene, _ = load_scene(options.scene, parse_definitions(options.definitions))
     geometry = read_geometry(scene)
     check(geometry)
     if options.cameras is not None:
         compare(options, geometry, folder)
+    elif options.moving:
+        follow_object(options, geometry, folder)
     else:
         divide_exposure(options, geometry, folder)
 
@@ -117,6 +126,18 @@ def divide_exposure(options: Any, geometry: Any, folder: Path | None) -> None:
     save_json(folder / "plan.json", content)
     draw(folder / "plan.png", divisions, chosen, checked)
     print(folder / "plan.png")
+
+
+def follow_object(options: Any, geometry: Any, folder: Path | None) -> None:
+    """Plan the frames of a moving object, and write the plan."""
+    from correlograph.files.output import save_json
+    from radiometry.motion_plan import plan_motion
+
+    plan = plan_motion(geometry, options.budget_s)
+    print(plan.describe())
+    if folder is not None:
+        save_json(folder / "plan.json", asdict(plan))
+        print(folder / "plan.json")
 
 
 def render_errors(geometry: Any, divisions: list[Any], seed: int) -> dict[int, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from invert.tracking.stabilise import follow_travel
 from invert.tracking.tables import check_frames
 from invert.tracking.track import Track
 from invert.video.film import Film
+from invert.video.fine import of_one_size, with_fields
 from invert.video.looks import Looks
 from invert.video.turning import turn
 from invert.video.windows import Window, choose_window
@@ -54,73 +55,96 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
     if not isinstance(capture, Capture):
         raise InputError("source", "frames", "an autocorrelation", "provide frames in order")
     check_frames(capture, interval_s, MIN_FRAMES, "film")
-    looks, times, path, of_path = _follow(request, capture)
-    looks, window, of_window = _choose(looks)
+    shown = _follow(request, capture)
+    still = choose_window(shown.looks)
+    looks, window, of_turn = _turn_back(shown.looks, still)
     found = _reconstruct(request, looks, window)
-    images, numbers = _images(found, looks, window)
+    if request.retrieves_fields:
+        found, of_fields = with_fields(request, shown.capture, looks, still, found, window)
+        images, numbers, used = of_one_size([one.albedo for one in found]), np.array(still.middles()), still
+    else:
+        (images, numbers), used, of_fields = _at_their_angles(found, looks, window), window, []
+    pooled = min(2 * used.half_width + 1, used.frames) * len(capture.frames) / used.frames
+    warnings = [warning for one in found for warning in one.warnings]
     return Film(
-        albedos=images,
-        middle_frame=times[numbers],
-        confidence=np.resize([one.confidence for one in found], len(images)),
-        frames_per_image=round(len(capture.frames) / window.frames * min(2 * window.half_width + 1, window.frames)),
+        albedos=np.stack(images),
+        middle_frame=shown.middle_frame[numbers],
+        confidence=np.resize([_confidence(one) for one in found], len(images)),
+        frames_per_image=round(pooled),
         angle_deg=looks.turns[numbers] if looks.turns.any() else None,
-        path=path,
+        path=shown.path,
         pitches_m=found[0].pitches_m,
         interval_s=interval_s,
-        notes=tuple(dict.fromkeys([*notes, *of_path, *of_window, *(warning for one in found for warning in one.warnings)])),
+        notes=tuple(dict.fromkeys([*notes, *shown.notes, *of_turn, *of_fields, *warnings])),
     )
 
 
-def _follow(request: Request, capture: Capture) -> tuple[Looks, np.ndarray, Track | None, list[str]]:
-    """Return r*r of each frame that follows the object, the number of the frame in its middle, the path of the object, and notes."""
+def _confidence(result: Result) -> float:
+    """Return the confidence of the image that is shown."""
+    of_fields = None if result.fields is None else result.fields.confidence
+    return result.confidence if of_fields is None else of_fields
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """Frames that follow the object: r*r of each, the number of the frame in its middle, the path, and notes."""
+
+    capture: Capture
+    looks: Looks
+    middle_frame: np.ndarray
+    path: Track | None
+    notes: list[str]
+
+
+def _follow(request: Request, capture: Capture) -> _Shown:
+    """Return frames that follow the object, if its speckle travels."""
     filtered = estimate_from_frames(capture, request).filtered_frames
     followed = follow_travel(capture, filtered, MIN_FRAMES) if request.mean_model == "auto" else None
     if followed is None:
-        return Looks.of(capture, request), np.arange(float(len(capture.frames))), None, []
+        return _Shown(capture, Looks.of(capture, request), np.arange(float(len(capture.frames))), None, [])
     looks = Looks.of(followed.capture, replace(request, mean_model="pooled"))
-    return looks, followed.middle_frame, followed.track, followed.notes
+    return _Shown(followed.capture, looks, followed.middle_frame, followed.track, followed.notes)
 
 
-def _choose(looks: Looks) -> tuple[Looks, Window, list[str]]:
-    """Return the looks, with angles if the object then stays the same for longer; the window; and notes."""
-    still = choose_window(looks)
+def _turn_back(looks: Looks, still: Window) -> tuple[Looks, Window, list[str]]:
+    """Return the looks with angles, the window, and a note, if the object then stays the same for longer; otherwise what was given."""
     try:
         rotation = rotation_of([signal_of(one, looks.whole.transfer) for one in looks.values], looks.aspect)
     except InputError:
         return looks, still, []
     turned = looks.with_angles(rotation.angle_at(np.arange(len(looks.values))))
-    turning = choose_window(turned)
-    if turning.half_width <= still.half_width:
+    window = choose_window(turned)
+    if window.half_width <= still.half_width:
         return looks, still, []
-    return turned, turning, [f"the object turns by {rotation.angle_deg[-1]:.0f} degrees; frames were turned back and pooled"]
+    return turned, window, [f"the object turns by {rotation.angle_deg[-1]:.0f} degrees; frames were turned back and pooled"]
 
 
 def _reconstruct(request: Request, looks: Looks, window: Window) -> list[Result]:
-    """Return the results of all windows, at the angle of the first frame. Raises InputError if no window shows an object."""
+    """Return the results of all windows at the angle of the first frame. Raises InputError if none shows an object.
+
+    Each albedo is registered to the one before, because r*r leaves place and half turns open.
+    """
     upright, options = looks.turned_back(), request.for_estimate()
     middles = tqdm(window.middles(), desc="images", unit="image", disable=None, leave=False)
-    found = [fulfil(options, looks.mean(upright, window.around(middle))) for middle in middles]
+    found: list[Result] = []
+    for middle in middles:
+        one = fulfil(options, looks.mean(upright, window.around(middle)))
+        if found and one.object_found and found[-1].object_found:
+            placed = aligned_pearson(one.coarse_albedo, found[-1].coarse_albedo)[1]
+            one = replace(one, reconstruction=replace(one.reconstruction, albedo=placed))
+        found.append(one)
     if not any(one.object_found for one in found):
         raise InputError("frames", "light of a hidden object", "none at any time", "add light or frames")
     return found
 
 
-def _images(found: list[Result], looks: Looks, window: Window) -> tuple[np.ndarray, np.ndarray]:
-    """Return the images of a film at the angles of the object, (images, n, n), and the number of the look in the middle of each.
+def _at_their_angles(found: list[Result], looks: Looks, window: Window) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return the images of a film at the angles of the object, and the number of the look in the middle of each.
 
     An object of which nothing but the angle changes has one result; it is shown at many angles.
     """
-    shown, numbers = _continued([one.albedo for one in found]), np.array(window.middles())
+    shown, numbers = [one.albedo for one in found], np.array(window.middles())
     if window.holds_all and looks.turns.any():
         numbers = np.unique(np.rint(np.linspace(0, window.frames - 1, min(TURNED_IMAGES, window.frames))).astype(int))
         shown = shown * len(numbers)
-    turned = [turn(one, angle, looks.aspect).clip(0.0) for one, angle in zip(shown, looks.turns[numbers], strict=True)]
-    return np.stack(turned), numbers
-
-
-def _continued(albedos: list[np.ndarray]) -> list[np.ndarray]:
-    """Return albedos, each registered to the one before; r*r leaves place and half turns open."""
-    found = albedos[:1]
-    for one in albedos[1:]:
-        found.append(aligned_pearson(one, found[-1])[1] if one.any() and found[-1].any() else one)
-    return found
+    return [turn(one, angle, looks.aspect).clip(0.0) for one, angle in zip(shown, looks.turns[numbers], strict=True)], numbers

@@ -1,0 +1,47 @@
+"""Fields of the frames in each window of a film, with its coarse images as prior."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from skimage.transform import resize
+from tqdm import tqdm
+
+from correlograph.files.capture import Capture
+from invert.measure.spectrum import read_measurement
+from invert.output.result import Result
+from invert.pipeline import add_fields
+from invert.request import Request
+from invert.video.looks import Looks
+from invert.video.turning import turn
+from invert.video.windows import Window
+
+
+def with_fields(
+    request: Request, capture: Capture, looks: Looks, still: Window, coarse: list[Result], window: Window
+) -> tuple[list[Result], list[str]]:
+    """Return a result with fields for each window in which the object is at rest, at its own angle, and notes.
+
+    Args:
+        capture: one frame for each look.
+        still: window in which the object stays the same without being turned back.
+        coarse: results of the windows in which it does when it is turned back, each registered to the one before.
+    """
+    found, notes = [], []
+    for middle in tqdm(still.middles(), desc="fields", unit="image", disable=None, leave=False):
+        nearest = coarse[int(np.argmin([abs(one - middle) for one in window.middles()]))]
+        frames = replace(capture, frames=capture.frames[still.around(middle)], names=(), headers=())
+        estimate = looks.mean(looks.values, still.around(middle))
+        prior = replace(nearest.reconstruction, albedo=turn(nearest.coarse_albedo, looks.turns[middle], looks.aspect).clip(0.0))
+        own = read_measurement(estimate.values, estimate.quantisation, estimate.transfer)
+        result, more = add_fields(request, frames, replace(nearest, estimate=estimate, measurement=own, reconstruction=prior))
+        found.append(result)
+        notes += more
+    return found, notes
+
+
+def of_one_size(albedos: list[np.ndarray]) -> list[np.ndarray]:
+    """Return albedos interpolated to the largest of them; images without fields have fewer pixels."""
+    side = max(len(one) for one in albedos)
+    return [one if len(one) == side else resize(one, (side, side), order=3).clip(0.0).astype(np.float32) for one in albedos]
