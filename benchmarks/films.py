@@ -32,8 +32,8 @@ SIDE = 128
 """Cells of the object along each side."""
 
 SIDE_M = 12e-3
-HALF_WIDTHS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
-TIMES = 8
+HALF_WIDTHS = (1, 2, 4, 8, 16)
+TIMES = 4
 """Number of times at which windows are judged."""
 
 
@@ -116,9 +116,9 @@ def window_scores(
     times, scores = frame_times(FRAMES), {}
     for half in HALF_WIDTHS:
         row = []
-        for middle in np.rint(np.linspace(8, FRAMES - 9, TIMES)).astype(int):
+        for middle in np.rint(np.linspace(16, FRAMES - 17, TIMES)).astype(int):
             part = cg.Capture(capture.frames[max(0, middle - half) : middle + half + 1], capture.camera)
-            found = cg.reconstruct(part, quality=quality)
+            found = cg.reconstruct(part, quality=quality, blur_pixels=0.0)
             row.append(likeness(found.albedo, object_at(times[middle]), geometry, found.estimate.pitches_m))
         scores[half] = row
     return scores
@@ -137,7 +137,7 @@ def main() -> None:
         object_at = OBJECTS[name]
         capture, geometry = render(object_at, options.photoelectrons, options.seed)
         half = cg.Capture(capture.frames[::2], capture.camera)
-        found = cg.film(half, interval_s=2.0 * LASTS_S / FRAMES, quality=options.quality)
+        found = cg.film(half, interval_s=2.0 * LASTS_S / FRAMES, quality=options.quality, blur_pixels=0.0)
         found.save(options.output / name.replace(" ", "_"))
         scores = film_scores(found, object_at, geometry)
         windows = window_scores(capture, object_at, geometry, options.quality)

@@ -84,7 +84,7 @@ def fulfil(request: Request, source: Source) -> Result:
         capture, estimate = None, shown
     else:
         capture, estimate, more = _estimate(request, shown)
-        notes += more
+        notes += more + describe_files(shown)
     seconds["autocorrelation"] = estimate.seconds
 
     begin = time.perf_counter()
@@ -103,7 +103,7 @@ def fulfil(request: Request, source: Source) -> Result:
     result = Result(estimate, measurement, found, settings, seconds, test)
     if capture is not None:
         result, more = add_fields(request, capture, result)
-        notes += more + describe_files(capture)
+        notes += more
         warnings += stray_light_of(capture)
     if request.weights is not None and (missing := untrained_parts(load_network(request.weights, request.device)[1])):
         warnings.append(
@@ -129,7 +129,7 @@ def _estimate(request: Request, capture: Capture) -> tuple[Capture, Estimate, li
     estimate = estimate_from_frames(capture, request)
     if request.mean_model == "auto" and (followed := follow_travel(capture, estimate.filtered_frames)):
         pooled = replace(request, mean_model="pooled", sums_file=None)
-        return followed.capture, estimate_from_frames(followed.capture, pooled), followed.notes
+        return followed.capture, replace(estimate_from_frames(followed.capture, pooled), name=estimate.name), followed.notes
     return capture, estimate, []
 
 

@@ -137,7 +137,7 @@ class Request:
         return replace(self, **of_frames, sums_file=None, scheduler=None)
 
     def for_estimate(self) -> Request:
-        """Return the options for an estimate, without those of frames; fields need frames, so that their coarse albedo remains."""
+        """Return the options for an estimate of frames, without those of the frames; method field becomes that of its coarse albedo."""
         method = UNET if self.method == FIELD else self.method
         return replace(self.for_capture(), method=method, patch=None, lags=None, pitch_m=None, blur_pixels=None)
 

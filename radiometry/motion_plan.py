@@ -33,7 +33,7 @@ class MotionPlan:
 
     Attributes:
         exposure_s: longest exposure of a frame that does not blur the speckle.
-        frames: number of frames, one after another.
+        frames: number of frames, each of which begins when the one before ends.
         frames_per_group: number of consecutive frames that are added along the path.
         error: predicted relative error of r*r, rms over all lags; error_unfollowed: without adding.
         path_error_m: standard error of the position of the object in one group (rows, columns), for a known pattern: the Cramer-Rao
@@ -83,7 +83,7 @@ def plan_motion(geometry: Any, lasts_s: float) -> MotionPlan:
     frame, each = rest.at_exposure(exposure_s), motion.lasting(exposure_s / now_s)
     errors = {size: followed_error(frame, each, size, frames // size) for size in sizes}
     best = min(sizes, key=lambda size: errors[size])
-    bound = path_bound_m(rest.at_exposure(best * exposure_s), geometry.travel)
+    bound = path_bound_m(frame, best, geometry.travel)
     return MotionPlan(exposure_s, frames, best, errors[best], errors[1], bound, float(np.linalg.norm(way)))
 
 
@@ -125,22 +125,22 @@ def effective_groups(motion: Motion, size: int, groups: int) -> float:
     return groups / (1.0 + 2.0 * float(((1.0 - apart / groups) * alike).sum()))
 
 
-def path_bound_m(prediction: Prediction, travel: np.ndarray) -> tuple[float, float]:
-    """Return the Cramer-Rao bound of the displacement of an object between a frame and its known pattern, along rows and columns.
+def path_bound_m(frame: Prediction, size: int, travel: np.ndarray) -> tuple[float, float]:
+    """Return the Cramer-Rao bound of the displacement of an object between a group of frames and its known pattern, along rows and columns.
 
     The pattern has power S and the frame noise of power b at each of its frequencies. The information about a displacement is the sum of
     (2 pi f)^2 S / b over all of them (Knapp and Carter, doi:10.1109/TASSP.1976.1162830). A lag stands for as many frequencies of the
     frame as it has patches.
     """
-    floor = prediction.floor_over_peak(1)
+    floor = frame.floor_over_peak(1)
     if floor is None:
         raise InputError("scene", "light from the hidden object", "none", "raise power or albedo")
-    grid = prediction.grid
+    grid = frame.grid
     per_lag = math.prod(side / size for side, size in zip(grid.frame_shape, grid.patch_shape, strict=True))
     steps = 2.0 * np.pi * grid.lag_grid.steps.astype(float)
     turns = np.meshgrid(steps / grid.patch_shape[0], steps / grid.patch_shape[1], indexing="ij")
     information = (
-        np.array([[float((one * other * prediction.signal / floor).sum()) for other in turns] for one in turns]) * per_lag
+        np.array([[float((one * other * frame.signal * size / floor).sum()) for other in turns] for one in turns]) * per_lag
     )
     to_metres = np.linalg.inv(travel)
     covariance = to_metres @ np.linalg.inv(information) @ to_metres.T

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from correlograph.errors import InputError
+from correlograph.errors import InputError, memory_bytes
 from correlograph.files.capture import Capture
 from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import read_measurement
@@ -64,11 +64,11 @@ def follow_travel(capture: Capture, filtered: FilteredFrames | None, groups: int
         return None
     try:
         path = track(capture)
-        if not path.others:
-            return stabilise(capture, path, groups)
-    except InputError:
-        pass  # too dim, or too long a way: the frames are pooled as they are
-    return Stabilised(capture, 1, np.arange(float(len(capture.frames))), travel)
+    except InputError:  # too dim, or too many frames for the memory: the frames are pooled as they are
+        return Stabilised(capture, 1, np.arange(float(len(capture.frames))), travel)
+    if path.others:
+        return Stabilised(capture, 1, np.arange(float(len(capture.frames))), travel)
+    return stabilise(capture, path, groups)
 
 
 def stabilise(capture: Capture, path: Track, least: int = MIN_GROUPS) -> Stabilised:
@@ -78,20 +78,26 @@ def stabilise(capture: Capture, path: Track, least: int = MIN_GROUPS) -> Stabili
     some = range(first, min(count, first + FRAMES_FOR_SIZE))
     best, clearest, size = 1, -np.inf, 1
     while len(some) // size >= MIN_GROUPS and count // size >= least:
-        found = _detection(_add(capture, pixels, _groups(some, size)))
+        found = _detection(capture, pixels, _groups(some, size))
         if found <= clearest:
             break
         best, clearest, size = size, found, 2 * size
+    added = capture
+    while best > 1:
+        try:
+            added = _add(capture, pixels, _groups(range(count), best))
+            break
+        except InputError:  # the object is faster elsewhere
+            best //= 2
     groups = _groups(range(count), best)
-    added = capture if best == 1 else _add(capture, pixels, groups)
     middles = np.array([0.5 * (one[0] + one[-1]) for one in groups])
     return Stabilised(added, best, middles, Travel(path.step_pixels[None], path.share), path)
 
 
-def _detection(capture: Capture) -> float:
-    """Return the significance of r*r in standard deviations."""
+def _detection(capture: Capture, path: np.ndarray, groups: Sequence[range]) -> float:
+    """Return the significance of r*r from groups of frames, in standard deviations."""
     try:
-        estimate = estimate_from_frames(capture, Request(mean_model="pooled"))
+        estimate = estimate_from_frames(_add(capture, path, groups), Request(mean_model="pooled"))
     except InputError:  # too small after the edges were cut off
         return -np.inf
     return read_measurement(estimate.values, estimate.quantisation, estimate.transfer).detection
@@ -106,7 +112,11 @@ def _add(capture: Capture, path: np.ndarray, groups: Sequence[range]) -> Capture
     """Return a capture of the sums of groups of frames, each moved back to the middle frame by whole pixels.
 
     Photoelectrons stay integers. Pixels that a frame of a group does not hold are cut off from all.
+    Raises InputError if hardly any are left, and if the sums exceed the memory.
     """
+    needed = 4.0 * len(groups) * capture.frames[0].size
+    if needed > memory_bytes():
+        raise InputError("frames", f"at most {memory_bytes():.2g} bytes", f"{needed:.2g}", "use fewer frames")
     moves = [np.rint(path[group] - path[group[len(group) // 2]]).astype(int) for group in groups]
     least, most = (np.array([function(one, 0) for one in moves]) for function in (np.min, np.max))
     before, after = -least.min(0).clip(max=0), most.max(0).clip(min=0)
@@ -128,4 +138,5 @@ def _add(capture: Capture, path: np.ndarray, groups: Sequence[range]) -> Capture
 
 
 def _part(frame: np.ndarray, rows: slice, columns: slice, move: np.ndarray) -> np.ndarray:
-    return frame[rows.start + move[0] : rows.stop + move[0], columns.start + move[1] : columns.stop + move[1]]
+    part = frame[rows.start + move[0] : rows.stop + move[0], columns.start + move[1] : columns.stop + move[1]]
+    return part if part.dtype == bool else part.astype(np.float32)  # sums of integers would overflow

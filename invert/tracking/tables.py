@@ -1,4 +1,4 @@
-"""What paths and rotations have in common: the check of their frames, and a folder with table, numbers and plot."""
+"""What paths, rotations and films have in common: the check of their frames, and a folder with table, numbers and plot."""
 
 from __future__ import annotations
 

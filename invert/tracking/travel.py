@@ -58,7 +58,7 @@ def may_travel(frames: FilteredFrames) -> bool:
 
 def find_travel(capture: Capture) -> Travel | None:
     """Return how the speckle of a capture travels; None if consecutive frames have less than `MIN_SHARE` of it in common, or if it travels
-    by less than a grain in the first frames."""
+    by less than a grain in all."""
     first = capture.frames[:FRAMES_FOR_POWER]
     reader = Reader(first[0].shape, 1)
     band = reader.band(first)
@@ -71,5 +71,5 @@ def find_travel(capture: Capture) -> Travel | None:
         return None
     share = sum(share_along(spectra, band, one.path, 1) for one in found)
     steps = np.array([one.path[-1] / (len(first) - 1) for one in found])
-    ways = np.linalg.norm([one.path - one.path[0] for one in found], axis=2)
-    return Travel(steps, share) if share > MIN_SHARE and ways.max() > band.grain_pixels else None
+    way = np.linalg.norm(steps, axis=1).max() * (len(capture.frames) - 1)
+    return Travel(steps, share) if share > MIN_SHARE and way > band.grain_pixels else None

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from correlograph.files.figures import add_scale_bar, figure_as_html, save_figure
+from correlograph.files.figures import add_scale_bar, figure_as_html
 from correlograph.files.manifest import claim
-from correlograph.files.output import atomic, output_folder, save_array, save_json, sole_writer
+from correlograph.files.output import atomic, output_folder, save_array, sole_writer
+from invert.tracking.tables import save_table
 from invert.tracking.track import Track
 
 if TYPE_CHECKING:
@@ -128,13 +129,8 @@ class Film:
         claim(target, FILM_FILES, overwrite=overwrite)
         with sole_writer(target):
             save_array(target / "film.npy", self.albedos)
-            table = self.columns()
-            with atomic(target / "film.csv") as partial:
-                np.savetxt(partial, np.column_stack([*table.values()]), "%.9g", ",", header=",".join(table), comments="")
-            save_figure(target / "film.png", self.plot())
             self._save_gif(target / "film.gif")
-            save_json(target / "film.json", self.as_dict())
-        return target
+        return save_table(target, "film", self.columns(), self.as_dict(), self.plot())
 
     def _save_gif(self, path: Path) -> None:
         """Write the film in real time, if times are known and it lasts longer than a second."""

@@ -9,6 +9,7 @@ from skimage.transform import resize
 from tqdm import tqdm
 
 from correlograph.files.capture import Capture
+from invert.measure.estimate import apply_blur_transfer
 from invert.measure.spectrum import read_measurement
 from invert.output.result import Result
 from invert.pipeline import add_fields
@@ -31,8 +32,11 @@ def with_fields(
     found, notes = [], []
     for middle in tqdm(still.middles(), desc="fields", unit="image", disable=None, leave=False):
         nearest = coarse[int(np.argmin([abs(one - middle) for one in window.middles()]))]
-        frames = replace(capture, frames=capture.frames[still.around(middle)], names=(), headers=())
+        numbers = range(*still.around(middle).indices(len(capture.frames)))
+        frames = replace(capture, frames=[capture.frames[number] for number in numbers], names=(), headers=())
         estimate = looks.mean(looks.values, still.around(middle))
+        if estimate.blur_pixels is None and nearest.estimate.blur_pixels is not None:
+            estimate = apply_blur_transfer(estimate, nearest.estimate.blur_pixels)
         prior = replace(nearest.reconstruction, albedo=turn(nearest.coarse_albedo, looks.turns[middle], looks.aspect).clip(0.0))
         own = read_measurement(estimate.values, estimate.quantisation, estimate.transfer)
         result, more = add_fields(request, frames, replace(nearest, estimate=estimate, measurement=own, reconstruction=prior))

@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 from tqdm import tqdm
 
+from correlograph.errors import InputError
 from correlograph.files.capture import Capture
-from invert.measure.estimate import Estimate, estimate_from_frames
+from invert.measure.estimate import Estimate
 from invert.request import Request
 from invert.video.turning import turn
 from radiometry.estimation.autocorrelation_estimator import estimator_of
@@ -31,13 +32,16 @@ class Looks:
     angle_deg: np.ndarray
 
     @classmethod
-    def of(cls, capture: Capture, request: Request) -> Looks:
-        """Estimate r*r of each frame on lags that suit all of them."""
-        whole = estimate_from_frames(capture, request)
+    def of(cls, capture: Capture, whole: Estimate, request: Request) -> Looks:
+        """Estimate r*r of each frame on the lags of an estimate from all of them. Raises InputError for frames of a single patch."""
         assert whole.record is not None
+        grid = whole.record.grid
+        if grid.count < 2:
+            found = f"{grid.frame_shape[0]} x {grid.frame_shape[1]} pixels, patches of {grid.size}"
+            raise InputError("frames", "two patches or more in each frame of a film", found, "use larger frames")
         values = []
         for frame in tqdm(capture.frames, desc="autocorrelations", unit="frame", disable=None, leave=False):
-            estimator = estimator_of(whole.record.grid, request.mean_model, request.device)
+            estimator = estimator_of(grid, request.mean_model, request.device)
             estimator.add(frame)
             values.append(_without_zero_lag(estimator.estimate()))
         every = np.stack(values)

@@ -9,13 +9,14 @@ import numpy as np
 from tqdm import tqdm
 
 from correlograph.errors import InputError
-from correlograph.files.capture import Capture
+from correlograph.files.capture import CameraMetadata, Capture
+from correlograph.files.captured_frames import describe_files
 from invert.albedo.metrics import aligned_pearson
 from invert.measure.estimate import estimate_from_frames
 from invert.output.result import Result
 from invert.pipeline import fulfil, read_prepared
 from invert.request import Request
-from invert.sources import Source
+from invert.sources import Source, read_source
 from invert.tracking.rotation import rotation_of, signal_of
 from invert.tracking.stabilise import follow_travel
 from invert.tracking.tables import check_frames
@@ -51,9 +52,7 @@ def film(source: Source, *, interval_s: float | None = None, **options: Any) -> 
 
 def film_of(request: Request, source: Source, interval_s: float | None = None) -> Film:
     """Reconstruct a film with the options of a request; see `film`."""
-    capture, notes = read_prepared(request, source)
-    if not isinstance(capture, Capture):
-        raise InputError("source", "frames", "an autocorrelation", "provide frames in order")
+    capture, notes = _read(request, source)
     check_frames(capture, interval_s, MIN_FRAMES, "film")
     shown = _follow(request, capture)
     still = choose_window(shown.looks)
@@ -64,6 +63,7 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
         images, numbers, used = of_one_size([one.albedo for one in found]), np.array(still.middles()), still
     else:
         (images, numbers), used, of_fields = _at_their_angles(found, looks, window), window, []
+    side = len(images[0])
     pooled = min(2 * used.half_width + 1, used.frames) * len(capture.frames) / used.frames
     warnings = [warning for one in found for warning in one.warnings]
     return Film(
@@ -73,10 +73,33 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
         frames_per_image=round(pooled),
         angle_deg=looks.turns[numbers] if looks.turns.any() else None,
         path=shown.path,
-        pitches_m=found[0].pitches_m,
+        pitches_m=_pitches_m(looks, side),
         interval_s=interval_s,
         notes=tuple(dict.fromkeys([*notes, *shown.notes, *of_turn, *of_fields, *warnings])),
     )
+
+
+def _read(request: Request, source: Source) -> tuple[Capture, list[str]]:
+    """Return prepared frames, and notes. Raises InputError for what is no sequence of frames."""
+    request.check_source(source)
+    shown = read_source(source, request.camera or CameraMetadata(), request.autocorrelation)
+    if not isinstance(shown, Capture):
+        raise InputError("source", "frames", "an autocorrelation", "provide frames in order")
+    if request.mean_model == "published":
+        raise InputError("mean_model", "auto, pooled or fixed for a film", request.mean_model, "select another")
+    if request.blur_pixels == "auto" and request.method.weights is None:
+        raise InputError("blur_pixels", "a number for a film by this method", "auto", "give it, or select method unet")
+    prepared, notes = read_prepared(replace(request, camera=None, autocorrelation=None), shown)
+    assert isinstance(prepared, Capture)
+    if len(prepared.frames) < len(shown.frames):
+        raise InputError("frames", "light in each frame of a film, whose times would be wrong", notes[0], "remove them")
+    return prepared, notes + describe_files(shown)
+
+
+def _pitches_m(looks: Looks, side: int) -> tuple[float, float] | None:
+    """Return the pitches of images of a number of pixels, along rows and columns."""
+    pitches, cells = looks.whole.pitches_m, side / looks.whole.lag_grid.object_side
+    return None if pitches is None else (pitches[0] / cells, pitches[1] / cells)
 
 
 def _confidence(result: Result) -> float:
@@ -98,11 +121,12 @@ class _Shown:
 
 def _follow(request: Request, capture: Capture) -> _Shown:
     """Return frames that follow the object, if its speckle travels."""
-    filtered = estimate_from_frames(capture, request).filtered_frames
-    followed = follow_travel(capture, filtered, MIN_FRAMES) if request.mean_model == "auto" else None
+    whole = estimate_from_frames(capture, request)
+    followed = follow_travel(capture, whole.filtered_frames, MIN_FRAMES) if request.mean_model == "auto" else None
     if followed is None:
-        return _Shown(capture, Looks.of(capture, request), np.arange(float(len(capture.frames))), None, [])
-    looks = Looks.of(followed.capture, replace(request, mean_model="pooled"))
+        return _Shown(capture, Looks.of(capture, whole, request), np.arange(float(len(capture.frames))), None, [])
+    pooled = replace(request, mean_model="pooled", sums_file=None)
+    looks = Looks.of(followed.capture, estimate_from_frames(followed.capture, pooled), pooled)
     return _Shown(followed.capture, looks, followed.middle_frame, followed.track, followed.notes)
 
 
@@ -127,13 +151,14 @@ def _reconstruct(request: Request, looks: Looks, window: Window) -> list[Result]
     upright, options = looks.turned_back(), request.for_estimate()
     middles = tqdm(window.middles(), desc="images", unit="image", disable=None, leave=False)
     found: list[Result] = []
+    before = None
     for middle in middles:
         one = fulfil(options, looks.mean(upright, window.around(middle)))
-        if found and one.object_found and found[-1].object_found:
-            placed = aligned_pearson(one.coarse_albedo, found[-1].coarse_albedo)[1]
-            one = replace(one, reconstruction=replace(one.reconstruction, albedo=placed))
+        if one.object_found:
+            placed = one.coarse_albedo if before is None else aligned_pearson(one.coarse_albedo, before)[1]
+            one, before = replace(one, reconstruction=replace(one.reconstruction, albedo=placed)), placed
         found.append(one)
-    if not any(one.object_found for one in found):
+    if before is None:
         raise InputError("frames", "light of a hidden object", "none at any time", "add light or frames")
     return found
 

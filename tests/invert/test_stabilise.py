@@ -8,7 +8,7 @@ from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import read_measurement
 from invert.pipeline import fulfil
 from invert.request import Request
-from invert.tracking.stabilise import follow_travel, stabilise
+from invert.tracking.stabilise import _add, follow_travel, stabilise
 from invert.tracking.track import Track
 from invert.tracking.travel import find_travel, may_travel
 from tests.invert.field.speckle import expected_frame, letter, travelling_frames
@@ -47,6 +47,23 @@ def test_frames_of_rigid_speckle_add_up_to_the_middle_one(rng):
         ]
         assert sum(matches) == 1, group
     np.testing.assert_array_equal(found.middle_frame, found.size * np.arange(16 // found.size) + 0.5 * (found.size - 1))
+
+
+def test_sums_of_integers_do_not_overflow(rng):
+    path = np.zeros((8, 2))
+    frames = [np.full((300, 300), 200, np.uint8) + rng.integers(0, 50, (300, 300), np.uint8) for _ in range(8)]
+    groups = [range(4), range(4, 8)]
+    np.testing.assert_array_equal(_add(cg.Capture(frames), path, groups).frames[1], np.sum(frames[4:], 0, dtype=np.float32))
+
+
+def test_a_way_that_leaves_the_frame_ends_the_search_for_larger_groups(rng):
+    """Groups of eight frames would have no pixel in common."""
+    wall = expected_frame(letter(), (300, 2000), PATCH, rng)
+    frames = [rng.poisson(0.05 * wall[:, 60 * number : 60 * number + 300]).astype(np.float32) for number in range(24)]
+    path = np.arange(24)[:, None] * np.array([0.0, -60.0])
+    found = stabilise(cg.Capture(frames), Track(path, np.ones(path.shape), 50.0, 1.0))
+    assert found.size in (1, 2, 4)
+    assert found.track is not None
 
 
 @pytest.mark.slow

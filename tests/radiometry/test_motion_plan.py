@@ -33,7 +33,9 @@ def test_an_object_that_hardly_moves_is_one_long_exposure(geometry):
     assert kept_by_group(slow, 8) == pytest.approx(1.0, abs=1e-4)
     assert effective_groups(slow, 8, 10) == pytest.approx(1.0, rel=1e-3)
     alone = frame.at_exposure(8e-3).error(1)
-    assert followed_error(frame, slow, 8, 1) == pytest.approx(alone, rel=0.03)  # the wall's roughness is averaged while it passes
+    assert followed_error(frame, slow, 8, 1) == pytest.approx(
+        alone, rel=0.03
+    )  # the wall's roughness is averaged while it passes
 
 
 def test_groups_that_share_nothing_are_independent(geometry):
@@ -62,7 +64,6 @@ def test_rendered_frames_that_follow_the_object_have_the_predicted_error(geometr
         measured = measured_error(estimator.estimate(), frame)
         left = np.prod(shown[0].shape) / np.prod(frame.grid.frame_shape)
         expected = followed_error(frame, geometry.motion, size, len(shown)) / left**0.5
-        print(size, expected, measured)
         assert expected == pytest.approx(measured, rel=0.2)
     assert found.size in (2, 4, 8)
     assert plan_motion(geometry, 32e-3).error < plan_motion(geometry, 32e-3).error_unfollowed
@@ -70,9 +71,16 @@ def test_rendered_frames_that_follow_the_object_have_the_predicted_error(geometr
 
 def test_the_bound_of_the_path_falls_with_the_light(geometry):
     frame = predict(replace(geometry, movements=()))
-    faint, bright = (path_bound_m(one, geometry.travel) for one in (frame, frame.at_exposure(4e-3)))
-    assert np.array(faint) / np.array(bright) == pytest.approx([2.0, 2.0], rel=0.02)
+    faint, bright, group = (
+        np.array(path_bound_m(one, size, geometry.travel))
+        for one, size in ((frame, 1), (frame.at_exposure(4e-3), 1), (frame, 4))
+    )
     assert 1e-8 < min(bright) < max(faint) < 5e-6
+    assert faint / bright == pytest.approx([2.0, 2.0], rel=0.02)
+    assert faint / group == pytest.approx([2.0, 2.0], rel=1e-6)
+    noisy = frame.geometry.with_electronics(read_noise=2.0)
+    faint, group = (np.array(path_bound_m(replace(frame, geometry=noisy), size, geometry.travel)) for size in (1, 4))
+    assert faint / group == pytest.approx([2.0, 2.0], rel=1e-6)  # each frame has its own read noise
 
 
 def test_the_exposure_suits_the_speed(geometry):
