@@ -91,6 +91,17 @@ class Film:
         if self.pitches_m is not None:
             add_scale_bar(axes, self.pitches_m[1], *albedo.shape[::-1])
 
+    def _draw_path(self, axes: Any, number: int) -> None:
+        """Draw the path of the speckle over the wall, and where it is in an image."""
+        assert self.path is not None
+        table, path = self.columns(), self.path.path_pixels
+        axes.plot(path[:, 1], path[:, 0], color="0.6", linewidth=0.8)
+        axes.plot(table["column_pixels"][number], table["row_pixels"][number], "o", color="black")
+        axes.set(xlabel="columns (pixels)", ylabel="rows (pixels)", aspect="equal")
+        axes.set_title("path of the speckle", fontsize=8)
+        axes.set_adjustable("datalim")
+        axes.invert_yaxis()
+
     def as_dict(self) -> dict[str, Any]:
         """Return the numbers for JSON, without the lists of the table."""
         return {
@@ -138,11 +149,14 @@ class Film:
         from PIL import Image
 
         pictures = []
+        panels = 1 if self.path is None else 2
         for number in range(len(self.albedos)):
-            figure = Figure(figsize=(3.2, 3.4), layout="constrained")
-            axes = figure.add_subplot()
-            axes.set_axis_off()
-            self._draw(axes, number)
+            figure = Figure(figsize=(3.2 * panels, 3.4), layout="constrained")
+            left, *right = figure.subplots(1, panels, squeeze=False)[0]
+            left.set_axis_off()
+            self._draw(left, number)
+            for axes in right:
+                self._draw_path(axes, number)
             stream = io.BytesIO()
             figure.savefig(stream, format="png", dpi=100)
             pictures.append(Image.open(stream).convert("L"))

@@ -30,8 +30,8 @@ from invert.video.windows import Window, choose_window
 MIN_FRAMES = 8
 """Minimum number of frames of a film."""
 
-TURNED_IMAGES = 48
-"""Number of images of an object that only turns."""
+UNCHANGED_IMAGES = 48
+"""Number of images of an object that only moves or turns."""
 
 
 def film(source: Source, *, interval_s: float | None = None, **options: Any) -> Film:
@@ -62,7 +62,7 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
         found, of_fields = with_fields(request, shown.capture, looks, still, found, window)
         images, numbers, used = of_one_size([one.albedo for one in found]), np.array(still.middles()), still
     else:
-        (images, numbers), used, of_fields = _at_their_angles(found, looks, window), window, []
+        (images, numbers), used, of_fields = _at_their_angles(found, looks, window, moves=shown.path is not None), window, []
     side = len(images[0])
     pooled = min(2 * used.half_width + 1, used.frames) * len(capture.frames) / used.frames
     warnings = [warning for one in found for warning in one.warnings]
@@ -163,13 +163,13 @@ def _reconstruct(request: Request, looks: Looks, window: Window) -> list[Result]
     return found
 
 
-def _at_their_angles(found: list[Result], looks: Looks, window: Window) -> tuple[list[np.ndarray], np.ndarray]:
+def _at_their_angles(found: list[Result], looks: Looks, window: Window, *, moves: bool) -> tuple[list[np.ndarray], np.ndarray]:
     """Return the images of a film at the angles of the object, and the number of the look in the middle of each.
 
-    An object of which nothing but the angle changes has one result; it is shown at many angles.
+    An object of which nothing but angle and place change has one result; it is shown at many times.
     """
     shown, numbers = [one.albedo for one in found], np.array(window.middles())
-    if window.holds_all and looks.turns.any():
-        numbers = np.unique(np.rint(np.linspace(0, window.frames - 1, min(TURNED_IMAGES, window.frames))).astype(int))
+    if window.holds_all and (moves or looks.turns.any()):
+        numbers = np.unique(np.rint(np.linspace(0, window.frames - 1, min(UNCHANGED_IMAGES, window.frames))).astype(int))
         shown = shown * len(numbers)
     return [turn(one, angle, looks.aspect).clip(0.0) for one, angle in zip(shown, looks.turns[numbers], strict=True)], numbers
