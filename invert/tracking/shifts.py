@@ -159,7 +159,7 @@ def peaks(
         exact = refine(left[None], band, weight, start[None])
         height = max(float(exact.height[0]), float(found.max()))
         # Bright speckle that outlives a pair of frames makes the noise of a sum larger than that of independent pairs.
-        deviation = max(deviation, float(np.median(np.abs(found)) / 0.6745))
+        deviation = max(deviation, float(np.median(np.abs(found[::4, ::4])) / 0.6745))
         highest = max(height, highest)
         if height < max(MIN_SIGNIFICANCE * deviation, MIN_RELATIVE_HEIGHT * highest):
             break
