@@ -35,6 +35,9 @@ MAX_CORRECTION = 6.0
 PAIRS = 48
 """Pairs of groups from which a likeness is measured."""
 
+MAX_FADING = 0.3
+"""Maximum of `Followed.fading`; it limits the correction for an open shutter to a tenth of the path."""
+
 ROUNDS = 3
 
 
@@ -80,8 +83,16 @@ def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:
     if best.significance < MIN_GROUP_SIGNIFICANCE or np.abs(best.path - start.path).max() > MAX_CORRECTION * band.grain_pixels:
         error = np.full_like(start.path, band.grain_pixels)
         error[0] = 0.0
-        return Followed(start.path, error, start.frames_per_block, 0, best.significance)
-    return best
+        best = Followed(start.path, error, start.frames_per_block, 0, best.significance)
+    return replace(best, fading=_fading(spectra, band, best.path))
+
+
+def _fading(spectra: np.ndarray, band: Band, path: np.ndarray) -> float:
+    """Return `Followed.fading` from the likenesses exp(-fading k^2) of frames k = 1 and 2 apart."""
+    if len(path) < 3:
+        return 0.0
+    near, far = likeness(move_back(spectra, band, path), band)[:2]
+    return float(np.clip(np.log(near / max(far, 1e-3)) / 3.0, 0.0, MAX_FADING)) if near > 0.0 else 0.0
 
 
 def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: int) -> Followed:
@@ -91,18 +102,17 @@ def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: in
     means = np.stack([path[group].mean(0) for group in groups])
     sums = np.stack([move_back(spectra[group], band, path[group] - path[group].mean(0)).sum(0) for group in groups])
     of_group = replace(band, signal=band.signal * length**2, floor=band.floor * length)
-    places, error, reach, significance, fading = _register(sums, of_group, means)
+    places, error, reach, significance = _register(sums, of_group, means)
     numbers = np.arange(len(path))
     found = path + np.stack([_interpolate(numbers, middles, (places - means)[:, axis]) for axis in (0, 1)], 1)
     errors = np.stack([np.interp(numbers, middles, error[:, axis]) for axis in (0, 1)], 1)
     from_first = np.hypot(errors, errors[0])
     from_first[0] = 0.0
-    return Followed(found - found[0], from_first, length, reach, significance, fading / length**2)
+    return Followed(found - found[0], from_first, length, reach, significance)
 
 
-def _register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, float, float]:
-    """Return positions of groups (n, 2), their standard errors, the reach of the surroundings, the median significance, and the fading
-    from group to group."""
+def _register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, float]:
+    """Return positions of groups (n, 2), their standard errors, the reach of the surroundings, and the median significance."""
     count, reach, common = len(sums), 1, 1.0
     for _ in range(ROUNDS):
         moved = move_back(sums, band, places)
@@ -121,9 +131,7 @@ def _register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndar
     walked = 2.0 * np.arange(count)[:, None] / squares * variance
     walked = walked + _walk_by_illumination(places, alike, band)
     significance = float(np.median(shifts.height)) / weight.deviation
-    # Of likenesses exp(-fading k^2) at distances of k = 1 and 2 groups.
-    fading = float(np.log(alike[0] / max(alike[1], 1e-3)) / 3.0) if len(alike) > 1 and alike[0] > 0.0 else 0.0
-    return places, np.sqrt(variance + walked), reach, significance, float(np.clip(fading, 0.0, 0.3))
+    return places, np.sqrt(variance + walked), reach, significance
 
 
 def _solve(shifts: np.ndarray, reach: int) -> np.ndarray:
