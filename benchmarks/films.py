@@ -21,6 +21,8 @@ from data_gen.letters import letter
 from invert.video.film import Film
 from sim.frame import Simulation
 from sim.geometry import Geometry
+from sim.plan import Plan
+from sim.recording import Recording
 
 LASTS_S = 4.0
 FRAMES = 64
@@ -77,23 +79,11 @@ def render(object_at: Callable[[float], np.ndarray], photoelectrons: float, seed
         Simulation(scene.with_object(object_at(time), SIDE_M / SIDE)).frame(seed, number).numpy()
         for number, time in enumerate(frame_times(FRAMES))
     ]
-    return cg.Capture(frames, camera_of(scene)), scene
+    return cg.Capture(frames, Recording(Plan.of(scene)).camera), scene
 
 
 def frame_times(frames: int) -> np.ndarray:
     return (np.arange(frames) + 0.5) * LASTS_S / frames
-
-
-def camera_of(geometry: Geometry) -> cg.CameraMetadata:
-    camera = geometry.camera
-    return cg.CameraMetadata(
-        geometry.wavelength_m,
-        camera.pixel_pitch_m,
-        geometry.distance_m,
-        camera.pupil_diameter_m,
-        camera.pupil_distance_m,
-        *geometry.seen_pitch_m,
-    )
 
 
 def likeness(albedo: np.ndarray, truth: np.ndarray, geometry: Geometry, pitches_m: tuple[float, float]) -> float:

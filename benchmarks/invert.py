@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from correlograph.files.capture import CameraMetadata, Capture
+from correlograph.files.capture import Capture
 from invert.choices import DEFAULT_WEIGHTS
 from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import fourier_modulus, read_measurement
@@ -28,6 +28,7 @@ from invert.solvers.base import PhaseProblem, solve
 from invert.solvers.hio import Hio
 from scenes import scene_path
 from sim.frame import Simulation
+from sim.recording import Recording
 from sim.scene_file import load_scene
 from sim.scene_reader import read_geometry
 
@@ -63,16 +64,7 @@ def main() -> None:
     paper_weights = parser.parse_args().paper
     simulation = Simulation(read_geometry(load_scene(scene_path("corner_letter"))[0]))
     frames = [simulation.frame(1, number).numpy() for number in range(2)]
-    geometry = simulation.geometry
-    camera = CameraMetadata(
-        geometry.wavelength_m,
-        geometry.camera.pixel_pitch_m,
-        geometry.distance_m,
-        geometry.camera.pupil_diameter_m,
-        geometry.camera.pupil_distance_m,
-        *geometry.seen_pitch_m,
-    )
-    capture = Capture(frames, camera)
+    capture = Capture(frames, Recording(simulation.plan).camera)
     estimate = estimate_from_frames(capture)
     measurement = read_measurement(estimate.values, transfer=estimate.transfer)
     network, _ = load_network(DEFAULT_WEIGHTS)

@@ -14,6 +14,8 @@
     network/         the network: features, architecture, posterior sampling, weights files
     assess/          consistency with speckle, confidence, warnings
     output/          results: figures and files
+    tracking/        paths and rotations of moving objects
+    video/           films of moving objects
     batch/           captures of the command: one, or many on workers
     training/        training of the network (commands: train.py, warm_starts.py, calibrate.py)
     evaluation/      comparison of methods on test sets (command: evaluate.py)

@@ -30,7 +30,7 @@ from invert.output.outcome import MethodSettings
 from invert.output.result import Result
 from invert.request import Request
 from invert.sources import Source, read_source
-from invert.tracking.stabilise import follow_travel
+from invert.tracking.stabilise import MIN_GROUPS, Stabilised, follow_travel
 from radiometry.field_forecast import forecast_fields
 
 ONE_PATTERN = (
@@ -83,8 +83,9 @@ def fulfil(request: Request, source: Source) -> Result:
     if isinstance(shown, Estimate):
         capture, estimate = None, shown
     else:
-        capture, estimate, more = _estimate(request, shown)
-        notes += more + describe_files(shown)
+        estimate, followed = estimate_following(request, shown)
+        capture = followed.capture
+        notes += followed.notes + describe_files(shown)
     seconds["autocorrelation"] = estimate.seconds
 
     begin = time.perf_counter()
@@ -124,13 +125,22 @@ def read_prepared(request: Request, source: Source) -> tuple[Capture | Estimate,
     return shown, []
 
 
-def _estimate(request: Request, capture: Capture) -> tuple[Capture, Estimate, list[str]]:
-    """Estimate r*r from frames. Those of one speckle that travels are pooled, with a note, and follow it if it is that of one object."""
+def estimate_following(request: Request, capture: Capture, groups: int = MIN_GROUPS) -> tuple[Estimate, Stabilised]:
+    """Estimate r*r from frames, and return those that it is from.
+
+    Frames of one speckle that travels are pooled, and follow it if it is that of one object.
+
+    Args:
+        groups: minimum number of groups of frames.
+    """
     estimate = estimate_from_frames(capture, request)
-    if request.mean_model == "auto" and (followed := follow_travel(capture, estimate.filtered_frames)):
-        pooled = replace(request, mean_model="pooled", sums_file=None)
-        return followed.capture, replace(estimate_from_frames(followed.capture, pooled), name=estimate.name), followed.notes
-    return capture, estimate, []
+    if request.mean_model != "auto":
+        return estimate, Stabilised.unmoved(capture)
+    followed = follow_travel(capture, estimate.filtered_frames, groups)
+    if followed.travel is not None:
+        pooled = estimate_from_frames(followed.capture, replace(request, mean_model="pooled", sums_file=None))
+        estimate = replace(pooled, name=estimate.name)
+    return estimate, followed
 
 
 def _retrieve(request: Request, estimate: Estimate) -> tuple[Estimate, Measurement, Reconstruction]:

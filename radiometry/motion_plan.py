@@ -97,16 +97,21 @@ def followed_error(frame: Prediction, motion: Motion, size: int, groups: int) ->
 
     Raises InputError without light.
     """
-    floor = frame.floor_over_peak(1)
-    if floor is None:
-        raise InputError("scene", "light from the hidden object", "none", "raise power or albedo")
-    signal, dof = frame.signal, frame.dof(groups)
+    floor, signal, dof = _floor_over_peak(frame), frame.signal, frame.dof(groups)
     sums = float(signal.sum()), float((signal**2).sum()), signal.size
     # Floors add, and amplitudes of the speckle; a group of g frames has a g-th of the floor over peak, and a contrast of M.
     noise = estimate_error(*sums, floor / size / kept_by_group(motion, size), dof)
     # Groups whose illumination is alike repeat the noise of the speckle itself.
     repeated = groups / effective_groups(motion, size, groups) - 1.0
     return math.hypot(noise, estimate_error(*sums, 0.0, dof) * math.sqrt(repeated))
+
+
+def _floor_over_peak(frame: Prediction) -> float:
+    """Return the floor of one frame over the peak of r*r. Raises InputError without light."""
+    floor = frame.floor_over_peak(1)
+    if floor is None:
+        raise InputError("scene", "light from the hidden object", "none", "raise power or albedo")
+    return floor
 
 
 def kept_by_group(motion: Motion, size: int) -> float:
@@ -132,10 +137,7 @@ def path_bound_m(frame: Prediction, size: int, travel: np.ndarray) -> tuple[floa
     (2 pi f)^2 S / b over all of them (Knapp and Carter, doi:10.1109/TASSP.1976.1162830). A lag stands for as many frequencies of the
     frame as it has patches.
     """
-    floor = frame.floor_over_peak(1)
-    if floor is None:
-        raise InputError("scene", "light from the hidden object", "none", "raise power or albedo")
-    grid = frame.grid
+    floor, grid = _floor_over_peak(frame), frame.grid
     per_lag = math.prod(side / size for side, size in zip(grid.frame_shape, grid.patch_shape, strict=True))
     steps = 2.0 * np.pi * grid.lag_grid.steps.astype(float)
     turns = np.meshgrid(steps / grid.patch_shape[0], steps / grid.patch_shape[1], indexing="ij")

@@ -28,17 +28,8 @@ MIN_PIXEL = 1e-9
 
 RESULT_NAMES = {
     *("albedo.npy", "albedo.png", "albedo_coarse.npy", "autocorrelation.npy", "deviation.npy", "fields.npz"),
-    *(
-        "report.png",
-        "plan.png",
-        "samples.npy",
-        "truth.npy",
-        "truth_frames.npy",
-        "track.png",
-        "rotation.png",
-        "film.npy",
-        "film.png",
-    ),
+    *("report.png", "plan.png", "samples.npy", "truth.npy", "truth_frames.npy"),
+    *("track.png", "rotation.png", "film.npy", "film.png"),
 }
 """Names of output files of this program; they are not read as frames."""
 

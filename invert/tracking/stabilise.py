@@ -36,39 +36,44 @@ class Stabilised:
         capture: one frame for each group.
         size: number of frames in a group.
         middle_frame: number of the frame in the middle of each group, (groups,).
-        travel: mean displacement from frame to frame, of each object.
-        track: path of the only object; None if there are several, which no frame can follow.
+        travel: mean displacement from frame to frame, of each object; None if the speckle does not travel.
+        track: path of the only object; None if there are several, which no frame can follow, or none.
     """
 
     capture: Capture
     size: int
     middle_frame: np.ndarray
-    travel: Travel
+    travel: Travel | None = None
     track: Track | None = None
+
+    @classmethod
+    def unmoved(cls, capture: Capture, travel: Travel | None = None) -> Stabilised:
+        """Return the frames as they are."""
+        return cls(capture, 1, np.arange(float(len(capture.frames))), travel)
 
     @property
     def notes(self) -> list[str]:
         """Notes for a result."""
+        if self.travel is None:
+            return []
         added = f"groups of {self.size} frames were added along the path of the speckle"
         return [self.travel.describe()] + ([added] if self.size > 1 else [])
 
 
-def follow_travel(capture: Capture, filtered: FilteredFrames | None, groups: int = MIN_GROUPS) -> Stabilised | None:
-    """Return frames that follow a speckle that travels; None if it does not.
+def follow_travel(capture: Capture, filtered: FilteredFrames | None, groups: int = MIN_GROUPS) -> Stabilised:
+    """Return frames that follow a speckle that travels; frames as they are if it does not.
 
     Args:
         filtered: band-limited frames of an estimate from the capture.
         groups: minimum number of groups that are left.
     """
     if filtered is None or not may_travel(filtered) or (travel := find_travel(capture)) is None:
-        return None
+        return Stabilised.unmoved(capture)
     try:
         path = track(capture)
-    except InputError:  # too dim, or too many frames for the memory: the frames are pooled as they are
-        return Stabilised(capture, 1, np.arange(float(len(capture.frames))), travel)
-    if path.others:
-        return Stabilised(capture, 1, np.arange(float(len(capture.frames))), travel)
-    return stabilise(capture, path, groups)
+    except InputError:  # too dim, or too many frames for the memory
+        return Stabilised.unmoved(capture, travel)
+    return Stabilised.unmoved(capture, travel) if path.others else stabilise(capture, path, groups)
 
 
 def stabilise(capture: Capture, path: Track, least: int = MIN_GROUPS) -> Stabilised:

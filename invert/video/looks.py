@@ -41,7 +41,7 @@ class Looks:
             raise InputError("frames", "two patches or more in each frame of a film", found, "use larger frames")
         values = []
         for frame in tqdm(capture.frames, desc="autocorrelations", unit="frame", disable=None, leave=False):
-            estimator = estimator_of(grid, request.mean_model, request.device)
+            estimator = estimator_of(grid, whole.record.background.mean, request.device)
             estimator.add(frame)
             values.append(_without_zero_lag(estimator.estimate()))
         every = np.stack(values)
@@ -69,8 +69,9 @@ class Looks:
         """Return the same with the angle of the object in each frame, (frames,)."""
         return replace(self, angle_deg=angle_deg)
 
-    def turned_back(self) -> np.ndarray:
-        """Return the values (frames, n, n) as if the object had the angle of the first frame."""
+    @cached_property
+    def upright(self) -> np.ndarray:
+        """The values (frames, n, n) as if the object had the angle of the first frame."""
         return np.stack(
             [turn(one, -angle, self.aspect, self.floor) for one, angle in zip(self.values, self.turns, strict=True)]
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,15 +12,12 @@ from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.captured_frames import describe_files
 from invert.albedo.metrics import aligned_pearson
-from invert.measure.estimate import estimate_from_frames
 from invert.output.result import Result
-from invert.pipeline import fulfil, read_prepared
+from invert.pipeline import estimate_following, fulfil, read_prepared
 from invert.request import Request
 from invert.sources import Source, read_source
 from invert.tracking.rotation import rotation_of, signal_of
-from invert.tracking.stabilise import follow_travel
 from invert.tracking.tables import check_frames
-from invert.tracking.track import Track
 from invert.video.film import Film
 from invert.video.fine import of_one_size, with_fields
 from invert.video.looks import Looks
@@ -54,28 +51,33 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
     """Reconstruct a film with the options of a request; see `film`."""
     capture, notes = _read(request, source)
     check_frames(capture, interval_s, MIN_FRAMES, "film")
-    shown = _follow(request, capture)
-    still = choose_window(shown.looks)
-    looks, window, of_turn = _turn_back(shown.looks, still)
+    whole, followed = estimate_following(request, capture, MIN_FRAMES)
+    looks = Looks.of(followed.capture, whole, request)
+    still = choose_window(looks)
+    looks, window, of_turn = _turn_back(looks, still)
     found = _reconstruct(request, looks, window)
     if request.retrieves_fields:
-        found, of_fields = with_fields(request, shown.capture, looks, still, found, window)
+        found, of_fields = with_fields(request, followed.capture, looks, still, found, window)
         images, numbers, used = of_one_size([one.albedo for one in found]), np.array(still.middles()), still
     else:
-        (images, numbers), used, of_fields = _at_their_angles(found, looks, window, moves=shown.path is not None), window, []
+        (images, numbers), used, of_fields = (
+            _at_their_angles(found, looks, window, moves=followed.track is not None),
+            window,
+            [],
+        )
     side = len(images[0])
     pooled = min(2 * used.half_width + 1, used.frames) * len(capture.frames) / used.frames
     warnings = [warning for one in found for warning in one.warnings]
     return Film(
         albedos=np.stack(images),
-        middle_frame=shown.middle_frame[numbers],
+        middle_frame=followed.middle_frame[numbers],
         confidence=np.resize([_confidence(one) for one in found], len(images)),
         frames_per_image=round(pooled),
         angle_deg=looks.turns[numbers] if looks.turns.any() else None,
-        path=shown.path,
+        path=followed.track,
         pitches_m=_pitches_m(looks, side),
         interval_s=interval_s,
-        notes=tuple(dict.fromkeys([*notes, *shown.notes, *of_turn, *of_fields, *warnings])),
+        notes=tuple(dict.fromkeys([*notes, *followed.notes, *of_turn, *of_fields, *warnings])),
     )
 
 
@@ -108,28 +110,6 @@ def _confidence(result: Result) -> float:
     return result.confidence if of_fields is None else of_fields
 
 
-@dataclass(frozen=True)
-class _Shown:
-    """Frames that follow the object: r*r of each, the number of the frame in its middle, the path, and notes."""
-
-    capture: Capture
-    looks: Looks
-    middle_frame: np.ndarray
-    path: Track | None
-    notes: list[str]
-
-
-def _follow(request: Request, capture: Capture) -> _Shown:
-    """Return frames that follow the object, if its speckle travels."""
-    whole = estimate_from_frames(capture, request)
-    followed = follow_travel(capture, whole.filtered_frames, MIN_FRAMES) if request.mean_model == "auto" else None
-    if followed is None:
-        return _Shown(capture, Looks.of(capture, whole, request), np.arange(float(len(capture.frames))), None, [])
-    pooled = replace(request, mean_model="pooled", sums_file=None)
-    looks = Looks.of(followed.capture, estimate_from_frames(followed.capture, pooled), pooled)
-    return _Shown(followed.capture, looks, followed.middle_frame, followed.track, followed.notes)
-
-
 def _turn_back(looks: Looks, still: Window) -> tuple[Looks, Window, list[str]]:
     """Return the looks with angles, the window, and a note, if the object then stays the same for longer; otherwise what was given."""
     try:
@@ -148,12 +128,12 @@ def _reconstruct(request: Request, looks: Looks, window: Window) -> list[Result]
 
     Each albedo is registered to the one before, because r*r leaves place and half turns open.
     """
-    upright, options = looks.turned_back(), request.for_estimate()
+    options = request.for_estimate()
     middles = tqdm(window.middles(), desc="images", unit="image", disable=None, leave=False)
     found: list[Result] = []
     before = None
     for middle in middles:
-        one = fulfil(options, looks.mean(upright, window.around(middle)))
+        one = fulfil(options, looks.mean(looks.upright, window.around(middle)))
         if one.object_found:
             placed = one.coarse_albedo if before is None else aligned_pearson(one.coarse_albedo, before)[1]
             one, before = replace(one, reconstruction=replace(one.reconstruction, albedo=placed)), placed

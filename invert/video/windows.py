@@ -56,11 +56,11 @@ def choose_window(looks: Looks) -> Window:
 
     The change is allowed to raise chi^2 of the window by a standard deviation: half the root of twice the number of lags, in nats.
     """
-    count, upright = len(looks.values), looks.turned_back()
+    count = len(looks.values)
     most = 0.5 * (2.0 * looks.whole.lag_grid.off_axis.sum() / WHOLE_FRAME_INFLATION) ** 0.5
     best = 1
     for half in half_widths(count):
-        lost, error = change(looks, upright, half)
+        lost, error = change(looks, looks.upright, half)
         if lost - MIN_SIGMA * error > most:
             return Window(best, count)
         best = half

@@ -33,9 +33,8 @@ def test_an_object_that_hardly_moves_is_one_long_exposure(geometry):
     assert kept_by_group(slow, 8) == pytest.approx(1.0, abs=1e-4)
     assert effective_groups(slow, 8, 10) == pytest.approx(1.0, rel=1e-3)
     alone = frame.at_exposure(8e-3).error(1)
-    assert followed_error(frame, slow, 8, 1) == pytest.approx(
-        alone, rel=0.03
-    )  # the wall's roughness is averaged while it passes
+    # the wall's roughness is averaged while it passes
+    assert followed_error(frame, slow, 8, 1) == pytest.approx(alone, rel=0.03)
 
 
 def test_groups_that_share_nothing_are_independent(geometry):
