@@ -1,4 +1,4 @@
-"""Building blocks of the networks: residual blocks, self-attention, U-net, decoder."""
+"""Building blocks of the networks: precision, residual blocks, self-attention, U-net, decoder."""
 
 from __future__ import annotations
 
@@ -8,6 +8,15 @@ from torch.nn import functional
 
 GROUPS = 4
 """Channel groups of every group norm."""
+
+
+def autocast(device: torch.device) -> torch.autocast:
+    """Return the context in which networks run: bfloat16 where the processor computes in it, float32 elsewhere.
+
+    Processors without AVX-512 emulate bfloat16 so slowly that a convolution takes up to 100 times as long as in float32.
+    """
+    is_computed = device.type != "cpu" or bool(torch.ops.mkldnn._is_mkldnn_bf16_supported())
+    return torch.autocast(device.type, dtype=torch.bfloat16, enabled=is_computed)
 
 
 class ResidualBlock(nn.Module):

@@ -24,6 +24,7 @@ from invert.measure.coarsen import coarsen, pad
 from invert.measure.lag_choice import SIDE_STEP
 from invert.measure.spectrum import Measurement, denoised_modulus, fourier_modulus
 from invert.network.annealing import INITIAL_SCHEDULE, Annealing, Chain, sample_posterior
+from invert.network.blocks import autocast
 from invert.network.confidence import ConfidenceFeatures, logit_correlation_with_new_sample
 from invert.network.features import Observation
 from invert.network.finer_lags import enlarge, finer_progress_steps, sample_on_finer_lags
@@ -85,11 +86,11 @@ def network_progress_steps(quality: Quality) -> int:
 
 
 def predict(network: nn.Module, observation: Observation) -> Any:
-    """Run a network, or one part of it, on observations; bfloat16 inside, float32 outside.
+    """Run a network, or one part of it, on observations (see `autocast`); float32 outside.
 
     Networks that reconstruct return albedos (n, 64, 64) and logits of their predicted correlations with the truth.
     """
-    with torch.autocast(observation.values.device.type, dtype=torch.bfloat16):
+    with autocast(observation.values.device):
         return network(observation)
 
 

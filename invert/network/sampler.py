@@ -10,7 +10,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from invert.network.blocks import Decoder, Unet
+from invert.network.blocks import Decoder, Unet, autocast
 from invert.network.features import SKETCH_CHANNELS, Observation, sketch_features
 
 ALBEDO_STD = 0.25
@@ -55,6 +55,6 @@ class Sampler(nn.Module):
         level = (sigma.log() / 4.0)[:, None, None, None].expand(-1, 1, *cells.shape[-2:])
         features = sketch_features(seen).expand(len(cells), -1, -1, -1)
         shown = torch.cat((cells, features, level), 1)
-        with torch.autocast(shown.device.type, dtype=torch.bfloat16):
+        with autocast(shown.device):
             drawn = self.drawing(self.unet(shown.to(memory_format=torch.channels_last))[0])[:, 0]
         return ALBEDO_STD**2 * shrink.square() * noisy + spread * ALBEDO_STD * shrink * drawn
