@@ -4,6 +4,7 @@ ablation.py               losses and mappings of the paper, trained small
 cameras.py                predicted and reached exposures of random cameras
 data_gen.py               samples per second of each kind of dataset
 digest.py                 checksums of frames, estimates and albedos, to compare two versions of the code
+exchangeability.py        ranks of the truth among the samples of the posterior
 fields.py                 what fields add to the autocorrelation: pages, letters, exposures, bars
 false_alarms.py           warnings about clean frames of random cameras and objects
 hio.py                    time of HIO with 16 starts compared with that of the FFTs that it contains

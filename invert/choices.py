@@ -39,7 +39,8 @@ class Quality:
             denoised modulus.
         augmentations: number of transformed copies of the input over which denoiser and fusion average.
         samples: posterior samples; 0 leaves the posterior sampler out.
-        rounds: maximum number of times that noise is added to each posterior sample and removed again by the network.
+        rounds: maximum number of times that noise is added to each posterior sample and removed again by the network, before a last
+            time.
         converged: correlation of the mean reconstruction with that of one round less at which the rounds end; 1 for all rounds.
         finer_samples, finer_rounds: the same on grids of more than 64 lags, where sampling starts from the posterior samples
             of a coarser grid.
@@ -78,12 +79,12 @@ BALANCED = Quality(
     network_starts=16,
     augmentations=4,
     samples=12,
-    rounds=8,
+    rounds=7,
     converged=0.9995,
     finer_samples=4,
     finer_rounds=4,
 )
-BEST = Quality("best", 64, 1.0, network_starts=32, augmentations=4, samples=32, rounds=12, finer_samples=8, finer_rounds=8)
+BEST = Quality("best", 64, 1.0, network_starts=32, augmentations=4, samples=32, rounds=11, finer_samples=8, finer_rounds=8)
 QUALITIES = {quality.name: quality for quality in (FAST, BALANCED, BEST)}
 
 

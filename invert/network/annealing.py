@@ -1,8 +1,10 @@
 """Posterior sampling: annealed diffusion with data-consistency steps.
 
-Each sample starts as pure noise. The sampler network denoises it in steps, and data-consistency steps follow each of them. Then
-rounds add noise again and denoise again. With an exact network and no further steps, a round leaves the posterior unchanged (it
-is Gibbs sampling of an object and its noisy image), so rounds correct local errors and keep what the added noise does not hide.
+Each sample starts as pure noise. The sampler network denoises it in steps, and data-consistency steps follow each of them (`init`).
+Then rounds add noise again and denoise again (`step`). With an exact network and no further steps, a round leaves the posterior
+unchanged (it is Gibbs sampling of an object and its noisy image), so rounds correct local errors and keep what the added noise
+does not hide. These rounds search: their data-consistency steps are long, and fit more noise than the truth does. The last round
+(`finish`) takes short ones, so that the truth could be one of its samples.
 """
 
 from __future__ import annotations
@@ -16,9 +18,16 @@ from correlograph.lags import lag_grid_of
 from correlograph.progress import Progress, no_progress
 from invert.albedo.registration import crop_centred, normalise_peak, register_images, zero_pad
 from invert.choices import Quality
-from invert.likelihood.data_consistency import MAX_ALBEDO, run_data_consistency_steps
-from invert.network.features import Observation, fill_zero_lag_by_neighbours, mean_near_zero_lag
-from invert.network.sampler import Sampler, posterior_variance
+from invert.likelihood.data_consistency import MAX_ALBEDO
+from invert.network.data_steps import (
+    DataStep,
+    match_deviance_of_truth,
+    replace_unlikely_samples,
+    take_last_steps,
+    take_shrunken_steps,
+)
+from invert.network.features import Observation
+from invert.network.sampler import Sampler
 
 
 @dataclass(frozen=True)
@@ -27,7 +36,7 @@ class Annealing:
 
     Attributes:
         samples: number of samples.
-        rounds: maximum number of re-noising rounds.
+        rounds: maximum number of re-noising rounds before the last one.
         steps: noise levels per round.
         first, last: highest and lowest noise level of a round; the cube roots of the levels are equidistant.
         ascent: data-consistency steps at each level.
@@ -60,25 +69,11 @@ def noise_level_at(fraction: torch.Tensor, first: float | torch.Tensor, last: fl
 INITIAL_SCHEDULE = {"first": 4.0, "steps": 8}
 """Initial noise level, which hides any object, and number of steps before the first round."""
 
-REPLACEMENT_MARGIN_NATS, MAX_REPLACED_FRACTION = 60.0, 1 / 3
-"""Minimum lead in log-likelihood of a replacement over its sample, and maximum fraction of samples replaced. The limit of one
-third keeps the samples diverse: without it, bright captures leave copies of one sample."""
-
 CANDIDATE_SIGMA = 0.2
 """Noise level at which candidates take data-consistency steps before they compete with samples."""
 
-MAX_FINAL_STEPS = 50
-"""Maximum number of final data-consistency steps. They stop at a reduced deviance of 1 (Morozov's discrepancy principle)."""
-
 FRESH_NOISE_FRACTION = 0.5
 """Fraction of the noise that is sampled independently at each step."""
-
-PRIOR_VARIANCE_FACTOR = 10.0
-"""Prior variance around the denoiser output, in units of `posterior_variance`. Evidence: docs/research.md."""
-
-NOISE_GAIN_NATS_PER_PIXEL = 0.1
-"""Log-likelihood that data-consistency steps gain from noise alone, per pixel that the data determine and per unit of
-`floor_fraction`. Evidence: docs/research.md."""
 
 
 @dataclass(frozen=True)
@@ -122,40 +117,79 @@ class Chain:
         return torch.randn(like.shape, generator=self.rng, device=self.rng.device).to(like)
 
 
+@dataclass(frozen=True)
+class Sampling:
+    """State between rounds.
+
+    Attributes:
+        samples: albedos (n, 64, 64).
+        candidates: albedos (m, 64, 64) that replace unlikely samples before the next round.
+        denoised_means: denoiser outputs averaged over each round so far, (n, 64, 64) each.
+        total: their registered sum, (128, 128); before the first round, a sample.
+        has_converged: whether the last round hardly changed the direction of `total`.
+    """
+
+    samples: torch.Tensor
+    candidates: torch.Tensor
+    denoised_means: tuple[torch.Tensor, ...]
+    total: torch.Tensor
+    has_converged: bool = False
+
+
 def sample_posterior(chain: Chain, candidates: torch.Tensor, options: Annealing) -> AnnealingResult:
     """Sample the posterior of one object. The rounds end early when the mean of the denoiser outputs has converged.
 
     Args:
         candidates: albedos (m, 64, 64) that replace unlikely samples before the first round.
     """
-    observation, data = chain.observation, chain.data
-    denoised_means: list[torch.Tensor] = []
-    sigma = observation.dof.new_full((len(candidates),), CANDIDATE_SIGMA)
-    candidates = apply_shrunken_data_step(data, candidates, sigma, options.ascent)
-    side = lag_grid_of(observation.values).object_side
-    zeros = torch.zeros(options.samples, side, side, device=observation.values.device)
-    first = replace(options, **INITIAL_SCHEDULE)
-    samples, _ = run_annealing(chain, zeros, first)
-    mean = zero_pad(samples[0])
-    for number in range(options.rounds):
-        others = candidates[:0] if number else candidates
-        samples = torch.stack([crop_centred(one) for one in zero_pad(replace_unlikely_samples(data, samples, others))])
-        samples, denoised = run_annealing(chain, samples, options)
-        denoised_means.append(denoised)
-        registered, _ = register_images(zero_pad(normalise_peak(denoised)), mean)
-        former, mean = mean, registered.sum(0) + (mean if number else 0.0)
-        if number and float(register_images(mean[None], former)[1]) >= options.converged:
-            chain.progress((options.rounds - number - 1) * options.steps)
-            break
-    variance = PRIOR_VARIANCE_FACTOR * posterior_variance(torch.full_like(observation.dof, options.last))
-    samples = run_data_consistency_steps(
-        data.likelihood(), normalise_peak(samples), variance, MAX_FINAL_STEPS, 1.0 / chain.inflation
-    )
-    return AnnealingResult(normalise_peak(samples), torch.cat(denoised_means))
+    state = init(chain, candidates, options)
+    while len(state.denoised_means) < options.rounds and not state.has_converged:
+        state = step(chain, state, options)
+    chain.progress((options.rounds - len(state.denoised_means)) * options.steps)
+    return finish(chain, state, options)
+
+
+def init(chain: Chain, candidates: torch.Tensor, options: Annealing) -> Sampling:
+    """Sample from noise alone; move candidates (m, 64, 64) towards the data."""
+    side = lag_grid_of(chain.observation.values).object_side
+    zeros = torch.zeros(options.samples, side, side, device=chain.observation.values.device)
+    samples, _ = run_annealing(chain, zeros, replace(options, **INITIAL_SCHEDULE))
+    sigma = chain.observation.dof.new_full((len(candidates),), CANDIDATE_SIGMA)
+    candidates = take_shrunken_steps(chain.data, candidates, sigma, options.ascent)
+    return Sampling(samples, candidates, (), zero_pad(samples[0]))
+
+
+def step(chain: Chain, state: Sampling, options: Annealing) -> Sampling:
+    """Replace unlikely samples, add noise to all and denoise them: one round."""
+    likely = replace_unlikely_samples(chain.data, state.samples, state.candidates)
+    samples, denoised = run_annealing(chain, _centred(likely), options)
+    registered, _ = register_images(zero_pad(normalise_peak(denoised)), state.total)
+    total = registered.sum(0) + (state.total if state.denoised_means else 0.0)
+    has_converged = bool(state.denoised_means) and float(register_images(total[None], state.total)[1]) >= options.converged
+    return Sampling(samples, samples[:0], (*state.denoised_means, denoised), total, has_converged)
+
+
+def finish(chain: Chain, state: Sampling, options: Annealing) -> AnnealingResult:
+    """Draw the samples in a last round."""
+    samples = draw_last_round(chain, _centred(state.samples), options)
+    return AnnealingResult(normalise_peak(samples), torch.cat(state.denoised_means))
+
+
+def draw_last_round(chain: Chain, starts: torch.Tensor, options: Annealing) -> torch.Tensor:
+    """Run a round with short data-consistency steps, and give each sample (n, 64, 64) a deviance that the truth could have."""
+    samples, _ = run_annealing(chain, starts, options, take_last_steps)
+    sigma = samples.new_full((len(samples),), options.last)
+    return match_deviance_of_truth(chain.data, samples, sigma, chain.inflation, chain.noise(sigma))
+
+
+def _centred(samples: torch.Tensor) -> torch.Tensor:
+    return torch.stack([crop_centred(one) for one in zero_pad(samples)])
 
 
 @torch.no_grad()
-def run_annealing(chain: Chain, starts: torch.Tensor, options: Annealing) -> tuple[torch.Tensor, torch.Tensor]:
+def run_annealing(
+    chain: Chain, starts: torch.Tensor, options: Annealing, data_step: DataStep = take_shrunken_steps
+) -> tuple[torch.Tensor, torch.Tensor]:
     """Add noise to albedos (n, 64, 64) and denoise them; return the albedos and the mean of the denoiser outputs."""
     levels = options.levels().to(starts)
     albedo, noisy = starts, starts + levels[0] * chain.noise(starts)
@@ -164,35 +198,11 @@ def run_annealing(chain: Chain, starts: torch.Tensor, options: Annealing) -> tup
         sigma = level.expand(len(starts))
         denoised = chain.sampler(chain.observation, noisy, sigma, albedo).clamp(0.0, MAX_ALBEDO)
         total += denoised
-        albedo = apply_shrunken_data_step(chain.data, denoised, sigma, options.ascent)
+        albedo = data_step(chain.data, denoised, sigma, options.ascent)
         if following is not None:
             noisy = renoise(albedo, noisy, level, following, chain.noise(starts))
         chain.progress()
     return albedo, total / options.steps
-
-
-def apply_shrunken_data_step(data: Observation, denoised: torch.Tensor, sigma: torch.Tensor, steps: int) -> torch.Tensor:
-    """Apply data-consistency steps to denoiser outputs (n, 64, 64), shortened by the expected gain from noise alone.
-
-    Positive-part Stein shrinkage: steps that gain no more than noise would are undone, others in part
-    (B. Efron, C. Morris, J. Am. Stat. Assoc. 68, 117, 1973, doi:10.1080/01621459.1973.10481350).
-    """
-    variance = PRIOR_VARIANCE_FACTOR * posterior_variance(sigma)
-    likelihood = data.likelihood()
-    moved = run_data_consistency_steps(likelihood, denoised, variance, steps)
-    before, change = likelihood.at(denoised), moved - denoised
-    gain = likelihood.at(moved).log_likelihood() - before.log_likelihood()
-    information = before.information()
-    determined = (information / (information + variance.reciprocal()[:, None, None]) * (change != 0.0)).sum((-2, -1))
-    noise_gain = NOISE_GAIN_NATS_PER_PIXEL * floor_fraction(data) * determined
-    kept = (1.0 - noise_gain / gain.clamp_min(1e-6)).clamp_min(0.0)
-    return denoised + kept[:, None, None] * change
-
-
-def floor_fraction(data: Observation) -> torch.Tensor:
-    """Return the fraction of the noise floor in the lags next to zero lag, (n,), 0 to 1."""
-    near = mean_near_zero_lag(fill_zero_lag_by_neighbours(data.values))
-    return (data.floor / near.clamp_min(1e-30)).clamp(0.0, 1.0)
 
 
 def renoise(
@@ -201,18 +211,3 @@ def renoise(
     """Add noise of the following level to albedos: partly the rescaled present noise of `noisy`, partly new noise."""
     kept = (1.0 - FRESH_NOISE_FRACTION**2) ** 0.5 * following / level
     return albedo + kept * (noisy - albedo) + FRESH_NOISE_FRACTION * following * noise
-
-
-def replace_unlikely_samples(data: Observation, samples: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
-    """Replace the least likely samples (n, 64, 64) by the most likely of all samples and others (m, 64, 64).
-
-    Later rounds would correct them as well. However, an object that is mostly right converges faster than one that is not.
-    """
-    pool = torch.cat((samples, others))
-    likelihood = data.likelihood()(pool)
-    best = likelihood.argsort(descending=True, stable=True)
-    worst = likelihood[: len(samples)].argsort(stable=True)[: int(MAX_REPLACED_FRACTION * len(samples))]
-    best = best[: len(worst)]
-    source = torch.arange(len(samples), device=samples.device)
-    source[worst] = torch.where(likelihood[worst] < likelihood[best] - REPLACEMENT_MARGIN_NATS, best, worst)
-    return pool[source]

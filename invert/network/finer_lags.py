@@ -15,7 +15,8 @@ from invert.albedo.registration import Consensus, consensus, crop_centred, norma
 from invert.choices import Quality
 from invert.likelihood.refinement import refine_by_likelihood
 from invert.measure.spectrum import RESOLUTION_LAGS, Measurement
-from invert.network.annealing import Annealing, Chain, replace_unlikely_samples, run_annealing
+from invert.network.annealing import Annealing, Chain, run_annealing
+from invert.network.data_steps import replace_unlikely_samples
 from invert.solvers.base import gaussian_blur
 
 LATE_FIRST_SIGMA = 0.4

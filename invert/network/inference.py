@@ -81,7 +81,7 @@ class NetworkOutput:
 def network_progress_steps(quality: Quality) -> int:
     """Return how many steps of progress `reconstruct_by_network` reports."""
     schedule = Annealing.of(quality)
-    denoising = INITIAL_SCHEDULE["steps"] + schedule.rounds * schedule.steps if quality.samples else 0
+    denoising = INITIAL_SCHEDULE["steps"] + (schedule.rounds + 1) * schedule.steps if quality.samples else 0
     return RETRIEVAL.iterations + SAMPLER_STEP * int(denoising)
 
 

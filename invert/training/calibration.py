@@ -71,9 +71,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             f"on {len(observed.achieved)} estimates"
         )
         if all(observed.errors.values()):
-            card["calibration"]["sizes"] = {
-                size: np.quantile(errors, np.linspace(0.0, 1.0, QUANTILES)).tolist() for size, errors in observed.errors.items()
-            }
+            card["calibration"]["sizes"] = {size: conformal_quantiles(errors) for size, errors in observed.errors.items()}
     # The calibration of `balanced` serves `best`: more starts, samples and rounds change little.
     card["calibration"][BEST.name] = card["calibration"][BALANCED.name]
     save_weights(options.weights, tensors, card)
@@ -101,6 +99,15 @@ def _observe(batch: Batch, weights: Path, quality: Quality) -> Observed:
             for size, own in errors.items():
                 own.append(SizeStatistics.of(found.posterior.samples, size).error(measure_size(truth.numpy(), size)))
     return Observed(np.array(features), np.array(achieved), errors)
+
+
+def conformal_quantiles(errors: Sequence[float]) -> list[float]:
+    """Return equidistant quantiles of n errors for intervals that hold the error of a new case as often as stated.
+
+    The new case is one of n + 1 (conformal prediction, V. Vovk, A. Gammerman, G. Shafer, Algorithmic Learning in a Random World, 2005): the
+    quantile at p is the error of rank p (n + 1).
+    """
+    return np.quantile(errors, np.linspace(0.0, 1.0, QUANTILES), method="weibull").tolist()
 
 
 def fit_logistic(features: np.ndarray, achieved: np.ndarray) -> list[float]:

@@ -13,7 +13,8 @@ from correlograph.lags import OBJECT_SIDE
 from invert.albedo.registration import register_groups
 from invert.choices import BALANCED
 from invert.likelihood.data_consistency import MAX_ALBEDO
-from invert.network.annealing import Annealing, apply_shrunken_data_step, noise_level_at, renoise
+from invert.network.annealing import Annealing, noise_level_at, renoise
+from invert.network.data_steps import take_shrunken_steps
 from invert.network.features import Observation
 from invert.network.sampler import ALBEDO_STD
 from invert.training.data import Batch
@@ -103,7 +104,7 @@ class Chains:
         one = {name: value[which] for name, value in self.state.items()}
         data = scale_dof_for_sums(task.seen)
         expected = answer.clamp(0.0, MAX_ALBEDO)
-        albedo = apply_shrunken_data_step(data, expected, task.sigma, SCHEDULE.ascent).cpu()
+        albedo = take_shrunken_steps(data, expected, task.sigma, SCHEDULE.ascent).cpu()
         noise = torch.randn(albedo.shape, generator=rng)
         done = one["done"] + 1.0
         low, high = map(math.log, FIRST)

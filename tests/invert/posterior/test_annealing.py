@@ -10,19 +10,16 @@ from invert.albedo.registration import register_images, zero_pad
 from invert.choices import DEFAULT_WEIGHTS
 from invert.likelihood.data_consistency import run_data_consistency_steps
 from invert.likelihood.gamma import Likelihood
-from invert.network.annealing import (
-    INITIAL_SCHEDULE,
+from invert.network.annealing import INITIAL_SCHEDULE, Annealing, AnnealingResult, Chain, sample_posterior
+from invert.network.checkpoints import load_network
+from invert.network.data_steps import (
     PRIOR_VARIANCE_FACTOR,
     REPLACEMENT_MARGIN_NATS,
-    Annealing,
-    AnnealingResult,
-    Chain,
-    apply_shrunken_data_step,
     floor_fraction,
+    match_deviance_of_truth,
     replace_unlikely_samples,
-    sample_posterior,
+    take_shrunken_steps,
 )
-from invert.network.checkpoints import load_network
 from invert.network.features import Observation
 from invert.network.inference import make_observation
 from invert.network.sampler import posterior_variance
@@ -67,7 +64,7 @@ def test_rounds_end_when_the_mean_has_converged(sampler, converged, rounds):
     options = replace(FEW, rounds=3, converged=converged)
     found = drawn(sampler, 1, options, lambda count=1: steps.append(count))
     assert len(found.denoised_means) == rounds * options.samples
-    assert sum(steps) == INITIAL_SCHEDULE["steps"] + 3 * options.steps
+    assert sum(steps) == INITIAL_SCHEDULE["steps"] + (3 + 1) * options.steps
 
 
 @pytest.mark.parametrize("unit", [1e-3, 1.0, 50.0])
@@ -98,6 +95,23 @@ def test_resampling_replaces_the_least_likely():
     torch.testing.assert_close(replace_unlikely_samples(data, RIGHT.expand(6, -1, -1), faint[None]), RIGHT.expand(6, -1, -1))
 
 
+def test_deviance_matches_that_of_truths():
+    """Samples of a wrong brightness end at deviances of the mean and the variance that those of 200 truths with their own noise have."""
+    truths = at_noise(RIGHT[None].expand(200, -1, -1), 0.3, 64.0, torch.Generator().manual_seed(9)).seen
+    of_truths = truths.likelihood().at(RIGHT[None].expand(200, -1, -1)).deviance()
+    data, sigma = truths.part(slice(0, 1), "cpu"), torch.full((50,), 0.8)
+    dimmed = RIGHT.clone()
+    dimmed[14:19] = 0.0
+    wrong = dimmed.expand(50, -1, -1)
+    assert float(data.likelihood().at(wrong).deviance().min()) > 1.1
+    normal = torch.randn(50, generator=torch.Generator().manual_seed(10))
+    found = data.likelihood().at(match_deviance_of_truth(data, wrong, sigma, 1.0, normal)).deviance()
+    error = float(of_truths.std())
+    assert abs(float(found.mean() - of_truths.mean())) < 0.5 * error
+    assert 0.7 * error < float(found.std()) < 1.4 * error
+    assert float(torch.corrcoef(torch.stack((found, normal)))[0, 1]) > 0.98
+
+
 @pytest.mark.parametrize("seed", [6, 7, 8])
 def test_steps_that_follow_noise_are_taken_back(seed):
     """A fifth and more of those from the truth, hardly any of those from a wrong object."""
@@ -108,7 +122,7 @@ def test_steps_that_follow_noise_are_taken_back(seed):
             run_data_consistency_steps(data.likelihood(), begun, PRIOR_VARIANCE_FACTOR * posterior_variance(sigma), 8) - begun
         )
         kept.append(
-            float(((apply_shrunken_data_step(data, begun, sigma, 8) - begun) * all_of_them).sum() / all_of_them.square().sum())
+            float(((take_shrunken_steps(data, begun, sigma, 8) - begun) * all_of_them).sum() / all_of_them.square().sum())
         )
     assert kept[0] < 0.82
     assert kept[1] > 0.95

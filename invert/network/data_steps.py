@@ -1,0 +1,96 @@
+"""The parts of the sampling that use the likelihood: data steps of the rounds and of the last one, replacement, deviance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+
+from invert.likelihood.data_consistency import Ascent, ascend_to_deviance, run_data_consistency_steps
+from invert.network.features import Observation, fill_zero_lag_by_neighbours, mean_near_zero_lag
+from invert.network.sampler import posterior_variance
+
+DataStep = Callable[[Observation, torch.Tensor, torch.Tensor, int], torch.Tensor]
+"""Moves denoiser outputs (n, 64, 64) at noise levels (n,) towards the data, in a number of steps."""
+
+PRIOR_VARIANCE_FACTOR = 10.0
+"""Prior variance around the denoiser output, in units of `posterior_variance`, in the rounds that search. Evidence:
+docs/research.md."""
+
+LAST_VARIANCE_FACTOR = 0.3
+"""The same in the last round: the log-likelihood of the truth then has the most uniform rank among those of the samples.
+Evidence: docs/research.md."""
+
+NOISE_GAIN_NATS_PER_PIXEL = 0.1
+"""Log-likelihood that data-consistency steps gain from noise alone, per pixel that the data determine and per unit of
+`floor_fraction`. Evidence: docs/research.md."""
+
+REPLACEMENT_MARGIN_NATS, MAX_REPLACED_FRACTION = 60.0, 1 / 3
+"""Minimum lead in log-likelihood of a replacement over its sample, and maximum fraction of samples replaced. The limit of one
+third keeps the samples diverse: without it, bright captures leave copies of one sample."""
+
+MAX_FINAL_STEPS = 50
+"""Maximum number of data-consistency steps after the last round."""
+
+
+def take_shrunken_steps(data: Observation, denoised: torch.Tensor, sigma: torch.Tensor, steps: int) -> torch.Tensor:
+    """Take data-consistency steps, shortened by the expected gain from noise alone.
+
+    Positive-part Stein shrinkage: steps that gain no more than noise would are undone, others in part
+    (B. Efron, C. Morris, J. Am. Stat. Assoc. 68, 117, 1973, doi:10.1080/01621459.1973.10481350).
+    """
+    variance = PRIOR_VARIANCE_FACTOR * posterior_variance(sigma)
+    likelihood = data.likelihood()
+    begun = Ascent.begin(likelihood, denoised, variance)
+    moved = begun.run(likelihood, steps)
+    change = moved - denoised
+    gain = likelihood.at(moved).log_likelihood() - begun.at.log_likelihood()
+    determined = ((1.0 - begun.precision * begun.preconditioner) * (change != 0.0)).sum((-2, -1))
+    noise_gain = NOISE_GAIN_NATS_PER_PIXEL * floor_fraction(data) * determined
+    kept = (1.0 - noise_gain / gain.clamp_min(1e-6)).clamp_min(0.0)
+    return denoised + kept[:, None, None] * change
+
+
+def take_last_steps(data: Observation, denoised: torch.Tensor, sigma: torch.Tensor, steps: int) -> torch.Tensor:
+    """Take the data-consistency steps of the last round, with a narrow prior."""
+    return run_data_consistency_steps(data.likelihood(), denoised, LAST_VARIANCE_FACTOR * posterior_variance(sigma), steps)
+
+
+def match_deviance_of_truth(
+    data: Observation, samples: torch.Tensor, sigma: torch.Tensor, inflation: float, normal: torch.Tensor
+) -> torch.Tensor:
+    """Move samples (n, 64, 64) up their likelihood until each has a deviance that the truth could have.
+
+    Under the noise model the reduced deviance of the truth has the mean 1 and the variance 2 / lags, like chi^2 with as many degrees
+    of freedom as there are lags, in units of the inverse `inflation`. Stopping at its mean is the discrepancy principle of Morozov;
+    samples that all stopped there would be more alike in likelihood than the truth is to them.
+
+    Args:
+        sigma: noise level whose `posterior_variance` limits the change, (n,).
+        normal: standard normal variates (n,), which choose the deviance of each sample.
+    """
+    likelihood = data.likelihood()
+    deviance = (1.0 + (2.0 / likelihood.lags) ** 0.5 * normal) / inflation
+    variance = PRIOR_VARIANCE_FACTOR * posterior_variance(sigma)
+    return ascend_to_deviance(likelihood, samples, variance, deviance, MAX_FINAL_STEPS)
+
+
+def floor_fraction(data: Observation) -> torch.Tensor:
+    """Return the fraction of the noise floor in the lags next to zero lag, (n,), 0 to 1."""
+    near = mean_near_zero_lag(fill_zero_lag_by_neighbours(data.values))
+    return (data.floor / near.clamp_min(1e-30)).clamp(0.0, 1.0)
+
+
+def replace_unlikely_samples(data: Observation, samples: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
+    """Replace the least likely samples (n, 64, 64) by the most likely of all samples and others (m, 64, 64).
+
+    Later rounds would correct them as well. However, an object that is mostly right converges faster than one that is not.
+    """
+    pool = torch.cat((samples, others))
+    likelihood = data.likelihood()(pool)
+    best = likelihood.argsort(descending=True, stable=True)
+    worst = likelihood[: len(samples)].argsort(stable=True)[: int(MAX_REPLACED_FRACTION * len(samples))]
+    best = best[: len(worst)]
+    source = torch.arange(len(samples), device=samples.device)
+    source[worst] = torch.where(likelihood[worst] < likelihood[best] - REPLACEMENT_MARGIN_NATS, best, worst)
+    return pool[source]
