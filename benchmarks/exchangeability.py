@@ -25,7 +25,6 @@ import torch
 from scipy.stats import kstest, kstwo
 
 from data_gen.shapes import strokes
-from invert.albedo.posterior import SIZES, SizeStatistics, measure_size
 from invert.albedo.registration import normalise_peak
 from invert.choices import BALANCED, DEFAULT_WEIGHTS
 from invert.evaluation.sets import NOISE_LEVELS, edges, grey, shapes, unusual
@@ -38,24 +37,19 @@ from invert.training.data import at_noise
 BATCH_IMAGES = 8192
 """Images that are sampled at a time."""
 
-PROBABILITIES = (0.5, 0.8, 0.95)
-
 
 @dataclass(frozen=True)
 class Ranks:
-    """Ranks of the truth among the samples, 0 to 1, of each of n objects; their spreads, and errors of sizes."""
+    """Ranks of the truth among the samples, 0 to 1, and spread of the samples, of each of n objects."""
 
     likelihood: np.ndarray
     norm: np.ndarray
     tarp: np.ndarray
     spread: np.ndarray
-    sizes: dict[str, np.ndarray]
 
     @classmethod
     def join(cls, parts: list[Ranks]) -> Ranks:
-        names = ("likelihood", "norm", "tarp", "spread")
-        sizes = {size: np.concatenate([one.sizes[size] for one in parts]) for size in SIZES}
-        return cls(*(np.concatenate([getattr(one, name) for one in parts]) for name in names), sizes)
+        return cls(*(np.concatenate(values) for values in zip(*(vars(one).values() for one in parts), strict=True)))
 
 
 def truths_of(family: str, photographs: Path, count: int, seed: int) -> torch.Tensor:
@@ -126,23 +120,8 @@ def measure(seen: Observation, truth: torch.Tensor, reference: torch.Tensor, sam
     unit = together / norm[..., None, None]
     away = reference / reference.square().sum((-2, -1)).sqrt()[:, None, None]
     from_truth, in_pairs = distance(unit[:, 0], unit[:, 1:]), distance(unit[:, 1], unit[:, 2:])
-    images = samples.cpu().numpy()
-    sizes = {
-        size: np.array(
-            [
-                SizeStatistics.of(own, size).error(measure_size(one.cpu().numpy(), size))
-                for own, one in zip(images, truth, strict=True)
-            ]
-        )
-        for size in SIZES
-    }
-    return Ranks(
-        rank(log_likelihood),
-        rank(norm),
-        rank(distance(away, unit)),
-        (in_pairs.mean(1) / from_truth.mean(1)).cpu().numpy(),
-        sizes,
-    )
+    spread = (in_pairs.mean(1) / from_truth.mean(1)).cpu().numpy()
+    return Ranks(rank(log_likelihood), rank(norm), rank(distance(away, unit)), spread)
 
 
 def main() -> None:
