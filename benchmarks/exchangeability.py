@@ -11,7 +11,7 @@ TARP       distance from a reference, the truth of another case, at unit norm an
 spread     distance of two samples over that of a sample from the truth, at unit norm; 1 is right
 
 The column `chance` holds the difference that chance exceeds in 5 % of the tables. Only the sampler runs, on all objects at a time, without
-the candidates and the early end of `invert`.
+the candidates, the centring between rounds and the early end of `invert`.
 """
 
 from __future__ import annotations
@@ -52,22 +52,23 @@ class Ranks:
         return cls(*(np.concatenate(values) for values in zip(*(vars(one).values() for one in parts), strict=True)))
 
 
+SETS = {
+    "characters": lambda _, count, seed: shapes(count, seed),
+    "grey": grey,
+    "edges": edges,
+    "unusual": lambda _, count, seed: unusual(count, seed),
+}
+"""Test sets of `invert.evaluate`, as functions of photographs, count and seed; some have fewer objects than asked for."""
+
+
 def truths_of(family: str, photographs: Path, count: int, seed: int) -> torch.Tensor:
     """Return `count` objects of a family, (count, 64, 64)."""
+    if family == "strokes":
+        rng = np.random.default_rng(seed)
+        return torch.from_numpy(np.stack([strokes(rng) / np.float32(255.0) for _ in range(count)]))
     found: list[np.ndarray] = []
     while len(found) < count:
-        left = count - len(found)
-        rng = np.random.default_rng(seed)
-        if family == "strokes":
-            found += [strokes(rng) / np.float32(255.0) for _ in range(left)]
-            break
-        sets = {
-            "edges": lambda left, seed: edges(photographs, left, seed),
-            "characters": lambda left, seed: shapes(left, seed),
-            "grey": lambda left, seed: grey(photographs, left, seed),
-            "unusual": lambda left, seed: unusual(left, seed),
-        }
-        found += [case.truth for case in next(sets[family](left, seed)).cases]
+        found += [case.truth for case in next(SETS[family](photographs, count - len(found), seed)).cases]
         seed += 1
     return torch.from_numpy(np.stack(found)).float()
 
@@ -128,7 +129,7 @@ def main() -> None:
     """Print the table, a family as soon as it is measured."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("photographs", type=Path, help="folder of photographs that training did not see, such as BSDS500/val")
-    parser.add_argument("--families", nargs="+", default=["strokes", "characters", "grey", "edges", "unusual"])
+    parser.add_argument("--families", nargs="+", choices=("strokes", *SETS), default=["strokes", *SETS])
     parser.add_argument("--count", type=int, default=16, help="objects of each family, a multiple of the eight noise levels")
     parser.add_argument("--samples", type=int, default=24)
     parser.add_argument("--seed", type=int, default=21)

@@ -108,6 +108,11 @@ def crop_centred(images: torch.Tensor, side: int | None = None) -> torch.Tensor:
     return images[..., :side, :side]
 
 
+def centre_each(albedos: torch.Tensor, side: int | None = None) -> torch.Tensor:
+    """Centre each of n albedos (n, H, H) in its own window, (n, side, side); see `crop_centred`."""
+    return torch.stack([crop_centred(one, side) for one in zero_pad(albedos)])
+
+
 @dataclass(frozen=True)
 class Consensus:
     """Registered mean (H, W) of reconstructions, their mean correlation (0 to 1), and its decay with spatial frequency.

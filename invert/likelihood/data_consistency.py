@@ -99,10 +99,9 @@ def ascend_to_deviance(
             break
         reached = ascent.step(moves[:, None, None]).evaluated(likelihood)
         lower = reached.at.deviance()
-        share = ((present - deviance) / (present - lower).clamp_min(1e-9)).clamp(0.0, 1.0)
-        share = torch.where(lower < deviance, share, 1.0) * moves
+        share = ((present - deviance) / (present - lower).clamp_min(1e-9)).clamp(0.0, 1.0) * moves
         between = ascent.albedo + share[:, None, None] * (reached.albedo - ascent.albedo)
-        present = torch.where(moves & (lower < deviance), deviance, torch.where(moves, lower, present))
+        present = torch.where(moves, torch.maximum(lower, deviance), present)
         ascent = replace(reached, albedo=between)
     return ascent.albedo
 

@@ -16,7 +16,7 @@ import torch
 
 from correlograph.lags import lag_grid_of
 from correlograph.progress import Progress, no_progress
-from invert.albedo.registration import crop_centred, normalise_peak, register_images, zero_pad
+from invert.albedo.registration import centre_each, normalise_peak, register_images, zero_pad
 from invert.choices import Quality
 from invert.likelihood.data_consistency import MAX_ALBEDO
 from invert.network.data_steps import (
@@ -162,7 +162,7 @@ def init(chain: Chain, candidates: torch.Tensor, options: Annealing) -> Sampling
 def step(chain: Chain, state: Sampling, options: Annealing) -> Sampling:
     """Replace unlikely samples, add noise to all and denoise them: one round."""
     likely = replace_unlikely_samples(chain.data, state.samples, state.candidates)
-    samples, denoised = run_annealing(chain, _centred(likely), options)
+    samples, denoised = run_annealing(chain, centre_each(likely), options)
     registered, _ = register_images(zero_pad(normalise_peak(denoised)), state.total)
     total = registered.sum(0) + (state.total if state.denoised_means else 0.0)
     has_converged = bool(state.denoised_means) and float(register_images(total[None], state.total)[1]) >= options.converged
@@ -171,7 +171,7 @@ def step(chain: Chain, state: Sampling, options: Annealing) -> Sampling:
 
 def finish(chain: Chain, state: Sampling, options: Annealing) -> AnnealingResult:
     """Draw the samples in a last round."""
-    samples = draw_last_round(chain, _centred(state.samples), options)
+    samples = draw_last_round(chain, centre_each(state.samples), options)
     return AnnealingResult(normalise_peak(samples), torch.cat(state.denoised_means))
 
 
@@ -180,10 +180,6 @@ def draw_last_round(chain: Chain, starts: torch.Tensor, options: Annealing) -> t
     samples, _ = run_annealing(chain, starts, options, take_last_steps)
     sigma = samples.new_full((len(samples),), options.last)
     return match_deviance_of_truth(chain.data, samples, sigma, chain.inflation, chain.noise(sigma))
-
-
-def _centred(samples: torch.Tensor) -> torch.Tensor:
-    return torch.stack([crop_centred(one) for one in zero_pad(samples)])
 
 
 @torch.no_grad()

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch.nn import functional
 
-from invert.albedo.registration import Consensus, consensus, crop_centred, normalise_peak, register_images, zero_pad
+from invert.albedo.registration import Consensus, centre_each, consensus, normalise_peak, register_images, zero_pad
 from invert.choices import Quality
 from invert.likelihood.refinement import refine_by_likelihood
 from invert.measure.spectrum import RESOLUTION_LAGS, Measurement
@@ -60,7 +60,7 @@ def sample_on_finer_lags(chain: Chain, measurement: Measurement, starts: torch.T
         if 2 * number >= quality.finer_rounds and number:
             options = replace(options, first=LATE_FIRST_SIGMA)
         likely = replace_unlikely_samples(chain.data, samples, samples[:0])
-        centred = torch.stack([crop_centred(one) for one in zero_pad(likely)])
+        centred = centre_each(likely)
         samples, expected = run_annealing(chain, centred, options)
         denoised.append(normalise_peak(expected))
         refined = []

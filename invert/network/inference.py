@@ -18,7 +18,15 @@ from tqdm import tqdm
 from correlograph.errors import InputError
 from correlograph.lags import LAGS, OBJECT_SIDE
 from correlograph.progress import Progress, no_progress
-from invert.albedo.registration import Consensus, consensus, crop_centred, normalise_peak, register_images, zero_pad
+from invert.albedo.registration import (
+    Consensus,
+    centre_each,
+    consensus,
+    crop_centred,
+    normalise_peak,
+    register_images,
+    zero_pad,
+)
 from invert.choices import FAST, Quality
 from invert.measure.coarsen import coarsen, pad
 from invert.measure.lag_choice import SIDE_STEP
@@ -173,7 +181,7 @@ def reconstruct_by_network(
         output = _continue_on_finer_lags(network, finer, output, quality, seed, device)
     if output.samples is None or output.samples.shape[-1] == target:
         return output
-    return replace(output, samples=torch.stack([crop_centred(one, target) for one in zero_pad(output.samples)]))
+    return replace(output, samples=centre_each(output.samples, target))
 
 
 def _finer_sides(side: int) -> list[int]:
