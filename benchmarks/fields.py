@@ -1,4 +1,4 @@
-"""`python -m benchmarks.fields -o FOLDER --sets pages texts letters light bars random`: what fields add to the autocorrelation.
+"""`python -m benchmarks.fields -o FOLDER --sets pages texts letters speed light bars random`: what fields add to the autocorrelation.
 
 Frames are rendered. Correlations compare the albedo with the scene's on pixels of 30 um, unsmoothed and smoothed by Gaussians of 75, 150
 and 300 um full width at half maximum. Pages are also read by `tesseract`. Figures and a table in JSON are written to the folder.
@@ -74,7 +74,7 @@ def resolved_um(albedo: np.ndarray, truth: np.ndarray, pitches_m: tuple[float, f
 
 
 def compare(
-    scene: cg.Scene, capture: cg.Capture, seed: int = 0, *, oracle: bool = False
+    scene: cg.Scene, capture: cg.Capture, quality: str = "balanced", *, oracle: bool = False
 ) -> tuple[dict[str, Any], list[np.ndarray]]:
     """Return the figures of one capture; and a corner of its first frame, coarse albedo, fine albedo and truth on the same pixels,
     registered.
@@ -83,7 +83,7 @@ def compare(
         oracle: whether to retrieve the fields also with the true albedo as prior.
     """
     begin = time.process_time()
-    result = cg.reconstruct(capture, method="field", seed=seed)
+    result = cg.reconstruct(capture, method="field", quality=quality)
     cpu_s = time.process_time() - begin
     fields, lags = result.fields, result.estimate.pitches_m
     cells = 1 if fields is None else fields.cells_per_lag
@@ -108,9 +108,9 @@ def compare(
         row["reason"] = next((note for note in result.notes if "coarse albedo stands" in note), "")
     if oracle and result.object_found:
         known = replace(result.reconstruction, albedo=result.truth_on_lags(cg.Truth.of(capture)))
-        found = {"real": fields, "oracle": retrieve_fields(capture, result.estimate, result.measurement, known, seed)}
+        found = {"real": fields, "oracle": retrieve_fields(capture, result.estimate, known, 0)}
         if fields is None:
-            found["real"] = retrieve_fields(capture, result.estimate, result.measurement, result.reconstruction, seed)
+            found["real"] = retrieve_fields(capture, result.estimate, result.reconstruction, 0)
         row |= {f"sigma_{prior}_prior": round(one.certificate.gain_sigma, 1) for prior, one in found.items()}
     shown = [cg.aligned_pearson(one, truth.astype(np.float32))[1] for one in (enlarged, result.albedo)]
     return row, [capture.frames[0][:CORNER, :CORNER], *shown, truth]
@@ -149,6 +149,19 @@ def letters(folder: Path, seeds: Sequence[int] = (1, 2, 3)) -> Iterator[tuple[st
         for seed in seeds:
             scene = cg.load("corner_letter", albedo=f"{letter}.png")
             yield f"{letter}, 2 x 1/8 s, seed {seed}", *compare(scene, cg.render(scene, frames=2, seed=seed))
+
+
+def speed(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]]]:
+    """Yield the same of a page and letters with both qualities that differ in the fields."""
+    Image.fromarray(page(PAGES[0][1])).save(folder / "page.png")
+    captures = ((str((folder / "page.png").resolve()), 10, 1.0), ("R.png", 2, 1.0), ("t.png", 2, 0.125))
+    for albedo, frames, exposure in captures:
+        scene = cg.load("corner_letter", albedo=albedo, exposure=exposure)
+        capture = cg.render(scene, frames=frames, seed=5)
+        for quality in ("fast", "balanced"):
+            row, images = compare(scene, capture, quality)
+            row["fields_wall_s_per_frame"] = round(row["wall_s"]["fields"] / frames, 1)
+            yield f"{Path(albedo).stem}, {frames} x {exposure:g} s, {quality}", row, images
 
 
 def light(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]]]:
@@ -198,7 +211,7 @@ def random(folder: Path) -> Iterator[tuple[str, dict[str, Any], list[np.ndarray]
         yield f"random {number}: {drawn['object']}", drawn | row | forecast(scene, len(capture.frames)), images
 
 
-SETS = {"pages": pages, "texts": texts, "letters": letters, "light": light, "bars": bars, "random": random}
+SETS = {"pages": pages, "texts": texts, "letters": letters, "speed": speed, "light": light, "bars": bars, "random": random}
 
 
 def main(argv: Sequence[str] | None = None) -> None:

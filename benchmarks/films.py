@@ -119,6 +119,7 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, required=True)
     parser.add_argument("--objects", nargs="+", choices=tuple(OBJECTS), default=list(OBJECTS))
     parser.add_argument("--quality", default="balanced")
+    parser.add_argument("--method", default="unet", choices=("unet", "field"), help="method of the film")
     parser.add_argument("--photoelectrons", type=float, default=PHOTOELECTRONS)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
@@ -127,7 +128,8 @@ def main() -> None:
         object_at = OBJECTS[name]
         capture, geometry = render(object_at, options.photoelectrons, options.seed)
         half = cg.Capture(capture.frames[::2], capture.camera)
-        found = cg.film(half, interval_s=2.0 * LASTS_S / FRAMES, quality=options.quality, blur_pixels=0.0)
+        interval_s = 2.0 * LASTS_S / FRAMES
+        found = cg.film(half, interval_s=interval_s, quality=options.quality, method=options.method, blur_pixels=0.0)
         found.save(options.output / name.replace(" ", "_"))
         scores = film_scores(found, object_at, geometry)
         windows = window_scores(capture, object_at, geometry, options.quality)

@@ -28,6 +28,10 @@ class Method:
         return self.name
 
 
+MAX_FIELD_PASSES = 4
+"""Maximum number of passes over the frames after the first with any quality."""
+
+
 @dataclass(frozen=True, repr=False)
 class Quality:
     """A trade of time for accuracy.
@@ -44,6 +48,9 @@ class Quality:
         converged: correlation of the mean reconstruction with that of one round less at which the rounds end; 1 for all rounds.
         finer_samples, finer_rounds: the same on grids of more than 64 lags, where sampling starts from the posterior samples
             of a coarser grid.
+        field_steps: steps of the search of a field, as a fraction of those of `invert.field`.
+        field_passes: maximum number of passes of `invert.field` over the frames after the first; each has the albedo of the one before
+            as prior.
     """
 
     name: str
@@ -56,6 +63,8 @@ class Quality:
     converged: float = 1.0
     finer_samples: int = 1
     finer_rounds: int = 1
+    field_steps: float = 1.0
+    field_passes: int = MAX_FIELD_PASSES
 
     def __repr__(self) -> str:
         return self.name
@@ -71,7 +80,7 @@ METHODS = {
     for method in (UNET, FIELD, CLASSICAL, *map(Method, ("hio", "raar", "er", "altmin", "twf", "taf", "mtwf", "admm-tv")))
 }
 
-FAST = Quality("fast", 4, 0.3, network_starts=6, augmentations=1)
+FAST = Quality("fast", 4, 0.3, network_starts=6, augmentations=1, field_steps=0.6, field_passes=1)
 BALANCED = Quality(
     "balanced",
     16,

@@ -15,7 +15,8 @@ from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.captured_frames import describe_files, stray_light_of
 from correlograph.files.corrections import Corrections
 from correlograph.workers import check_scheduler
-from invert.assess.reliability import assess_reliability, describe_limits, is_speckle
+from invert.assess.frame_remarks import describe_frames
+from invert.assess.reliability import describe_limits, find_doubts, is_speckle, lower_confidence
 from invert.assess.speckle_test import speckle_test
 from invert.blur_fit import MAX_RECONSTRUCTIONS, estimate_blur, likelihood_before_division
 from invert.choices import FAST, UNET
@@ -92,7 +93,9 @@ def fulfil(request: Request, source: Source) -> Result:
     estimate, measurement, found = _retrieve(request, estimate)
     test = speckle_test(estimate, measurement, found.albedo) if found.object_found else None
     likelihood = partial(likelihood_before_division, estimate)
-    found, warnings = assess_reliability(found, test, measurement, likelihood, estimate.record)
+    doubts = find_doubts(found, test, likelihood, estimate.record)
+    found = lower_confidence(found, doubts)
+    warnings = [one.advice for one in doubts if one.is_raised] + describe_frames(estimate.record, measurement)
     if capture is not None and _may_be_one_pattern(capture, estimate, found):
         single = fulfil(request.for_capture(), mean_frame(capture))
         if single.object_found and is_speckle(single.speckle_test):
@@ -101,7 +104,7 @@ def fulfil(request: Request, source: Source) -> Result:
     seconds["retrieval"] = time.perf_counter() - begin
 
     settings = MethodSettings(request.method.name, request.quality.name, request.seed)
-    result = Result(estimate, measurement, found, settings, seconds, test)
+    result = Result(estimate, measurement, found, settings, seconds, test, doubts)
     if capture is not None:
         result, more = add_fields(request, capture, result)
         notes += more
@@ -191,9 +194,7 @@ def add_fields(request: Request, capture: Capture, result: Result) -> tuple[Resu
 def _retrieve_fields(request: Request, capture: Capture, result: Result) -> tuple[FieldReconstruction | None, list[str]]:
     """Return the fields, or None with the reason why the coarse albedo stands."""
     try:
-        found = retrieve_fields(
-            capture, result.estimate, result.measurement, result.reconstruction, request.seed, request.device
-        )
+        found = retrieve_fields(capture, result.estimate, result.reconstruction, request.seed, request.device, request.quality)
     except InputError as error:
         return None, [f"no fields were retrieved ({error}); the coarse albedo stands"]
     if not found.certificate.is_accepted:

@@ -10,14 +10,22 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 from scipy.stats import norm
 
+from invert.assess.doubts import FALSE_ALARMS_EACH
 from invert.measure.estimate import Estimate
 from invert.measure.spectrum import Measurement
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
+from radiometry.estimation.excess_scatter import ExcessScatter
 from radiometry.estimation.frame_differences import frame_differences
 from radiometry.estimation.third_moment import MIN_SIGNAL_FRACTION
 
-UNEXPLAINED_FALSE_ALARMS = 0.01
-"""Probability that noise alone raises the lower limit of the unexplained fraction above zero."""
+ALLOWED_PART_DIFFERENCES = 0.25
+"""Relative differences of the power between parts of a frame that uneven light explains."""
+
+ALLOWED_FRAME_DIFFERENCES = 0.1
+"""Relative differences of the power between frames that errors of the noise model and changes of focus explain."""
+
+ALLOWED_UNEXPLAINED_FRACTION = 0.35
+"""Fraction of the signal that a reconstruction may leave unexplained."""
 
 
 @dataclass(frozen=True)
@@ -29,40 +37,40 @@ class SpeckleTest:
             unpolarised light, 0 for texture, much more for a specular highlight.
         error: its standard error.
         unexplained: relative L2 error of the reconstruction's r*r against the estimate, in excess of noise.
-        unexplained_least: lower limit of `unexplained`; because of noise, the true value is below it with a probability of 1 %.
         part_differences: standard deviation of the signal's power between parts of a frame, relative to its mean and in excess of
             chance; 0 for speckle.
-        part_chance: probability that speckle has `part_differences` at least as large.
         frame_differences: frame-to-frame standard deviation of the power at one lag, relative to its mean and in excess of
             noise.
-        frame_chance: probability that frames of one object differ as much.
+        unexplained_threshold, part_threshold, frame_threshold: values that these exceed with the probability `FALSE_ALARMS_EACH` if
+            as much as is allowed is wrong.
     """
 
     third_moment_ratio: float | None
     error: float | None
     unexplained: float
-    unexplained_least: float = 0.0
+    unexplained_threshold: float = math.inf
     part_differences: float = 0.0
-    part_chance: float = 1.0
+    part_threshold: float = math.inf
     frame_differences: float = 0.0
-    frame_chance: float = 1.0
+    frame_threshold: float = math.inf
 
     def as_dict(self) -> dict[str, float | None]:
-        """Return the numbers for JSON, None for values that are not finite; `third_moment` is the old name of the ratio."""
-        values = asdict(self) | {"third_moment": self.third_moment_ratio}
-        return {name: value if value is not None and np.isfinite(value) else None for name, value in values.items()}
+        """Return the numbers for JSON, None for values that are not finite."""
+        return {name: value if value is not None and np.isfinite(value) else None for name, value in asdict(self).items()}
 
     @classmethod
     def from_dict(cls, values: dict[str, float | None] | None) -> SpeckleTest | None:
-        """Return the test that `as_dict` described."""
+        """Return the test that `as_dict` described; thresholds that are missing are infinite."""
         if values is None:
             return None
-        chances = {name: values.get(name, 1.0) or 0.0 for name in ("part_chance", "frame_chance")}
-        differences = {
-            name: values.get(name) or 0.0
-            for name in ("unexplained", "unexplained_least", "part_differences", "frame_differences")
+        thresholds = {
+            name: math.inf if (value := values.get(name)) is None else float(value)
+            for name in ("unexplained_threshold", "part_threshold", "frame_threshold")
         }
-        return cls(values["third_moment_ratio"], values["error"], **differences, **chances)
+        differences = {
+            name: float(values.get(name) or 0.0) for name in ("unexplained", "part_differences", "frame_differences")
+        }
+        return cls(values["third_moment_ratio"], values["error"], **differences, **thresholds)
 
 
 def speckle_test(estimate: Estimate, measurement: Measurement, albedo: np.ndarray) -> SpeckleTest:
@@ -83,29 +91,36 @@ def speckle_test(estimate: Estimate, measurement: Measurement, albedo: np.ndarra
     frames, noise = estimate.filtered_frames, measurement.noise
     likeness, error = frames.likeness(albedo, weight, np.sqrt(transfer), signal, floor, power)
     used = (ring >= rings) & (rings > 1) & measurement.lag_grid.half_plane
-    between = frame_differences(frames, used, noise.inflation)
-    return SpeckleTest(likeness, error, *unexplained, *frames.power_differences(weight, estimate.values), *between)
+    parts = _judge(frames.power_differences(weight, estimate.values), ALLOWED_PART_DIFFERENCES)
+    between = _judge(frame_differences(frames, used, noise.inflation), ALLOWED_FRAME_DIFFERENCES)
+    return SpeckleTest(likeness, error, *unexplained, *parts, *between)
+
+
+def _judge(scatter: ExcessScatter | None, allowed: float) -> tuple[float, float]:
+    """Return a scatter and its threshold."""
+    return (0.0, math.inf) if scatter is None else (scatter.relative, scatter.threshold(allowed, FALSE_ALARMS_EACH))
 
 
 def unexplained_fraction(
     signal: np.ndarray, expected: np.ndarray, measurement: Measurement, used: np.ndarray
 ) -> tuple[float, float]:
-    """Return the relative L2 error of an expected signal in excess of noise, and its lower limit.
+    """Return the relative L2 error of an expected signal in excess of noise, and its threshold.
 
-    The scatter of the squared noise sets the limit: both signs of a lag carry the same noise, and the factor `inflation` of
+    The scatter of the squared noise sets the threshold: both signs of a lag carry the same noise, and the factor `inflation` of
     the variance accounts for the correlation of neighbouring lags.
 
     Args:
-        signal, expected: signal of the estimate and of a reconstruction (127, 127). used: mask of the lags that count.
+        signal, expected: signal of the estimate and of a reconstruction (127, 127).
+        used: mask of the lags that count.
     """
     seen, model = signal[used].astype(np.float64), expected[used].astype(np.float64)
     total = float((seen**2).sum())
     if total == 0.0:
-        return 0.0, 0.0
+        return 0.0, math.inf
     noise = measurement.noise
     left = float(((seen - model * ((seen @ model) / max(model @ model, 1e-30))) ** 2).sum())
     variances = (seen + noise.floor) ** 2 / noise.dof if noise.dof else np.zeros_like(seen)
     scatter = 2.0 * math.sqrt(noise.inflation * float((variances**2).sum()))
     excess, power = left - float(variances.sum()), max(total - float(variances.sum()), 1e-3 * total)
-    least = excess - norm.isf(UNEXPLAINED_FALSE_ALARMS) * scatter
-    return math.sqrt(max(0.0, excess) / power), math.sqrt(max(0.0, least) / power)
+    by_chance = float(norm.isf(FALSE_ALARMS_EACH)) * scatter / power
+    return math.sqrt(max(0.0, excess) / power), math.sqrt(ALLOWED_UNEXPLAINED_FRACTION**2 + by_chance)

@@ -14,13 +14,15 @@ import torch
 from scipy.stats import norm
 from torch.nn.functional import avg_pool2d
 
+from invert.choices import MAX_FIELD_PASSES
 from invert.field.counts import FrameCounts
 from invert.field.forward_model import MIN_EXPECTED, log_likelihood
+from invert.field.prior import FLOORS
 
 MAX_FALSE_ACCEPTANCE = 1e-3
 """Probability that a field that predicts held-out counts only as well as the filtered counts is accepted."""
 
-MAX_CANDIDATES = 10
+MAX_CANDIDATES = 2 + MAX_FIELD_PASSES * len(FLOORS)
 """Maximum number of fields of a capture among which the held-out pixels choose: modes, priors and their floors."""
 
 MIN_GAIN_SIGMA = float(norm.isf(MAX_FALSE_ACCEPTANCE / MAX_CANDIDATES))

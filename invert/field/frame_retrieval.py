@@ -62,6 +62,7 @@ class FrameRetrieval:
         dark: the same without any light.
         filter_background: background of the Wiener filter with which all predictions are compared.
         signal: expected counts of a binned pixel by light of the object.
+        effort: steps of the search as a fraction of `search_steps`.
         steps: steps of a search from a random field.
     """
 
@@ -73,6 +74,7 @@ class FrameRetrieval:
     uneven_patch: tuple[int, int] | None
     seed: int
     device: str = "cpu"
+    effort: float = 1.0
     modes: int = 1
     background: float = 0.0
     filter_background: float = 0.0
@@ -99,7 +101,7 @@ class FrameRetrieval:
             grains = float(self.coarse_prior.sum() ** 2 / self.coarse_prior.square().sum()) * self.model.grid.measured_fraction
             background = background_of(first, kept, grains, modes)
         signal = max(float(np.mean([one.signal + one.background for one in first])) - background, 1e-6)
-        steps = search_steps(signal * self.model.grid.pixels_per_grain)
+        steps = round(self.effort * search_steps(signal * self.model.grid.pixels_per_grain))
         dark = first[0].background
         return replace(
             self, modes=modes, background=background, filter_background=background, dark=dark, signal=signal, steps=steps

@@ -23,6 +23,7 @@ from correlograph.files.capture import Capture
 from correlograph.progress import Progress
 from correlograph.ranges import CELLS_PER_LAG
 from correlograph.workers import one_torch_thread
+from invert.choices import BALANCED, Quality
 from invert.field.blending import blend_with_coarse
 from invert.field.certificate import Certificate
 from invert.field.counts import Calibration
@@ -34,14 +35,10 @@ from invert.field.grid import FieldGrid, field_grid
 from invert.field.prior import FLOORS, prior_from_albedo, priors_from_albedo
 from invert.field.reconstruction import FieldReconstruction
 from invert.measure.estimate import Estimate
-from invert.measure.spectrum import Measurement
+from invert.measure.spectrum import read_measurement
 from invert.methods import Reconstruction
 from radiometry.field_forecast import MAX_FIELD_FRAMES, bounding_box
 from radiometry.ring_correlation import MIN_CORRELATION
-
-MAXIMISATIONS = 4
-"""Maximum number of times that the prior is replaced by the albedo from the fields. They end if held-out pixels are predicted worse by a
-standard error, or better by less than one and little of the coarse albedo is left."""
 
 MAX_COARSE_WEIGHT = MIN_CORRELATION
 """Maximum weight of the coarse albedo, as the first prior, in the fine one for which resolution and confidence are stated. Halves that
@@ -95,21 +92,25 @@ def intensities(outcomes: Sequence[FrameOutcome]) -> torch.Tensor:
 def retrieve_fields(
     capture: Capture,
     estimate: Estimate,
-    measurement: Measurement,
     coarse: Reconstruction,
     seed: int,
     device: str = "cpu",
+    quality: Quality = BALANCED,
 ) -> FieldReconstruction:
     """Retrieve the field of every frame with the coarse albedo as prior, and the fine albedo from all of them.
 
+    Each further pass has the albedo from the fields as prior. Passes end if held-out pixels are predicted worse by a standard error; or
+    better by less than one, and either little of the coarse albedo is left or the fields would be rejected.
+
     Args:
         coarse: reconstruction from the estimate, with an object.
+        quality: how many steps and passes are made.
 
     Raises InputError if the frames undersample the speckle, or hold too little light or too few pixels.
     """
-    prepared = prepare(capture, estimate, measurement, coarse.albedo, seed, device)
+    prepared = replace(prepare(capture, estimate, coarse.albedo, seed, device), effort=quality.field_steps)
     grid, numbers, prior = prepared.model.grid, prepared.numbers, prepared.coarse_prior
-    total = len(numbers) * (1 + MAXIMISATIONS) + len(FLOORS) * MAXIMISATIONS
+    total = len(numbers) * (1 + quality.field_passes) + len(FLOORS) * quality.field_passes
     with tqdm(total=total, desc="fields", unit="frame", disable=None, leave=False) as bar:
         retrieval, done = _choose_modes(prepared, bar.update)
 
@@ -119,7 +120,7 @@ def retrieve_fields(
 
         best = run_pass(prior, [None] * len(numbers), done)
         coarse_is_certified, coarse_weight = best.certificate.is_accepted, best.prior_weight
-        for _ in range(MAXIMISATIONS):
+        for _ in range(quality.field_passes):
             candidates, starts = priors_from_albedo(best.albedo.albedo), [one.field for one in best.outcomes]
             trials = list(_in_threads(retrieval.retrieve, [(one, numbers[0], starts[0]) for one in candidates], bar.update))
             chosen = int(np.argmax([one.prediction.gain_nats for one in trials]))
@@ -130,7 +131,8 @@ def retrieve_fields(
             if change < -best.certificate.gain_error:
                 break
             best, coarse_weight = again, coarse_weight * again.prior_weight
-            if coarse_weight < MAX_COARSE_WEIGHT and change < best.certificate.gain_error:
+            has_converged = change < best.certificate.gain_error
+            if has_converged and (coarse_weight < MAX_COARSE_WEIGHT or not best.certificate.is_accepted):
                 break
     fine = best.albedo
     window = _Window(grid, len(coarse.albedo), int(min(max(1, round(1.0 / min(grid.cell_lags))), CELLS_PER_LAG.most)))
@@ -158,9 +160,7 @@ def retrieve_fields(
     )
 
 
-def prepare(
-    capture: Capture, estimate: Estimate, measurement: Measurement, albedo: np.ndarray, seed: int, device: str = "cpu"
-) -> FrameRetrieval:
+def prepare(capture: Capture, estimate: Estimate, albedo: np.ndarray, seed: int, device: str = "cpu") -> FrameRetrieval:
     """Return the retrieval of the frames of a capture with an albedo on the lags as prior; `FrameRetrieval.calibrate` completes it.
 
     Raises InputError like `retrieve_fields`.
@@ -172,7 +172,8 @@ def prepare(
     numbers = bright_frames(capture)
     first = [capture.frames[number] for number in numbers[:FRAMES_FOR_CALIBRATION]]
     gain = capture.file_metadata.gain_e
-    calibration = Calibration.of(first, measurement.noise.floor, gain and 1.0 / gain, capture.measured)
+    floor = read_measurement(estimate.values, estimate.quantisation, estimate.transfer).noise.floor
+    calibration = Calibration.of(first, floor, gain and 1.0 / gain, capture.measured)
     uneven = patch if estimate.record.background.uneven_illumination else None
     return FrameRetrieval(capture, numbers, model, calibration, prior_from_albedo(albedo, grid), uneven, seed, device)
 

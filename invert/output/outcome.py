@@ -9,6 +9,7 @@ import numpy as np
 
 from invert.albedo.metrics import aligned_pearson
 from invert.albedo.posterior import Samples
+from invert.assess.doubts import Doubt
 from invert.assess.speckle_test import SpeckleTest
 from invert.field.reconstruction import FieldReconstruction
 from invert.measure.estimate import Estimate
@@ -34,7 +35,8 @@ class Outcome:
         measurement: noise level and Fourier modulus read from the estimate.
         seconds: duration of reading, autocorrelation and retrieval.
         speckle_test: test whether the light is speckle of the reconstructed object; None if no object was found.
-        warnings: observations about the frames, and reasons for a low confidence.
+        doubts: what may be wrong as far as the data can tell, each with its measured value and its threshold.
+        warnings: the doubts that were raised, which lower the confidence, and observations about the frames.
         notes: limits set by the frames: the light that a detection would need, and where the confidence is calibrated.
         fields: field of each frame and the fine albedo, if they were retrieved and accepted; otherwise None.
     """
@@ -45,6 +47,7 @@ class Outcome:
     settings: MethodSettings
     seconds: dict[str, float]
     speckle_test: SpeckleTest | None = None
+    doubts: tuple[Doubt, ...] = ()
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     fields: FieldReconstruction | None = None
@@ -119,6 +122,7 @@ class Outcome:
         return Comparison(*aligned_pearson(self.albedo, on_lags), on_lags)
 
     def settings_as_dict(self) -> dict[str, Any]:
-        """Return method, quality, seed, warnings, notes and speckle test for JSON."""
+        """Return method, quality, seed, warnings, notes, speckle test and doubts for JSON."""
         test = None if self.speckle_test is None else self.speckle_test.as_dict()
-        return asdict(self.settings) | {"warnings": list(self.warnings), "notes": list(self.notes), "speckle_test": test}
+        said = {"warnings": list(self.warnings), "notes": list(self.notes)}
+        return asdict(self.settings) | said | {"speckle_test": test, "doubts": [one.as_dict() for one in self.doubts]}

@@ -8,35 +8,22 @@ and objects that change between frames, scatter more.
 
 from __future__ import annotations
 
-import math
-from typing import NamedTuple
-
 import numpy as np
 import torch
 from scipy.ndimage import convolve
 from scipy.stats import chi2
 
 from radiometry.estimation.autocorrelation_estimator import degrees_of_freedom, spectral_window
+from radiometry.estimation.excess_scatter import ExcessScatter
 from radiometry.estimation.third_moment import FilteredFrames
 
 MIN_EXPECTATION = 0.1
 """Minimum of the fitted power at a lag in units of its mean."""
 
 
-class FrameDifferences(NamedTuple):
-    """Scatter of the frames' power at the lags.
-
-    Attributes:
-        relative: standard deviation between frames at a lag, relative to the mean and in excess of noise; 0 for one frame.
-        chance: probability that noise alone causes at least this scatter.
-    """
-
-    relative: float
-    chance: float
-
-
-def frame_differences(frames: FilteredFrames, used: np.ndarray, inflation: float) -> FrameDifferences:
-    """Compare the power of each frame at some lags; the brightness and the shot noise of a frame are ignored.
+def frame_differences(frames: FilteredFrames, used: np.ndarray, inflation: float) -> ExcessScatter | None:
+    """Return the scatter between frames of the power at a lag; the brightness and the shot noise of a frame are ignored. None for one
+    frame and for less than two lags.
 
     Args:
         used: mask of the lags, one of each pair, (127, 127).
@@ -45,7 +32,7 @@ def frame_differences(frames: FilteredFrames, used: np.ndarray, inflation: float
     count, lags = len(frames.spectra), int(used.sum())
     dof = degrees_of_freedom(1, frames.frame, frames.patch)
     if count < 2 or lags < 2:
-        return FrameDifferences(0.0, 1.0)
+        return None
     power = np.stack([_power_at_lags(frames, spectrum) for spectrum in frames.spectra])
     power /= np.maximum(
         power[:, used].mean(1)[:, None, None], np.finfo(np.float64).tiny
@@ -61,7 +48,7 @@ def frame_differences(frames: FilteredFrames, used: np.ndarray, inflation: float
     variance = ((1.0 - 2.0 * slopes) * expected**2 + slopes**2 * (expected**2).sum(0)) / dof
     excess = float(((power - factors.T @ terms) ** 2 / np.maximum(variance, 1e-9)).mean())
     independent = (count - 1) * lags / inflation / (1.0 + 3.0 / dof)  # the excess kurtosis of the power is 6 / K
-    return FrameDifferences(math.sqrt(max(excess - 1.0, 0.0) / dof), float(chi2.sf(independent * excess, independent)))
+    return ExcessScatter.of(excess / dof, 1.0 / dof, chi2(independent, scale=1.0 / independent))
 
 
 def _power_at_lags(frames: FilteredFrames, spectrum: torch.Tensor) -> np.ndarray:

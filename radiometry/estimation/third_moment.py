@@ -24,6 +24,7 @@ from scipy.stats import f as f_distribution
 
 from correlograph.lags import LAGS, lag_grid_of
 from radiometry.autocorrelation import autocorrelate
+from radiometry.estimation.excess_scatter import ExcessScatter
 from radiometry.estimation.photon_transfer import PhotonTransfer, shot_noise
 
 _BLOCKS = 8
@@ -97,9 +98,8 @@ class FilteredFrames:
         every = self._block_means(weight, 3).flatten()
         return float(every.mean()), float(every.std() / len(every) ** 0.5)
 
-    def power_differences(self, weight: np.ndarray, lags: np.ndarray) -> tuple[float, float]:
-        """Return how much the mean of J^2 differs between parts of a frame, relative to its mean, and the probability that
-        speckle differs at least as much.
+    def power_differences(self, weight: np.ndarray, lags: np.ndarray) -> ExcessScatter | None:
+        """Return the scatter of the mean of J^2 between parts of a frame; None without signal.
 
         A frame has 8 x 8 blocks, and a part is 2 x 2 of them. Speckle has the same statistics everywhere, so parts differ no
         more than expected from the blocks within them (analysis of variance) or from the spectrum: the power of a Gaussian J
@@ -109,9 +109,6 @@ class FilteredFrames:
 
         Args:
             weight: w (127, 127). lags: the estimate S (127, 127).
-
-        Returns:
-            the standard deviation between parts in excess of chance, and the probability of one at least as large.
         """
         power = self._block_means(weight, 2)
         power = power / power.mean((1, 2), keepdim=True).clamp_min(1e-300)
@@ -125,9 +122,9 @@ class FilteredFrames:
         expected = 4.0 * share * count * math.prod(self.patch) / math.prod(self.frame)
         within = min(max(within, expected), MAX_SCATTER * expected)
         if within <= 0.0:
-            return 0.0, 1.0
-        chance = float(f_distribution.sf(between / within, len(power) * (count - 1), len(power) * count * 3))
-        return math.sqrt(max(between - within, 0.0) / 4.0), chance
+            return None
+        null = f_distribution(len(power) * (count - 1), len(power) * count * 3)
+        return ExcessScatter.of(between / 4.0, within / 4.0, null)
 
     def _block_means(self, weight: np.ndarray, exponent: int) -> torch.Tensor:
         """Return the mean of J to a power (`exponent`) in each block of each frame, (frames, 8, 8).

@@ -10,11 +10,11 @@ from scipy import ndimage
 import correlograph as cg
 from correlograph.errors import InputError
 from invert.__main__ import main as invert
+from invert.choices import FAST
 from invert.field.frame_retrieval import search_steps
 from invert.field.prior import prior_from_albedo
 from invert.field.retrieval import Pass, prepare, retrieve_fields
 from invert.measure.estimate import estimate_from_frames
-from invert.measure.spectrum import read_measurement
 from invert.output.result_files import expected_files
 from invert.request import Request
 from tests.invert.field.speckle import expected_frame, letter
@@ -49,6 +49,13 @@ def test_fields_are_finer_than_the_autocorrelation(bright):
     assert bright.compare(letter()).pearson > 0.96
 
 
+def count_passes(monkeypatch):
+    """Return a list that grows with every pass over the frames."""
+    passes, combine = [], Pass.of
+    monkeypatch.setattr(Pass, "of", lambda outcomes: passes.append(combine(outcomes)) or passes[-1])
+    return passes
+
+
 @pytest.mark.slow
 def test_threads_do_not_change_the_fields(bright, monkeypatch):
     monkeypatch.setattr("os.cpu_count", lambda: 1)
@@ -65,7 +72,7 @@ def test_the_weight_of_a_wrong_prior_is_not_understated(photons):
     capture = cg.Capture(capture_of(truth, photons, 2, 3))
     estimate = estimate_from_frames(capture, Request(patch=PATCH))
     coarse = 0.7 * truth + 0.3 * wrong
-    retrieval = prepare(capture, estimate, read_measurement(estimate.values), coarse, 0).calibrate(1)
+    retrieval = prepare(capture, estimate, coarse, 0).calibrate(1)
     grid = retrieval.model.grid
     found = Pass.of([retrieval.retrieve((retrieval.coarse_prior, number, None)) for number in retrieval.numbers])
     image = torch.stack([one.power for one in found.outcomes]).mean((0, 1)).numpy().ravel()
@@ -76,12 +83,24 @@ def test_the_weight_of_a_wrong_prior_is_not_understated(photons):
 
 
 @pytest.mark.slow
-def test_faint_frames_keep_the_coarse_albedo_with_a_reason():
+def test_faint_frames_keep_the_coarse_albedo_with_a_reason(monkeypatch):
+    passes = count_passes(monkeypatch)
     result = cg.reconstruct(capture_of(letter(), 0.01, 2, 12), method="field", quality="fast", patch=PATCH, blur_pixels=0.0)
     assert result.object_found
     assert result.fields is None
     assert any("coarse albedo stands" in note for note in result.notes)
     assert result.albedo.shape == (64, 64)
+    assert len(passes) <= 2  # nothing is gained by more
+
+
+@pytest.mark.slow
+def test_fast_makes_fewer_passes_with_fewer_steps(bright, monkeypatch):
+    passes = count_passes(monkeypatch)
+    capture = cg.Capture(capture_of(letter(), 2.0, 2, 11))
+    found = retrieve_fields(capture, bright.estimate, bright.reconstruction, 0, quality=FAST)
+    assert len(passes) <= 1 + FAST.field_passes
+    assert found.certificate.is_accepted
+    assert found.certificate.gain_nats_per_pixel == pytest.approx(bright.fields.certificate.gain_nats_per_pixel, rel=0.4)
 
 
 @pytest.mark.slow
@@ -179,7 +198,7 @@ def test_dim_frames_get_more_steps():
 def test_without_a_certified_coarse_prior_neither_resolution_nor_confidence_is_stated(bright, monkeypatch):
     monkeypatch.setattr("invert.field.certificate.MIN_GAIN_SIGMA", 1e9)
     capture = cg.Capture(capture_of(letter(), 2.0, 2, 11))
-    found = retrieve_fields(capture, bright.estimate, bright.measurement, bright.reconstruction, 0)
+    found = retrieve_fields(capture, bright.estimate, bright.reconstruction, 0)
     assert (found.agreement, found.confidence, found.resolution_lags) == (None, None, None)
     assert found.as_dict((300e-6, 300e-6))["resolution_m"] is None
     assert "resolution" not in found.describe((300e-6, 300e-6))

@@ -9,7 +9,8 @@ from scipy.optimize import minimize, nnls
 
 from correlograph.lags import LAGS, lag_grid
 from invert.albedo.posterior import Samples
-from invert.assess.reliability import assess_reliability
+from invert.assess.doubts import DoubtKind
+from invert.assess.reliability import find_doubts, lower_confidence
 from invert.likelihood.forward_model import _least_squares_gains
 from invert.likelihood.gamma import Likelihood, log_likelihood_leads
 from invert.measure.spectrum import read_measurement
@@ -104,11 +105,10 @@ def test_samples_that_leave_the_estimate_unexplained_are_doubted():
     without_stem = torch.where(RIGHT.sum(1, keepdim=True) > RIGHT.sum(1).max() - 0.5, RIGHT, 0.0)
     for sample, doubted in ((RIGHT, False), (without_stem, True)):
         drawn = Samples(np.stack([sample.numpy()] * 3).astype(np.float32))
-        answer, warnings = assess_reliability(
-            replace(found, posterior=drawn), None, measurement, lambda: Likelihood.of(measurement), None
-        )
-        assert any("no sample explains" in warning for warning in warnings) is doubted
-        assert answer.confidence == (0.5 if doubted else 0.9)
+        (doubt,) = find_doubts(replace(found, posterior=drawn), None, lambda: Likelihood.of(measurement), None)
+        assert doubt.kind is DoubtKind.UNLIKELY_SAMPLES
+        assert doubt.is_raised is doubted
+        assert lower_confidence(found, (doubt,)).confidence == (0.5 if doubted else 0.9)
 
 
 def test_brightnesses_are_those_of_non_negative_least_squares():
