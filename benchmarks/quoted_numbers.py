@@ -7,6 +7,7 @@ the exit status is 1.
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import sys
 from collections.abc import Callable
@@ -37,9 +38,9 @@ def budget() -> Budget:
 
 @cache
 def demo_correlation() -> float:
-    """Return the correlation that `make demo` prints."""
+    """Return the correlation that `make demo` prints, rounded down to a tenth: processors with and without bfloat16 differ by 0.01."""
     capture = cg.render(SCENE, frames=2, seed=1)
-    return cg.reconstruct(capture).compare(cg.Truth.of(capture)).pearson
+    return math.floor(10.0 * cg.reconstruct(capture).compare(cg.Truth.of(capture)).pearson) / 10.0
 
 
 def cell_um(axis: int) -> float:
@@ -52,7 +53,7 @@ NUMBERS: dict[str, Callable[[], str]] = {
     "per_pixel_db": lambda: f"{budget().per_pixel_db:.2f}",
     "per_frame_db": lambda: f"{budget().per_frame_db:.2f}",
     "photoelectrons_million": lambda: f"{1e-6 * budget().photoelectrons_per_frame_s:.2f}",
-    "demo_correlation": lambda: f"{demo_correlation():.2f}",
+    "demo_correlation": lambda: f"{demo_correlation():.1f}",
     "cell_rows_um": lambda: f"{cell_um(0):.0f}",
     "cell_columns_um": lambda: f"{cell_um(1):.0f}",
 }

@@ -29,7 +29,7 @@ def with_fields(
         still: window in which the object stays the same without being turned back.
         coarse: results of the windows in which it does when it is turned back, each registered to the one before.
     """
-    found, notes = [], []
+    found, notes, reasons = [], [], []
     for middle in tqdm(still.middles(), desc="fields", unit="image", disable=None, leave=False):
         nearest = coarse[int(np.argmin([abs(one - middle) for one in window.middles()]))]
         numbers = range(*still.around(middle).indices(len(capture.frames)))
@@ -41,7 +41,9 @@ def with_fields(
         own = read_measurement(estimate.values, estimate.quantisation, estimate.transfer)
         result, more = add_fields(request, frames, replace(nearest, estimate=estimate, measurement=own, reconstruction=prior))
         found.append(result)
-        notes += more
+        (notes if result.fields is not None else reasons).extend(more)
+    if reasons:
+        notes.append(f"{len(reasons)} of {len(found)} images show the coarse albedo; the first because {reasons[0]}")
     return found, notes
 
 

@@ -125,6 +125,21 @@ def test_a_moving_object_has_path_and_image(rng):
 
 
 @pytest.mark.slow
+def test_images_from_fields_are_finer_where_the_light_suffices(rng):
+    """Eight frames of a letter at rest; in the second film they are so faint that each image stays coarse, which one note says."""
+    frames = [expected_frame(letter(), (400, 452), 128, rng) for _ in range(8)]
+    options = {"method": "field", "quality": "fast", "patch": 128, "blur_pixels": 0.0}
+    bright = cg.film(np.stack([rng.poisson(2.0 * one) for one in frames]), **options)
+    assert bright.albedos.shape[1] > 64
+    truth = np.kron(letter(), np.ones((bright.albedos.shape[1] // 64,) * 2)).astype(np.float32)
+    assert min(cg.aligned_pearson(one, truth)[0] for one in bright.albedos) > 0.95
+    faint = cg.film(np.stack([rng.poisson(0.02 * one) for one in frames]), **options)
+    assert faint.albedos.shape[1] == 64
+    count = len(faint.albedos)
+    assert [f"{count} of {count} images show the coarse albedo" in note for note in faint.notes].count(True) == 1
+
+
+@pytest.mark.slow
 def test_the_command_writes_a_film(command, tmp_path, rng):
     np.save(tmp_path / "frames.npy", np.stack(frames_of(np.linspace(0.0, 40.0, 12), 1.0, rng)))
     options = ("--video", "--frames-per-s", "8", "--quality", "fast", "--blur-pixels", "0")
