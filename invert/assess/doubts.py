@@ -11,7 +11,7 @@ FALSE_ALARMS = 0.01
 
 
 class DoubtKind(Enum):
-    """What may be wrong."""
+    """Possible fault."""
 
     HIGHLIGHT = "highlight"
     TEXTURE = "texture"
@@ -34,7 +34,7 @@ class Doubt:
         threshold: value beyond which the doubt is raised.
         false_alarms: probability that a capture without this fault, or with as much of it as is allowed, raises the doubt; None if
             it is only known from clean captures (docs/cameras.md).
-        advice: what was found and what to check, one sentence.
+        advice: finding and remedy, one sentence.
         is_low: whether values below the threshold raise the doubt.
     """
 

@@ -40,7 +40,7 @@ def find_doubts(
     likelihood: Callable[[], Likelihood],
     record: EstimateRecord | None,
 ) -> tuple[Doubt, ...]:
-    """Return what may be wrong with a reconstruction as far as the data can tell, whether or not it is raised.
+    """Return the possible faults of a reconstruction that the data can show, raised or not.
 
     Args:
         likelihood: returns the likelihood of the estimate before division by the camera's transfer.

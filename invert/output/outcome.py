@@ -35,7 +35,7 @@ class Outcome:
         measurement: noise level and Fourier modulus read from the estimate.
         seconds: duration of reading, autocorrelation and retrieval.
         speckle_test: test whether the light is speckle of the reconstructed object; None if no object was found.
-        doubts: what may be wrong as far as the data can tell, each with its measured value and its threshold.
+        doubts: possible faults that the data can show, each with its measured value and its threshold.
         warnings: the doubts that were raised, which lower the confidence, and observations about the frames.
         notes: limits set by the frames: the light that a detection would need, and where the confidence is calibrated.
         fields: field of each frame and the fine albedo, if they were retrieved and accepted; otherwise None.
