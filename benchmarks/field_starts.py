@@ -79,7 +79,7 @@ def compare_starts(photons: float, seed: int) -> list[float]:
         return found.gain_nats / found.pixels
 
     def fit(found: PosteriorMean) -> float:
-        return float(log_likelihood(counts.values[counts.fitted], found.expected[counts.fitted], 0.0).sum())
+        return float(log_likelihood(counts.values[counts.fitted], found.expected[counts.fitted], counts.roughness).sum())
 
     def image(strength: torch.Tensor) -> float:
         widths = [1.0 / width for width in grid.cell_lags]

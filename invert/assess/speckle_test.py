@@ -55,8 +55,9 @@ class SpeckleTest:
     frame_threshold: float = math.inf
 
     def as_dict(self) -> dict[str, float | None]:
-        """Return the numbers for JSON, None for values that are not finite."""
-        return {name: value if value is not None and np.isfinite(value) else None for name, value in asdict(self).items()}
+        """Return the numbers for JSON, None for values that are not finite; `third_moment` is the old name of the ratio."""
+        values = asdict(self) | {"third_moment": self.third_moment_ratio}
+        return {name: value if value is not None and np.isfinite(value) else None for name, value in values.items()}
 
     @classmethod
     def from_dict(cls, values: dict[str, float | None] | None) -> SpeckleTest | None:

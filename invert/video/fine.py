@@ -41,7 +41,10 @@ def with_fields(
         own = read_measurement(estimate.values, estimate.quantisation, estimate.transfer)
         result, more = add_fields(request, frames, replace(nearest, estimate=estimate, measurement=own, reconstruction=prior))
         found.append(result)
-        (notes if result.fields is not None else reasons).extend(more)
+        if result.fields is None:
+            reasons += more
+        else:
+            notes += more
     if reasons:
         notes.append(f"{len(reasons)} of {len(found)} images show the coarse albedo; the first because {reasons[0]}")
     return found, notes

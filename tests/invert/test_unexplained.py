@@ -45,3 +45,4 @@ def test_another_object_is_found_to_explain_too_little():
     fraction, threshold = unexplained_fraction(signal, other, measurement, used)
     assert fraction == pytest.approx(known, abs=0.15)
     assert ALLOWED_UNEXPLAINED_FRACTION < threshold < fraction
+    assert fraction**2 - (threshold**2 - ALLOWED_UNEXPLAINED_FRACTION**2) > (0.7 * fraction) ** 2  # hardly any by chance
