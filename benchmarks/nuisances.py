@@ -127,6 +127,8 @@ LIGHT: dict[str, Nuisance] = {
     "levels 1 to 3": each(lambda frame, number: frame * (1.0 + 2.0 * (number % 2))),
     "blur, deviation 0.5 pixel": each(lambda frame, number: ndimage.gaussian_filter(frame, 0.5)),
     "blur, deviation 1 pixel": each(lambda frame, number: ndimage.gaussian_filter(frame, 1.0)),
+    "blur, deviation 2 pixels": each(lambda frame, number: ndimage.gaussian_filter(frame, 2.0)),
+    "blur, 1.5 pixels along rows": each(lambda frame, number: ndimage.gaussian_filter(frame, (1.5, 0.0))),
     "dust": of_wall(
         lambda rng: np.prod(
             [1.0 - 0.7 * np.exp(-((ROW - y) ** 2 + (COLUMN - x) ** 2) / 1e-5) for y, x in rng.uniform(-0.5, 0.5, (40, 2))], 0
@@ -214,8 +216,9 @@ def measure_row(names: tuple[str, ...], albedo: np.ndarray, count: int, seed: in
         result = invert.reconstruct(frames_of(names, albedo, count, seed), quality=quality, patch=PATCH, seed=seed)
     except InputError as error:
         return {"refused": str(error)}
-    seen = albedo.any() and result.object_found
+    seen, record = albedo.any() and result.object_found, result.estimate.record
     return {
+        "blur_pixels": record and record.blur_found_pixels,
         "found": result.object_found,
         "confidence": round(result.confidence, 3),
         "warnings": list(result.warnings),

@@ -1,9 +1,11 @@
 """Blind estimation of defocus and motion blur.
 
-Blur multiplies the estimate by a factor H that falls with the lag; soft edges of the object have the same effect. However, the
-r*r of an object with sharp edges seldom decays like H, so a reconstruction that ignores the blur leaves much of the estimate
-unexplained. In this case the search reconstructs under several assumed blurs. It accepts the blur with the lowest log-likelihood
-deficit over all reconstructions if the deficit falls enough (constants below).
+Blur multiplies the estimate by a factor H that falls with the lag; soft edges of the object have the same effect. The likelihood alone
+cannot tell them apart, but blur also lowers the contrast of the speckle, which is 1 otherwise. Blurs that would raise the contrast above 1
+when they are divided out are therefore excluded, and the largest that remains explains the whole loss. Ambient light and a second
+polarisation lower the contrast, too, but leave r*r as it is: if a reconstruction without blur leaves much of the estimate unexplained, the
+search reconstructs under the blurs that the contrast allows. It accepts the one with the lowest log-likelihood deficit over all
+reconstructions if the deficit falls enough (constants below).
 Evidence: docs/research.md, "Unknown blur".
 """
 
@@ -15,16 +17,24 @@ from itertools import chain
 
 import numpy as np
 import torch
+from scipy.optimize import brentq
 
 from correlograph.lags import LAGS
 from invert.likelihood.gamma import Likelihood
+from invert.measure.contrast import signal_sum
 from invert.measure.estimate import Estimate, apply_blur_transfer
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction
 
-BLURS = ((1.0, 1.0), (1.6, 1.6), (2.3, 2.3), (0.0, 1.44), (1.44, 0.0))
-"""Candidate blurs: Gaussian standard deviations along rows and columns in 1/256 of a patch. The last two correspond to a motion
-by 5/256 of a patch."""
+SHAPES = ((1.0, 1.0), (0.7, 0.7), (0.45, 0.45), (0.0, 1.0), (1.0, 0.0))
+"""Candidate blurs along rows and columns, as fractions of the largest blur of each kind: defocus, less of it beside other light without
+contrast, and motion along columns or rows."""
+
+MAX_BLUR = 2.3
+"""Largest standard deviation of a candidate in 1/256 of a patch; more leaves too few lags."""
+
+CONTRAST_SIGMA = 3.0
+"""Standard errors by which the contrast must lie below 1 for a blur to be possible."""
 
 MIN_GAIN_NATS, MIN_GAIN_FRACTION = 200.0, 0.6
 """Minimum reduction of the log-likelihood deficit by a reconstruction made with the blur, in nats and as a fraction."""
@@ -35,7 +45,7 @@ MIN_GAIN_FRACTION_OF_ALL = 0.2
 RECONSTRUCTIONS_PER_BLUR = 2
 """Reconstructions per blur; the one with the lower misfit counts."""
 
-MAX_RECONSTRUCTIONS = RECONSTRUCTIONS_PER_BLUR * (1 + len(BLURS))
+MAX_RECONSTRUCTIONS = RECONSTRUCTIONS_PER_BLUR * (1 + len(SHAPES))
 """Maximum number of reconstructions of a search."""
 
 
@@ -61,6 +71,8 @@ def estimate_blur(
     is_searchable = estimate.blur_pixels is None and estimate.record is not None and estimate.lag_grid.lags <= LAGS
     if not is_searchable or not undivided.detectable or not undivided.noise.dof:
         return estimate, None
+    if not (tried := possible_blurs(estimate)):
+        return estimate, None
 
     def misfit(tried: Estimate, made: Sequence[Reconstruction]) -> float:
         likelihood = Likelihood.of(undivided, transfer=tried.transfer)
@@ -79,8 +91,6 @@ def estimate_blur(
     unexplained = misfit(estimate, sharp)
     if not MIN_GAIN_NATS < unexplained < np.inf:
         return estimate, sharp[0]
-    rows, columns = estimate.record.grid.patch_shape
-    tried = [apply_blur_transfer(estimate, (down * rows / 256, right * columns / 256)) for down, right in BLURS]
     made = [attempts(one) for one in tried]
     if unexplained - min(map(misfit, tried, made)) < max(MIN_GAIN_NATS, MIN_GAIN_FRACTION * unexplained):
         return estimate, sharp[0]
@@ -92,3 +102,32 @@ def estimate_blur(
     best = int(np.argmin(left))
     record = replace(estimate.record, blur_found_pixels=tried[best].blur_pixels)
     return replace(tried[best], record=record), made[best][0]
+
+
+def possible_blurs(estimate: Estimate) -> list[Estimate]:
+    """Return the estimate with each candidate blur in its transfer; none if the contrast of the speckle leaves no room for one.
+
+    Without blur, speckle has at most contrast 1, so that dividing by a blur must not raise the contrast above it.
+    """
+    assert estimate.record is not None
+    contrast = estimate.record.contrast
+    if contrast is not None and contrast.square + CONTRAST_SIGMA * contrast.error >= 1.0:
+        return []
+    largest = np.array(estimate.record.grid.patch_shape) * (MAX_BLUR / 256.0)
+
+    def blurred(shape: np.ndarray) -> Estimate:
+        return apply_blur_transfer(estimate, (float(shape[0]), float(shape[1])))
+
+    def excess(size: float, kind: np.ndarray) -> float:
+        tried = blurred(size * kind)
+        return signal_sum(read_measurement(tried.values, tried.quantisation, tried.transfer)) / whole - 1.0
+
+    found = []
+    for shape in np.array(SHAPES):
+        kind, size = largest * np.sign(shape), 1.0
+        if contrast is not None:
+            whole = signal_sum(read_measurement(estimate.values, estimate.quantisation, estimate.transfer)) / contrast.square
+            if excess(1.0, kind) > 0.0:
+                size = float(brentq(excess, 0.0, 1.0, args=(kind,), xtol=1e-2))
+        found.append(blurred(size * shape * largest))
+    return found

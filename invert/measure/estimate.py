@@ -20,6 +20,7 @@ from correlograph.files.file_frames import FileFrames
 from correlograph.files.file_metadata import FileMetadata
 from correlograph.files.images import read_autocorrelation
 from correlograph.lags import LAGS, LagGrid, lag_grid_of
+from invert.measure.contrast import Contrast, find_contrast
 from invert.measure.lag_choice import choose_lags
 from invert.measure.patch_fit import choose_patch_grid
 from invert.measure.spectrum import read_measurement
@@ -55,6 +56,7 @@ class EstimateRecord:
         blur_found_pixels: standard deviation (rows, columns) of the blur that was estimated, if one was.
         lags_reason: why the estimate has these lags.
         file_metadata: metadata of the first file (`correlograph.files.file_metadata`).
+        contrast: contrast of the speckle; None if it was not measured.
     """
 
     frames: int
@@ -64,6 +66,7 @@ class EstimateRecord:
     blur_found_pixels: tuple[float, float] | None = None
     lags_reason: str = "chosen by the user"
     file_metadata: FileMetadata = field(default_factory=FileMetadata)
+    contrast: Contrast | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the record for JSON."""
@@ -76,6 +79,8 @@ class EstimateRecord:
             "mean_model": self.background.as_dict(),
             "file_metadata": self.file_metadata.as_dict(),
         }
+        if self.contrast is not None:
+            content["speckle_contrast"] = self.contrast.as_dict()
         return content if self.blur_found_pixels is None else content | {"blur_found_pixels": self.blur_found_pixels}
 
 
@@ -202,14 +207,18 @@ def estimate_of(
     reason: str = "chosen by the user",
 ) -> Estimate:
     """Return the estimate that an estimator has computed (`values`), with its metadata; `frame` is an example of the frames."""
-    grid, geometry = estimator.grid, camera.lag_geometry
+    grid, geometry, transfer, contrast = estimator.grid, camera.lag_geometry, _camera_transfer(camera, estimator.grid), None
+    if isinstance(estimator, AutocorrelationEstimator):
+        mean_square = float(np.square(estimator.sums.levels).mean())
+        contrast = find_contrast(read_measurement(values, transfer=transfer), grid, estimator.frames, mean_square)
+    record = EstimateRecord(estimator.frames, grid, estimator.dof, estimator.background, lags_reason=reason, contrast=contrast)
     return Estimate(
         name=name,
         values=values,
-        transfer=_camera_transfer(camera, grid),
+        transfer=transfer,
         pitches_m=grid.lag_pitches_m(*geometry) if geometry else None,
         frame=frame,
-        record=EstimateRecord(estimator.frames, grid, estimator.dof, estimator.background, lags_reason=reason),
+        record=record,
         filtered_frames=None if isinstance(estimator, PublishedEstimator) else estimator.filtered_frames(),
     )
 
