@@ -16,7 +16,7 @@ from correlograph.files.captured_frames import describe_files, stray_light_of
 from correlograph.files.corrections import Corrections
 from correlograph.workers import check_scheduler
 from invert.assess.frame_remarks import describe_frames
-from invert.assess.reliability import describe_limits, find_doubts, is_speckle, lower_confidence
+from invert.assess.reliability import describe_limits, find_doubts, is_speckle, lower_confidence, speckle_probability
 from invert.assess.speckle_test import speckle_test
 from invert.blur_fit import MAX_RECONSTRUCTIONS, estimate_blur, likelihood_before_division
 from invert.choices import FAST, UNET
@@ -94,7 +94,7 @@ def fulfil(request: Request, source: Source) -> Result:
     test = speckle_test(estimate, measurement, found.albedo) if found.object_found else None
     likelihood = partial(likelihood_before_division, estimate)
     doubts = find_doubts(found, test, likelihood, estimate.record)
-    found = lower_confidence(found, doubts)
+    found = lower_confidence(found, doubts, speckle_probability(test, estimate.record))
     warnings = [one.advice for one in doubts if one.is_raised] + describe_frames(estimate.record, measurement)
     if capture is not None and _may_be_one_pattern(capture, estimate, found):
         single = fulfil(request.for_capture(), mean_frame(capture))

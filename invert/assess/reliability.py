@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import torch
+from scipy.special import expit
 from scipy.stats import norm
 
 from correlograph.lags import OBJECT_SIDE
@@ -52,11 +53,31 @@ def find_doubts(
     return tuple(one for one in doubts if math.isfinite(one.threshold))
 
 
-def lower_confidence(found: Reconstruction, doubts: tuple[Doubt, ...]) -> Reconstruction:
-    """Return the reconstruction with a confidence of at most `MAX_UNVERIFIED_CONFIDENCE` if a doubt is raised."""
-    if not any(one.is_raised for one in doubts):
-        return found
-    return replace(found, confidence=min(found.confidence, MAX_UNVERIFIED_CONFIDENCE))
+def lower_confidence(found: Reconstruction, doubts: tuple[Doubt, ...], speckle: float = 1.0) -> Reconstruction:
+    """Return the reconstruction with a confidence of at most `MAX_UNVERIFIED_CONFIDENCE` if a doubt is raised, and at most the probability
+    that the light is speckle."""
+    is_doubtful = any(one.is_raised for one in doubts)
+    return replace(found, confidence=min(found.confidence, speckle, MAX_UNVERIFIED_CONFIDENCE if is_doubtful else 1.0))
+
+
+def speckle_probability(test: SpeckleTest | None, record: EstimateRecord | None) -> float:
+    """Return the probability that a single frame shows speckle, whose third moment is 1 in its unit, and not texture of the wall, whose
+    third moment is 0; 1 for several frames, which share texture, and for published estimates.
+
+    Without a measurable third moment, this is the probability before it was known.
+    """
+    if record is None or record.frames != 1:
+        return 1.0
+    prior = _texture_before(record)
+    if test is None or test.third_moment_ratio is None or test.error is None or not math.isfinite(test.error):
+        return 1.0 - prior
+    log_odds = math.log((1.0 - prior) / prior) + (float(test.third_moment_ratio) - 0.5) / max(float(test.error), 1e-9) ** 2
+    return float(expit(log_odds))
+
+
+def _texture_before(record: EstimateRecord) -> float:
+    """Return the probability of texture in a single frame before its third moment is known."""
+    return PRIOR_WITH_WAVES if record.background.spectral_lines else PRIOR_TEXTURE
 
 
 def describe_limits(found: Reconstruction, measurement: Measurement) -> list[str]:
@@ -144,7 +165,7 @@ def _doubt_single_frame(moment: float, error: float, record: EstimateRecord) -> 
 
     Texture must be the more probable of both, and speckle must have such a moment with a probability of at most `FALSE_ALARMS_EACH`.
     """
-    prior = PRIOR_WITH_WAVES if record.background.spectral_lines else PRIOR_TEXTURE
+    prior = _texture_before(record)
     error = max(error, 1e-9)
     even_odds = 0.5 - error**2 * math.log((1.0 - prior) / prior)
     limit = min(even_odds, 1.0 - float(norm.isf(FALSE_ALARMS_EACH)) * error)
