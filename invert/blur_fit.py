@@ -21,14 +21,14 @@ from scipy.optimize import brentq
 
 from correlograph.lags import LAGS
 from invert.likelihood.gamma import Likelihood
-from invert.measure.contrast import signal_sum
+from invert.measure.contrast import Contrast, signal_sum
 from invert.measure.estimate import Estimate, apply_blur_transfer
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction
 
-SHAPES = ((1.0, 1.0), (0.7, 0.7), (0.45, 0.45), (0.0, 1.0), (1.0, 0.0))
-"""Candidate blurs along rows and columns, as fractions of the largest blur of each kind: defocus, less of it beside other light without
-contrast, and motion along columns or rows."""
+BLURS = {(1.0, 1.0): (1.0, 0.7, 0.45), (0.0, 1.0): (1.0,), (1.0, 0.0): (1.0,)}
+"""Kinds of blur along rows and columns, defocus and motion, and the fractions of the largest possible one of each kind that are tried. Less
+than the largest is left if other light or a second polarisation has lowered the contrast as well."""
 
 MAX_BLUR = 2.3
 """Largest standard deviation of a candidate in 1/256 of a patch; more leaves too few lags."""
@@ -45,7 +45,7 @@ MIN_GAIN_FRACTION_OF_ALL = 0.2
 RECONSTRUCTIONS_PER_BLUR = 2
 """Reconstructions per blur; the one with the lower misfit counts."""
 
-MAX_RECONSTRUCTIONS = RECONSTRUCTIONS_PER_BLUR * (1 + len(SHAPES))
+MAX_RECONSTRUCTIONS = RECONSTRUCTIONS_PER_BLUR * (1 + sum(map(len, BLURS.values())))
 """Maximum number of reconstructions of a search."""
 
 
@@ -113,21 +113,25 @@ def possible_blurs(estimate: Estimate) -> list[Estimate]:
     contrast = estimate.record.contrast
     if contrast is not None and contrast.square + CONTRAST_SIGMA * contrast.error >= 1.0:
         return []
-    largest = np.array(estimate.record.grid.patch_shape) * (MAX_BLUR / 256.0)
-
-    def blurred(shape: np.ndarray) -> Estimate:
-        return apply_blur_transfer(estimate, (float(shape[0]), float(shape[1])))
-
-    def excess(size: float, kind: np.ndarray) -> float:
-        tried = blurred(size * kind)
-        return signal_sum(read_measurement(tried.values, tried.quantisation, tried.transfer)) / whole - 1.0
-
     found = []
-    for shape in np.array(SHAPES):
-        kind, size = largest * np.sign(shape), 1.0
-        if contrast is not None:
-            whole = signal_sum(read_measurement(estimate.values, estimate.quantisation, estimate.transfer)) / contrast.square
-            if excess(1.0, kind) > 0.0:
-                size = float(brentq(excess, 0.0, 1.0, args=(kind,), xtol=1e-2))
-        found.append(blurred(size * shape * largest))
+    for kind, fractions in BLURS.items():
+        largest = _largest_blur(estimate, contrast, kind)
+        found += [apply_blur_transfer(estimate, (part * largest[0], part * largest[1])) for part in fractions]
     return found
+
+
+def _largest_blur(estimate: Estimate, contrast: Contrast | None, kind: tuple[float, float]) -> tuple[float, float]:
+    """Return the blur of a kind that raises the contrast to 1 when it is divided out, in pixels, but at most `MAX_BLUR`."""
+    assert estimate.record is not None
+    rows, columns = (
+        MAX_BLUR / 256.0 * side * share for side, share in zip(estimate.record.grid.patch_shape, kind, strict=True)
+    )
+
+    def signal(size: float) -> float:
+        tried = apply_blur_transfer(estimate, (size * rows, size * columns))
+        return signal_sum(read_measurement(tried.values, tried.quantisation, tried.transfer))
+
+    size = 1.0
+    if contrast is not None and signal(1.0) > (full := signal(0.0) / contrast.square):
+        size = float(brentq(lambda tried: signal(tried) - full, 0.0, 1.0, xtol=1e-2))
+    return size * rows, size * columns

@@ -94,13 +94,13 @@ def move_back(spectra: np.ndarray, band: Band, pixels: np.ndarray) -> np.ndarray
 
 def heights_at(cross: np.ndarray, band: Band, weight: Weight, pixels: np.ndarray) -> np.ndarray:
     """Return weighted cross-correlations (n,) at displacements (n, 2), from cross-spectra (n, R, C)."""
-    return _derivatives(_weighted(cross, weight), band, pixels)[0]
+    return _derivatives(_apply_weight(cross, weight), band, pixels)[0]
 
 
 def refine(cross: np.ndarray, band: Band, weight: Weight, start: np.ndarray) -> Shifts:
     """Return the maxima of cross-correlations nearest to a start (n, 2), from cross-spectra (n, R, C), by Newton's method."""
     pixels, reach = start.astype(np.float64).copy(), band.grain_pixels
-    weighted = _weighted(cross, weight)
+    weighted = _apply_weight(cross, weight)
     # Away from a maximum, the curvature expected there keeps the step uphill.
     usual = np.trace(weight.slope_variance) / max(weight.full, 1e-300)
     for _ in range(NEWTON_STEPS):
@@ -112,7 +112,7 @@ def refine(cross: np.ndarray, band: Band, weight: Weight, start: np.ndarray) -> 
     return Shifts(pixels + _window_bias(pixels, band, height, inverse), inverse @ weight.slope_variance @ inverse, height)
 
 
-def _weighted(cross: np.ndarray, weight: Weight) -> np.ndarray:
+def _apply_weight(cross: np.ndarray, weight: Weight) -> np.ndarray:
     return cross * weight.values.astype(np.float32)
 
 

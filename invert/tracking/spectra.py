@@ -91,10 +91,10 @@ class Reader:
 
     def whole(self, frame: np.ndarray) -> torch.Tensor:
         """Return the spectrum (rows, columns // 2 + 1) of a frame without its mean."""
-        image = torch.from_numpy(self._binned(frame))
+        image = torch.from_numpy(self._bin(frame))
         return torch.fft.rfft2((image - image.mean()) * self._window)
 
-    def _binned(self, frame: np.ndarray) -> np.ndarray:
+    def _bin(self, frame: np.ndarray) -> np.ndarray:
         """Return means of blocks of pixels, float32. Sums of strided views take a fifth of the time of a library's pooling."""
         side = self._binning
         if side == 1:
