@@ -28,8 +28,8 @@ class Contrast:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the contrast for JSON."""
-        value = max(self.square, 0.0) ** 0.5
-        return {"contrast": value, "standard_error": 0.5 * self.error / max(value, self.error**0.5)}
+        value = self.square**0.5
+        return {"contrast": value, "standard_error": 0.5 * self.error / value}
 
 
 def signal_sum(measurement: Measurement) -> float:
@@ -43,19 +43,17 @@ def find_contrast(measurement: Measurement, grid: PatchGrid, frames: int, mean_s
     Args:
         mean_square: mean over the frames of the square of their mean, in their unit.
     """
-    noise = measurement.noise
-    if not measurement.detectable or not noise.dof or mean_square <= 0.0:
+    noise, inside, total = measurement.noise, _inside(measurement), signal_sum(measurement)
+    if not measurement.detectable or not noise.dof or mean_square <= 0.0 or total <= 0.0:
         return None
-    inside = _inside(measurement)
-    signal = (measurement.values.astype(np.float64) - noise.floor)[inside]
-    patches = frames * np.prod(grid.frame_shape) / np.prod(grid.patch_shape)
-    grains = patches * signal.sum() ** 2 / (signal**2).sum()
+    signal, area = (measurement.values.astype(np.float64) - noise.floor)[inside], float(np.prod(grid.patch_shape))
+    grains = frames * float(np.prod(grid.frame_shape)) / area * total**2 / float((signal**2).sum())
     # A lag and its opposite are one number. The floor comes from the lags outside.
     lags, outside = inside.sum(), max((~inside).sum(), 1)
-    of_noise = noise.deviation * (2.0 * noise.inflation * lags * (1.0 + lags / outside)) ** 0.5
-    relative = (SQUARED_ERROR / grains + (of_noise / signal.sum()) ** 2) ** 0.5
-    square = float(signal.sum() / np.prod(grid.patch_shape) / mean_square)
-    return Contrast(square, float(square * relative))
+    of_noise = noise.deviation * float(2.0 * noise.inflation * lags * (1.0 + lags / outside)) ** 0.5
+    relative = (SQUARED_ERROR / grains + (of_noise / total) ** 2) ** 0.5
+    square = total / area / mean_square
+    return Contrast(square, square * relative)
 
 
 def _inside(measurement: Measurement) -> np.ndarray:
