@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 
 from correlograph.lags import LAGS
 from invert.likelihood.gamma import Likelihood
-from invert.measure.contrast import Contrast, signal_sum
+from invert.measure.contrast import signal_sum
 from invert.measure.estimate import Estimate, apply_blur_transfer
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction
@@ -113,25 +113,28 @@ def possible_blurs(estimate: Estimate) -> list[Estimate]:
     contrast = estimate.record.contrast
     if contrast is not None and contrast.square + CONTRAST_SIGMA * contrast.error >= 1.0:
         return []
+    most = np.inf if contrast is None else _signal_sum(estimate) / contrast.square
     found = []
     for kind, fractions in BLURS.items():
-        largest = _largest_blur(estimate, contrast, kind)
+        largest = _largest_blur(estimate, kind, most)
         found += [apply_blur_transfer(estimate, (part * largest[0], part * largest[1])) for part in fractions]
     return found
 
 
-def _largest_blur(estimate: Estimate, contrast: Contrast | None, kind: tuple[float, float]) -> tuple[float, float]:
-    """Return the blur of a kind that raises the contrast to 1 when it is divided out, in pixels, but at most `MAX_BLUR`."""
+def _largest_blur(estimate: Estimate, kind: tuple[float, float], most: float) -> tuple[float, float]:
+    """Return the blur of a kind that raises the signal to its sum at contrast 1, `most`, when it is divided out, in pixels, but at most
+    `MAX_BLUR`."""
     assert estimate.record is not None
     rows, columns = (
         MAX_BLUR / 256.0 * side * share for side, share in zip(estimate.record.grid.patch_shape, kind, strict=True)
     )
 
-    def signal(size: float) -> float:
-        tried = apply_blur_transfer(estimate, (size * rows, size * columns))
-        return signal_sum(read_measurement(tried.values, tried.quantisation, tried.transfer))
+    def excess(size: float) -> float:
+        return _signal_sum(apply_blur_transfer(estimate, (size * rows, size * columns))) - most
 
-    size = 1.0
-    if contrast is not None and signal(1.0) > (full := signal(0.0) / contrast.square):
-        size = float(brentq(lambda tried: signal(tried) - full, 0.0, 1.0, xtol=1e-2))
+    size = 1.0 if excess(1.0) <= 0.0 else float(brentq(excess, 0.0, 1.0, xtol=1e-2))
     return size * rows, size * columns
+
+
+def _signal_sum(estimate: Estimate) -> float:
+    return signal_sum(read_measurement(estimate.values, estimate.quantisation, estimate.transfer))
