@@ -10,8 +10,9 @@ TARP       distance from a reference, the truth of another case, at unit norm an
            (Lemos et al. 2023, doi:10.48550/arXiv.2302.03026)
 spread     distance of two samples over that of a sample from the truth, at unit norm; 1 is right
 
-The column `chance` holds the difference that chance exceeds in 5 % of the tables. Only the sampler runs, on all objects at a time, without
-the candidates, the centring between rounds and the early end of `invert`.
+The column `chance` holds the difference that chance exceeds in 5 % of the tables. `--figure` draws the expected coverage: the fraction of
+truths whose rank is below each probability, which is that probability if the samples are right. Only the sampler runs, on all objects at
+a time, without the candidates, the centring between rounds and the early end of `invert`.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from matplotlib.figure import Figure
 from scipy.stats import kstest, kstwo
 
 from data_gen.shapes import strokes
@@ -134,12 +136,16 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=24)
     parser.add_argument("--seed", type=int, default=21)
     parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
+    parser.add_argument("--figure", type=Path, help="file for the expected coverage")
     options = parser.parse_args()
     sampler = load_network(DEFAULT_WEIGHTS, options.device)[0].sampler
     print("| family | estimates | rank: mean, difference | norm | TARP | chance | spread |\n|---|---|---|---|---|---|---|")
+    found = {}
     for family in options.families:
-        ranks = of_family(sampler, truths_of(family, options.photographs, options.count, options.seed), options)
-        print(line(family, ranks), flush=True)
+        found[family] = of_family(sampler, truths_of(family, options.photographs, options.count, options.seed), options)
+        print(line(family, found[family]), flush=True)
+    if options.figure is not None:
+        draw_coverage(found).savefig(options.figure, dpi=110)
 
 
 def of_family(sampler: torch.nn.Module, truths: torch.Tensor, options: argparse.Namespace) -> Ranks:
@@ -164,6 +170,27 @@ def line(family: str, ranks: Ranks) -> str:
         f"| {family} | {count} | {ranks.likelihood.mean():.2f}, {differences[0]:.2f} | {differences[1]:.2f} | {differences[2]:.2f} "
         f"| {kstwo.isf(0.05, count):.2f} | {np.median(ranks.spread):.2f} |"
     )
+
+
+def draw_coverage(found: dict[str, Ranks]) -> Figure:
+    """Return the distribution of the ranks of each family, with the band that holds the whole curve of exchangeable samples in 95 % of the
+    cases."""
+    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
+    probability = np.linspace(0.0, 1.0, 201)
+    for axes, (name, title) in zip(
+        figure.subplots(1, 3, sharey=True),
+        (("likelihood", "log-likelihood"), ("norm", "norm"), ("tarp", "distance from a reference (TARP)")),
+        strict=True,
+    ):
+        for family, ranks in found.items():
+            values = np.sort(getattr(ranks, name))
+            axes.plot(probability, np.searchsorted(values, probability, "right") / len(values), label=family)
+        band = kstwo.isf(0.05, min(len(ranks.likelihood) for ranks in found.values()))
+        axes.fill_between(probability, probability - band, probability + band, color="0.88")
+        axes.set(title=title, xlabel="rank of the truth", xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+    figure.axes[0].set_ylabel("fraction of truths below")
+    figure.axes[0].legend(fontsize=8, frameon=False)
+    return figure
 
 
 if __name__ == "__main__":

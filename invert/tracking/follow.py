@@ -7,15 +7,16 @@ registered alone are summed in groups of two, four and so on, as they move.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import interp1d
-from scipy.linalg import solve_banded
+from scipy.linalg import solveh_banded
 
-from invert.tracking.shifts import move_back, refine, weight_of
+from invert.tracking.shifts import MIN_SIGNIFICANCE, derivatives, move_back, weight_of
 from invert.tracking.spectra import Band
-from invert.tracking.start import Start
+from invert.tracking.start import Start, are_apart
 
 MIN_GROUP_SIGNIFICANCE = 5.0
 """Median significance of a group of frames in its surroundings from which it is registered on its own."""
@@ -29,16 +30,18 @@ MIN_LIKENESS = 0.6
 WALK = 6.0
 """See `_walk_by_illumination`; measured on rendered frames of 0.1 to 1.4 megapixels (docs/tracking.md)."""
 
-MAX_CORRECTION = 6.0
-"""Radii of a grain by which an exact path may differ from the approximate one."""
-
 PAIRS = 48
 """Pairs of groups from which a likeness is measured."""
 
 MAX_FADING = 0.3
 """Maximum of `Followed.fading`; it limits the correction for an open shutter to a tenth of the path."""
 
-ROUNDS = 3
+MAX_CORRECTION = 6.0
+"""Radii of a grain by which an exact path may differ from the approximate one where it could change to another object."""
+
+ROUNDS = 8
+CONVERGED_GRAINS = 0.01
+"""Largest change of a displacement between neighbours, in radii of a grain, at which a registration ends."""
 
 
 @dataclass(frozen=True)
@@ -68,23 +71,38 @@ class Followed:
         return replace(self, path=self.path * (1.0 + self.fading * share**2 / 3.0))
 
 
-def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:
+def follow(spectra: np.ndarray, band: Band, start: Start, others: Sequence[Start] = ()) -> Followed:
     """Return the path of an object near an approximate one, from spectra (frames, R, C).
 
-    Where it cannot be made exact, the approximate path is returned, with the radius of a grain as its error.
+    Args:
+        others: further objects. Frames are compared that are far enough apart for all objects to have moved apart, because maxima of the
+            cross-correlation that overlap draw one another.
+
+    Where it cannot be made exact, the approximate path is returned.
     """
+    apart = next(
+        (lag for lag in range(1, start.lag) if all(are_apart(start.path, one.path, lag, band) for one in others)), start.lag
+    )
     best, length, longest = None, 1, 1
     while best is None or (best.significance < MIN_GROUP_SIGNIFICANCE and length <= longest):
-        found = _follow_groups(spectra, band, start.path, length)
+        found = _follow_groups(spectra, band, start.path, length, apart)
         longest = found.reach if length == 1 else longest
         if best is None or found.significance > best.significance:
             best = found
         length *= 2
-    if best.significance < MIN_GROUP_SIGNIFICANCE or np.abs(best.path - start.path).max() > MAX_CORRECTION * band.grain_pixels:
-        error = np.full_like(start.path, band.grain_pixels)
-        error[0] = 0.0
-        best = Followed(start.path, error, start.frames_per_block, 0, best.significance)
-    return replace(best, fading=_fading(spectra, band, best.path))
+    is_lost = bool(others) and np.abs(best.path - start.path).max() > MAX_CORRECTION * band.grain_pixels
+    if best.significance < MIN_GROUP_SIGNIFICANCE or is_lost:
+        best = Followed(start.path, _error_of_blocks(start, band), start.frames_per_block, 0, best.significance)
+    return best if others else replace(best, fading=_fading(spectra, band, best.path))
+
+
+def _error_of_blocks(start: Start, band: Band) -> np.ndarray:
+    """Return the error of an approximate path (n, 2): the radius of a grain, or what the displacement of a block, known to that over its
+    least significance, adds up to with each block."""
+    blocks = np.arange(len(start.path)) / start.frames_per_block
+    error = band.grain_pixels * np.maximum(1.0, start.frames_per_block / MIN_SIGNIFICANCE * blocks**0.5)
+    error[0] = 0.0
+    return np.stack([error, error], 1)
 
 
 def _fading(spectra: np.ndarray, band: Band, path: np.ndarray) -> float:
@@ -95,14 +113,14 @@ def _fading(spectra: np.ndarray, band: Band, path: np.ndarray) -> float:
     return float(np.clip(np.log(near / max(far, 1e-3)) / 3.0, 0.0, MAX_FADING)) if near > 0.0 else 0.0
 
 
-def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: int) -> Followed:
+def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: int, apart: int) -> Followed:
     """Return the path from groups of `length` frames; within a group, the approximate path gives the motion about its mean."""
     groups = np.array_split(np.arange(len(path)), max(2, len(path) // length))
     middles = np.array([group.mean() for group in groups])
     means = np.stack([path[group].mean(0) for group in groups])
     sums = np.stack([move_back(spectra[group], band, path[group] - path[group].mean(0)).sum(0) for group in groups])
     of_group = replace(band, signal=band.signal * length**2, floor=band.floor * length)
-    places, error, reach, significance = _register(sums, of_group, means)
+    places, error, reach, significance = _register(sums, of_group, means, -(-apart // length))
     numbers = np.arange(len(path))
     found = path + np.stack([_interpolate(numbers, middles, (places - means)[:, axis]) for axis in (0, 1)], 1)
     errors = np.stack([np.interp(numbers, middles, error[:, axis]) for axis in (0, 1)], 1)
@@ -111,61 +129,68 @@ def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: in
     return Followed(found - found[0], from_first, length, reach, significance)
 
 
-def _register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, float]:
-    """Return positions of groups (n, 2), their standard errors, the reach of the surroundings, and the median significance."""
-    count, reach, common = len(sums), 1, 1.0
+def _register(sums: np.ndarray, band: Band, places: np.ndarray, apart: int) -> tuple[np.ndarray, np.ndarray, int, float]:
+    """Return positions of groups (n, 2), their standard errors, the reach of the surroundings, and the median significance.
+
+    All pairs from `apart` to the reach are registered together by Gauss-Newton steps on the sum of their cross-correlations. All pairs have
+    the same curvature, so that what the noise of a pair moves its two members by cancels beyond them; own curvatures would add it up twice
+    along the path.
+    """
+    count = len(sums)
+    apart = min(apart, count - 1, MAX_REACH)
     for _ in range(ROUNDS):
         moved = move_back(sums, band, places)
-        alike = likeness(moved, band)
-        common = float(np.clip(alike[0], 0.05, 1.0))
-        reach = reach_of(alike)
-        low, high = (np.clip(np.arange(count) + side, 0, count) for side in (-reach, reach + 1))
-        weight = weight_of(band, common, int(np.median(high - low - 1)))
-        shifts = refine(_cross_with_surroundings(moved, low, high), band, weight, np.zeros((count, 2)))
-        places = places + _solve(shifts.pixels, reach)
-    variance = np.diagonal(shifts.covariance, axis1=1, axis2=2)
+        alike = likeness(moved, band)[apart - 1 :]
+        steps = apart + np.arange(max(reach_of(alike), min(2, apart, len(alike))))  # pairs at two distances join all groups
+        pairs = sum((np.arange(count) >= step).astype(int) + (np.arange(count)[::-1] >= step) for step in steps)
+        weight = weight_of(band, float(np.clip(alike[0], 0.05, 1.0)), int(np.median(pairs)))
+        cross = _cross_with_surroundings(moved, steps)
+        height, slope, curvature = derivatives(cross, band, weight, np.zeros((count, 2)))
+        inverse = np.linalg.inv(-curvature.sum(0) / pairs.sum())
+        correction = _solve(slope @ inverse, steps)
+        places = places + correction
+        if np.abs(np.diff(correction, axis=0)).max() < CONVERGED_GRAINS * band.grain_pixels:
+            break
+    variance = np.diag(inverse @ weight.slope_variance @ inverse) / (np.median(pairs) * pairs[:, None])
     # Over distances beyond the reach, errors add up like resistances of a chain in which each member is joined to its neighbours.
-    squares = np.mean(np.arange(1, reach + 1) ** 2.0)
-    walked = 2.0 * np.arange(count)[:, None] / squares * variance
+    walked = 2.0 * np.arange(count)[:, None] / np.mean(steps**2.0) * variance
     walked = walked + _walk_by_illumination(places, alike, band)
-    significance = float(np.median(shifts.height)) / weight.deviation
-    return places, np.sqrt(variance + walked), reach, significance
+    significance = float(np.median(height)) / weight.deviation
+    return places, np.sqrt(variance + walked), int(steps[-1]), significance
 
 
-def _cross_with_surroundings(moved: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the cross-spectra (n, R, C) of groups with the sums of all others from low to below high, (n,) each."""
-    total = np.zeros((len(moved) + 1, *moved.shape[1:]), moved.dtype)
+def _cross_with_surroundings(moved: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Return the cross-spectra (n, R, C) of groups with the sums of all others at distances from steps[0] to steps[-1]."""
+    count = len(moved)
+    total = np.zeros((count + 1, *moved.shape[1:]), moved.dtype)
     np.cumsum(moved, 0, out=total[1:])
+    low, inner_low, inner_high, high = (
+        np.clip(np.arange(count) + side, 0, count) for side in (-steps[-1], 1 - steps[0], steps[0], steps[-1] + 1)
+    )
     cross = total[high]  # in place from here, because new memory for so many spectra costs as much as the sums
     cross -= total[low]
-    cross -= moved
+    cross -= moved if steps[0] == 1 else total[inner_high] - total[inner_low]
     np.conjugate(cross, out=cross)
     cross *= moved
     return cross
 
 
-def _solve(shifts: np.ndarray, reach: int) -> np.ndarray:
-    """Return corrections (n, 2) of positions of which each differs from the mean correction of its surroundings by the shift that was
-    found, (n, 2); 0 for the first."""
-    count = len(shifts)
-    numbers = np.arange(count)
-    bands = np.zeros((2 * reach + 1, count))
-    bands[reach] = 1.0
-    offsets = [step for step in range(-reach, reach + 1) if step]
-    around = sum(((numbers + step >= 0) & (numbers + step < count)).astype(float) for step in offsets)
-    for step in offsets:
-        rows = numbers[(numbers + step >= 0) & (numbers + step < count)]
-        bands[reach - step, rows + step] = -1.0 / around[rows]
-    for step in range(reach + 1):  # the first equation fixes the first position
-        if step < count:
-            bands[reach - step, step] = float(step == 0)
-    right = shifts.copy()
-    right[0] = 0.0
-    return solve_banded((reach, reach), bands, right)
+def _solve(slopes: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Return corrections (n, 2) of positions, whose differences over all pairs at these distances add up to the slopes (n, 2); 0 for the
+    first."""
+    count = len(slopes)
+    bands = np.zeros((steps[-1] + 1, count))
+    for step in steps[steps < count]:
+        bands[step, : count - step] = -1.0
+        bands[0, : count - step] += 1.0
+        bands[0, step:] += 1.0
+    bands[0] += 1e-6  # what no pair joins stays; the slopes add up to zero, and the mean with them
+    found = solveh_banded(bands, slopes, lower=True)
+    return found - found[0]
 
 
 def reach_of(alike: np.ndarray) -> int:
-    """Return the number of groups, at least 1, over which the likeness stays above `MIN_LIKENESS` of that of neighbours."""
+    """Return the number of distances, at least 1, over which the likeness stays above `MIN_LIKENESS` of the first."""
     faded = np.flatnonzero(alike < MIN_LIKENESS * alike[0])
     return max(1, int(faded[0]) if len(faded) else len(alike))
 

@@ -1,48 +1,67 @@
-"""Patterns of several objects: what each contributes to the spectrum of a frame.
+"""Light of several objects, told apart by their motion.
 
-The spectrum of a frame is the sum of the objects' patterns, each with the phase of its displacement, and noise. Over the frames in which
-the patterns stay the same, every frequency gives a small linear system for them. Frequencies at which the objects have hardly moved apart
-do not tell them from one another; the noise limits what is attributed there.
+Along the path of an object, its own speckle stays the same over some frames, while that of the others passes by. The mean of these frames,
+each moved back, is its pattern; what the patterns of the others contribute is subtracted from each frame.
 """
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
+from dataclasses import replace
 
-from invert.tracking.follow import likeness, reach_of
+import numpy as np
+from scipy.ndimage import uniform_filter
+
 from invert.tracking.shifts import move_back
-from invert.tracking.spectra import Band
+from invert.tracking.spectra import SMOOTHING, Band
+from invert.tracking.start import Start
 
 CHANGING_SHARE = 0.1
-"""Share of a pattern that is taken as noise when patterns are told from one another."""
+"""Share of a pattern that is taken as new from frame to frame."""
+
+ROUNDS = 2
+"""Rounds in which the pattern of each object is found in what the others leave."""
 
 
-def isolate(spectra: np.ndarray, band: Band, paths: list[np.ndarray]) -> list[np.ndarray]:
-    """Return, for each object, the spectra (n, R, C) without the patterns of all others.
-
-    Args:
-        paths: positions of the objects, (n, 2) each, the brightest first.
-    """
-    if len(paths) == 1:
-        return [spectra]
-    left, reach = [spectra.copy() for _ in paths], reach_of(likeness(move_back(spectra, band, paths[0]), band))
-    for block in np.array_split(np.arange(len(spectra)), max(1, round(len(spectra) / (2 * reach + 1)))):
-        around = np.arange(max(0, block[0] - reach // 2), min(len(spectra), block[-1] + reach // 2 + 1))
-        patterns = _patterns(spectra[around], band, [path[around] for path in paths])
-        for index, path in enumerate(paths):
-            light = move_back(np.broadcast_to(patterns[index], spectra[block].shape), band, -path[block])
-            for other in range(len(paths)):
-                if other != index:
-                    left[other][block] -= light
+def without(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> np.ndarray:
+    """Return spectra (n, R, C) without the light of objects, one subtracted after the other."""
+    left = spectra.copy()
+    for one in starts:
+        left -= _light(left, band, one.path, _frames_alike(one))
     return left
 
 
-def _patterns(spectra: np.ndarray, band: Band, paths: list[np.ndarray]) -> np.ndarray:
-    """Return the pattern of each object, (objects, R, C), at the origin of its path."""
-    moved = np.stack([move_back(spectra, band, path).sum(0) for path in paths], -1)
-    ones = np.ones((len(spectra), len(band.rows), len(band.columns)), np.complex64)
-    apart = [[move_back(ones, band, one - other).sum(0) for other in paths] for one in paths]
-    # Of each pattern, a share of `CHANGING_SHARE` is new from frame to frame.
-    noise = (band.floor + CHANGING_SHARE * band.signal) / np.maximum(band.signal / len(paths), 1e-3 * band.floor)
-    system = np.moveaxis(np.array(apart), (0, 1), (-2, -1)) + noise[..., None, None] * np.eye(len(paths))
-    return np.moveaxis(np.linalg.solve(system, moved[..., None])[..., 0], -1, 0).astype(np.complex64)
+def isolate(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> list[tuple[np.ndarray, Band]]:
+    """Return, for each object, the spectra (n, R, C) without the light of all others, and their band, in which what is not its own speckle
+    counts as noise."""
+    if len(starts) == 1:
+        return [(spectra, band)]
+    lights = [np.zeros_like(spectra) for _ in starts]
+    left = spectra.copy()  # without the light of any object
+    for _ in range(ROUNDS):
+        for index, one in enumerate(starts):
+            left += lights[index]
+            lights[index] = _light(left, band, one.path, _frames_alike(one))
+            left -= lights[index]
+    found = []
+    for one, light in zip(starts, lights, strict=True):
+        own = left + light
+        signal = one.share * band.signal
+        power = uniform_filter((np.abs(own) ** 2).mean(0), SMOOTHING[0], mode="nearest")
+        found.append((own, replace(band, signal=signal, floor=np.maximum(power - signal, band.floor))))
+    return found
+
+
+def _frames_alike(one: Start) -> int:
+    return max(2, one.lag)
+
+
+def _light(spectra: np.ndarray, band: Band, path: np.ndarray, frames: int) -> np.ndarray:
+    """Return what the pattern of an object contributes to each spectrum: the mean of the frames around it, at their places."""
+    size = min(frames, len(spectra))
+    total = np.zeros((len(spectra) + 1, *spectra.shape[1:]), np.complex64)
+    np.cumsum(move_back(spectra, band, path), 0, out=total[1:])
+    first = np.clip(np.arange(len(spectra)) - size // 2, 0, len(spectra) - size)
+    noise = band.floor / np.maximum(band.signal, 1e-3 * band.floor)
+    share = 1.0 / (size * (1.0 + CHANGING_SHARE) + noise)
+    return move_back((total[first + size] - total[first]) * share.astype(np.float32), band, -path)

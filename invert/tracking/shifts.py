@@ -94,7 +94,13 @@ def move_back(spectra: np.ndarray, band: Band, pixels: np.ndarray) -> np.ndarray
 
 def heights_at(cross: np.ndarray, band: Band, weight: Weight, pixels: np.ndarray) -> np.ndarray:
     """Return weighted cross-correlations (n,) at displacements (n, 2), from cross-spectra (n, R, C)."""
-    return _derivatives(_apply_weight(cross, weight), band, pixels)[0]
+    return derivatives(cross, band, weight, pixels)[0]
+
+
+def derivatives(cross: np.ndarray, band: Band, weight: Weight, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return weighted cross-correlations (n,) at displacements (n, 2), from cross-spectra (n, R, C), their slopes (n, 2) and curvatures
+    (n, 2, 2)."""
+    return _derivatives(_apply_weight(cross, weight), band, pixels)
 
 
 def refine(cross: np.ndarray, band: Band, weight: Weight, start: np.ndarray) -> Shifts:

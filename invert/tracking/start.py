@@ -1,4 +1,4 @@
-"""Objects and their approximate paths: maxima of the cross-correlation of consecutive frames, summed over blocks of frames."""
+"""Approximate paths of objects: maxima of the cross-correlation of frames some distance apart, summed over blocks of frames."""
 
 from __future__ import annotations
 
@@ -7,22 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from correlograph.errors import InputError
-from invert.tracking.shifts import MIN_SIGNIFICANCE, correlate, heights_at, peaks, weight_of
+from invert.tracking.shifts import APART_GRAINS, MIN_SIGNIFICANCE, correlate, heights_at, peaks, weight_of
 from invert.tracking.spectra import Band
 
 MAX_BLOCKS = 32
 """Number of blocks of frames in which objects are sought first."""
 
-LAGS = (1, 2, 4, 8, 16)
-"""Distances of the frames that are compared."""
-
-MIN_PERSISTENCE = 0.2
-"""Share of the common speckle of consecutive frames that frames two apart must show."""
-
-STILL_CLEAR = 0.7
-"""Significance of the faintest object over the highest at any distance of frames, above which it counts as clear."""
-
-MAX_OBJECTS = 4
+MAX_PEAKS = 4
 MAX_JUMP_GRAINS = 4.0
 """Largest change of the displacement from one block to the next that still counts as one object."""
 
@@ -37,52 +28,39 @@ class Start:
     Attributes:
         path: approximate position of its speckle in each frame, (frames, 2) pixels.
         significance: of its maximum in the sum over all blocks, each at its own displacement, in standard deviations.
-        share: share of the power of the speckle that consecutive frames have in common by it.
+        share: share of the power of the speckle that frames `lag` apart have in common by it.
         frames_per_block: number of frames in the blocks from which the path was found.
+        lag: distance of the frames by whose displacement it was found.
     """
 
     path: np.ndarray
     significance: float
     share: float
     frames_per_block: int = 1
+    lag: int = 1
 
 
-def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
-    """Return the objects of a capture, the brightest first.
+def find_brightest(spectra: np.ndarray, band: Band) -> Start:
+    """Return the brightest object by consecutive frames, from spectra (frames, R, C).
 
-    Args:
-        spectra: (frames, R, C).
-
-    Frames further apart tell objects of little different speed from one another. Of the distances that show most objects, the largest is
-    used at which the faintest is still clear; a single object is followed by consecutive frames.
-    Raises InputError if the whole capture shows no common motion.
+    There are `MAX_BLOCKS` blocks of frames, between which the motion may change, or, if they show no object, blocks as short as the light
+    allows. Raises InputError if the whole capture shows no common motion.
     """
-    best: list[Start] = []
-    clearest = 0.0
-    for lag in (one for one in LAGS if one < max(2, len(spectra) // 2)):
-        try:
-            found = [one for one in _objects_at(spectra, band, lag) if _persists(one, spectra, band)]
-        except InputError:
-            if best:
-                break
-            raise
-        faintest = min((one.significance for one in found), default=0.0)
-        if len(found) > len(best):
-            best, clearest = found, faintest
-        elif len(found) == len(best) > 1 and faintest > STILL_CLEAR * clearest:
-            best, clearest = found, max(faintest, clearest)
-    if not best:
-        expected, remedy = "speckle that moves as a whole", "keep the laser and the camera at rest"
-        raise InputError("frames", expected, "displacements that do not continue from frame to frame", remedy)
-    return best
-
-
-def _persists(one: Start, spectra: np.ndarray, band: Band) -> bool:
-    """Return whether frames two apart show an object at its path, too. A camera that shakes back and forth looks like two objects that
-    move in opposite directions, until then."""
-    return len(spectra) < 4 or share_along(spectra, band, one.path, 2) > MIN_PERSISTENCE * share_along(
-        spectra, band, one.path, 1
-    )
+    pairs = len(spectra) - 1
+    length = max(1, pairs // MAX_BLOCKS)
+    is_first = length > 1
+    while True:
+        found, is_clear = paths_at(spectra, band, 1, length)
+        if found and is_clear:
+            return found[0]
+        if pairs // length <= 1:
+            weight = weight_of(band, 0.0)
+            total = (spectra[:-1].conj() * spectra[1:]).sum(0)
+            best = float(correlate(total, band, weight)[0].max()) / (weight.deviation * pairs**0.5)
+            needed = f"{best:.1f} standard deviations of the summed cross-correlation, {MIN_SIGNIFICANCE:g} are needed"
+            remedy = "keep the laser at rest, shorten the interval, or add light"
+            raise InputError("frames", "speckle that moves as a whole", needed, remedy)
+        length, is_first = (1 if is_first else 2 * length), False
 
 
 def share_along(spectra: np.ndarray, band: Band, path: np.ndarray, lag: int) -> float:
@@ -93,33 +71,30 @@ def share_along(spectra: np.ndarray, band: Band, path: np.ndarray, lag: int) -> 
     return float(alike.mean() / (weight.full * max(overlap, 0.1)))
 
 
-def _objects_at(spectra: np.ndarray, band: Band, lag: int) -> list[Start]:
-    """Return the objects by the displacement of frames that are `lag` apart. There are `MAX_BLOCKS` blocks of frames, between which the
-    motion may change; if they show no object, blocks as short as the light allows."""
+def way_apart(one: np.ndarray, other: np.ndarray, lag: int) -> float:
+    """Return the median difference of the displacements along two paths (frames, 2) over `lag` frames, in pixels."""
+    relative = one - other
+    return float(np.median(np.linalg.norm(relative[lag:] - relative[:-lag], axis=1)))
+
+
+def are_apart(one: np.ndarray, other: np.ndarray, lag: int, band: Band) -> bool:
+    """Return whether maxima at the displacements along two paths over `lag` frames are those of two objects."""
+    return way_apart(one, other, lag) > APART_GRAINS * band.grain_pixels
+
+
+def paths_at(spectra: np.ndarray, band: Band, lag: int, length: int) -> tuple[list[Start], bool]:
+    """Return the objects by the displacement of frames that are `lag` apart, in blocks of `length` pairs, the brightest first, and whether
+    nearly all blocks show one."""
     pairs, weight = len(spectra) - lag, weight_of(band, 0.0)
-    cross = spectra[:-lag].conj() * spectra[lag:]
-    length, best = max(1, pairs // MAX_BLOCKS), 0.0
-    is_first = length > 1
-    while True:
-        blocks = np.array_split(np.arange(pairs), max(1, pairs // length))
-        found = []
-        for block in blocks:
-            total, deviation = cross[block].sum(0), weight.deviation * len(block) ** 0.5
-            own = np.maximum((np.abs(spectra[block]) ** 2).sum(0) - len(block) * band.floor, 0.0)
-            found.append((*peaks(total, own, band, weight, deviation, MAX_OBJECTS), len(block)))
-            if len(blocks) == 1:
-                best = float(correlate(total, band, weight)[0].max()) / deviation
-        chains = _chains(found, MAX_JUMP_GRAINS * band.grain_pixels)
-        if chains and np.mean([len(places) > 0 for places, *_ in found]) > 0.9:
-            break
-        if len(blocks) == 1:
-            needed = f"{best:.1f} standard deviations of the summed cross-correlation, {MIN_SIGNIFICANCE:g} are needed"
-            remedy = "keep the laser at rest, shorten the interval, or add light"
-            raise InputError("frames", "speckle that moves as a whole", needed, remedy)
-        length, is_first = (1 if is_first else 2 * length), False
+    blocks, found = np.array_split(np.arange(pairs), max(1, pairs // length)), []
+    for block in blocks:
+        first, later = spectra[block[0] : block[-1] + 1], spectra[block[0] + lag : block[-1] + lag + 1]
+        total, deviation = (first.conj() * later).sum(0), weight.deviation * len(block) ** 0.5
+        own = np.maximum((np.abs(first) ** 2).sum(0) - len(block) * band.floor, 0.0)
+        found.append((*peaks(total, own, band, weight, deviation, MAX_PEAKS), len(block)))
     middles = np.array([block.mean() + 0.5 * lag for block in blocks])
     starts = []
-    for chain in chains:
+    for chain in _chains(found, MAX_JUMP_GRAINS * band.grain_pixels):
         known = np.array(sorted(chain))
         steps = np.array([found[block][0][chain[block]] for block in known])
         heights = np.array([found[block][1][chain[block]] for block in known])
@@ -130,8 +105,8 @@ def _objects_at(spectra: np.ndarray, band: Band, lag: int) -> list[Start]:
         used = sum(found[block][3] for block in known)
         overlap = np.prod(1.0 - np.abs(lag * each) / np.array(band.shape), axis=1).mean()
         share = heights.sum() / (used * weight.full * max(overlap, 0.1))
-        starts.append(Start(path, float(clear.sum() / used**0.5), float(min(share, 1.0)), length))
-    return sorted(starts, key=lambda one: -one.share)
+        starts.append(Start(path, float(clear.sum() / used**0.5), float(min(share, 1.0)), length, lag))
+    return sorted(starts, key=lambda one: -one.share), bool(np.mean([len(places) > 0 for places, *_ in found]) > 0.9)
 
 
 def _chains(found: list[tuple[np.ndarray, np.ndarray, np.ndarray, int]], jump: float) -> list[dict[int, int]]:

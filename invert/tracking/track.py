@@ -13,9 +13,10 @@ from correlograph.errors import InputError, check_positive, memory_bytes
 from correlograph.files.capture import Capture
 from correlograph.files.figures import figure_as_html
 from invert.tracking.follow import Followed, follow
+from invert.tracking.pursuit import find_objects
 from invert.tracking.separation import isolate
 from invert.tracking.spectra import Reader
-from invert.tracking.start import Start, find_objects
+from invert.tracking.start import Start
 from invert.tracking.tables import check_frames, save_table
 from invert.tracking.vibration import find_vibrations
 
@@ -192,8 +193,9 @@ def track(
     frames = tqdm(capture.frames, desc="frames", unit="frame", disable=None, leave=False)
     spectra = np.stack([reader.spectra(frame, band) for frame in frames])
     starts, tracks = find_objects(spectra, band), []
-    for start, own in zip(starts, isolate(spectra, band, [one.path for one in starts]), strict=True):
-        followed = follow(own, band, start).for_open_shutter(_open_share(capture, interval_s))
+    for start, (own, its_band) in zip(starts, isolate(spectra, band, starts), strict=True):
+        others = [one for one in starts if one is not start]
+        followed = follow(own, its_band, start, others).for_open_shutter(_open_share(capture, interval_s))
         tracks.append(_track_of(start, followed, binning, lever, interval_s))
     return replace(tracks[0], others=tuple(tracks[1:]))
 

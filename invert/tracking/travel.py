@@ -14,8 +14,9 @@ import torch
 
 from correlograph.errors import InputError
 from correlograph.files.capture import Capture
+from invert.tracking.pursuit import find_objects
 from invert.tracking.spectra import FRAMES_FOR_POWER, Reader
-from invert.tracking.start import find_objects, share_along
+from invert.tracking.start import share_along
 from radiometry.estimation.third_moment import FilteredFrames
 
 MIN_SHARE = 0.6

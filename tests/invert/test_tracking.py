@@ -15,6 +15,7 @@ import correlograph as cg
 from invert.track import main
 from invert.tracking.track import track
 from sim.rendering import render_geometry
+from tests.invert.field.speckle import letter, travelling_frames
 
 FRAMES = 10
 
@@ -161,6 +162,44 @@ def test_two_patterns_are_two_objects(rng):
     np.testing.assert_allclose(found.step_pixels, [0.8, -0.3], atol=0.02)
     np.testing.assert_allclose(found.others[0].step_pixels, [-0.6, 1.1], atol=0.05)
     assert found.share / found.others[0].share == pytest.approx(4.0, rel=0.3)  # squares of the light
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(5))
+def test_two_changing_patterns_are_told_apart(seed):
+    """The fainter object has a third to a half of the light, speckle lasts for twenty frames, and the two move apart by about a grain in two
+    frames: both are found, neither follows the other, and there is no third."""
+    rng = np.random.default_rng(seed)
+    numbers, angle = np.arange(40)[:, None], rng.uniform(0.0, 2.0 * np.pi)
+    step = rng.uniform(-1.0, 1.0, 2)
+    apart = rng.uniform(1.4, 2.5) * np.array([np.cos(angle), np.sin(angle)])
+    paths = [numbers * step, numbers * (step + apart) + 3.0 * np.sin(numbers / 9.0) * np.array([1.0, 0.5])]
+    share, light = rng.uniform(0.3, 0.5), 10.0 ** rng.uniform(-1.3, -0.5)
+    first = travelling_frames(letter(), (330, 410), 128, rng, paths[0], 20.0)
+    second = travelling_frames(letter(size=16).T, (330, 410), 128, rng, paths[1], 20.0)
+    both = [(1.0 - share) * a + share * b for a, b in zip(first, second, strict=True)]
+    found = track(cg.Capture([rng.poisson(light * frame).astype(np.float32) for frame in both]))
+    ends = [np.linalg.norm(one.path_pixels[-1] - paths[0][-1]) for one in (found, *found.others)]
+    assert len(ends) == 2
+    for truth, one in zip(paths, (found, *found.others)[:: 1 if ends[0] < ends[1] else -1], strict=True):
+        deviation = one.path_pixels - truth
+        assert np.sqrt(np.mean(np.square(deviation[1:] / one.error_pixels[1:]))) < 3.5
+        assert np.abs(deviation).max() < 9.0  # they end 55 to 100 pixels apart
+
+
+@pytest.mark.slow
+def test_errors_of_a_long_path_in_faint_light_add_up_once(rng):
+    """Noise of a pair of frames moves both in opposite directions, so that errors grow like the root of the number of frames, as
+    stated."""
+    numbers = np.arange(400)[:, None]
+    path = numbers * np.array([1.3, -2.1]) + 6.0 * np.sin(numbers / 20.0) * np.array([0.4, 1.0])
+    squares = []
+    for _ in range(3):
+        frames = travelling_frames(letter(), (330, 410), 128, rng, path, 12.0)
+        found = track(cg.Capture([rng.poisson(0.004 * frame).astype(np.float32) for frame in frames]))
+        assert found.frames_per_position == 1
+        squares.append(np.mean(np.square((found.path_pixels - path)[1:] / found.error_pixels[1:])))
+    assert 0.1 < np.mean(squares) < 2.5
 
 
 @pytest.mark.slow

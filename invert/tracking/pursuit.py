@@ -1,0 +1,124 @@
+"""Objects of a capture: those found by frames far apart first, then, in what their light leaves, those found by frames closer together.
+
+Frames further apart tell objects of little different speed from one another, as long as the speckle of both stays the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import combinations
+
+import numpy as np
+
+from correlograph.errors import InputError
+from invert.tracking.follow import follow
+from invert.tracking.separation import without
+from invert.tracking.spectra import Band
+from invert.tracking.start import MAX_BLOCKS, Start, are_apart, find_brightest, paths_at, share_along, way_apart
+
+LAGS = (16, 8, 4, 2)
+"""Distances of the frames by which several objects are told apart."""
+
+FRAMES_FOR_NUMBER = 64
+"""Number of frames, in the middle of the capture, by which one object is told from several."""
+
+LONGER = 4
+"""Factor between the lengths of blocks that are tried."""
+
+MIN_PERSISTENCE = 0.4
+"""Share of the speckle that an object must show at half the distance of the frames by which it was found, over that at this distance."""
+
+MIN_PERSISTENCE_BEYOND = 0.2
+"""The same at twice the distance, for an object that was found by consecutive frames."""
+
+BETTER = 1.1
+"""Factor by which one object must explain more than the first of several to be the only one."""
+
+MIN_RELATIVE_SHARE = 0.15
+"""Least share of an object over that of the brightest. Maxima beside those of the brightest have a fifth of its height, of which the
+subtraction of its light leaves a half."""
+
+
+def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
+    """Return the objects of a capture, the brightest first.
+
+    A single object is followed by consecutive frames.
+
+    Args:
+        spectra: (frames, R, C).
+
+    Raises InputError if the whole capture shows no common motion.
+    """
+    alone, middle = find_brightest(spectra, band), max(0, (len(spectra) - FRAMES_FOR_NUMBER) // 2)
+    several = _without_interference(_pursue(spectra[middle : middle + FRAMES_FOR_NUMBER], band))
+    if len(several) > 1 and middle > 0:
+        several = _without_interference(_pursue(spectra, band))
+    is_one = _persists(alone, spectra, band)
+    if len(several) > 1 and not (is_one and _explains(alone, several[0], spectra, band)):
+        return sorted(several, key=lambda one: -one.share)
+    if not is_one:
+        expected, remedy = "speckle that moves as a whole", "keep the laser and the camera at rest"
+        raise InputError("frames", expected, "displacements that do not continue from frame to frame", remedy)
+    return [alone]
+
+
+def _explains(alone: Start, first: Start, spectra: np.ndarray, band: Band) -> bool:
+    """Return whether an object, followed by consecutive frames, has more in common at the lag of another than this has: speckle that
+    changes quickly has several maxima at large lags, none of which lies at its place."""
+    path = follow(spectra, band, alone).path
+    return share_along(spectra, band, path, first.lag) > BETTER * share_along(spectra, band, first.path, first.lag)
+
+
+def _without_interference(found: list[Start]) -> list[Start]:
+    """Return objects without those that move at the mean of two others, as their interference does: closer to it than to either."""
+
+    def is_between(one: Start) -> bool:
+        pairs = combinations((other.path for other in found if other is not one), 2)
+        return any(way_apart(one.path, 0.5 * (a + b), one.lag) < 0.25 * way_apart(a, b, one.lag) for a, b in pairs)
+
+    return [one for one in found if not is_between(one)]
+
+
+def _pursue(spectra: np.ndarray, band: Band) -> list[Start]:
+    """Return all objects that frames at any distance show."""
+    found: list[Start] = []
+    left = spectra
+    for lag in (one for one in LAGS if 2 * one < len(spectra)):
+        while best := _most(left, band, lag, found):
+            found += best
+            left = without(spectra, band, found)
+    return found
+
+
+def _most(spectra: np.ndarray, band: Band, lag: int, known: list[Start]) -> list[Start]:
+    """Return the new objects at a distance of frames, from blocks of that length which shows most."""
+    pairs = len(spectra) - lag
+    lengths = [max(1, pairs // MAX_BLOCKS)]
+    while 2 * LONGER * lengths[-1] <= pairs:
+        lengths.append(LONGER * lengths[-1])
+    tried = [_new(paths_at(spectra, band, lag, length)[0], known, spectra, band) for length in lengths]
+    return max(tried, key=lambda some: (len(some), sum(one.significance for one in some)))
+
+
+def _new(candidates: Iterable[Start], known: list[Start], spectra: np.ndarray, band: Band) -> list[Start]:
+    """Return the candidates that persist, are bright enough, and are apart from known objects and from one another."""
+    found: list[Start] = []
+    for one in candidates:
+        others = [*known, *found]
+        is_bright = one.share > MIN_RELATIVE_SHARE * max((other.share for other in others), default=0.0)
+        if (
+            is_bright
+            and all(are_apart(one.path, other.path, one.lag, band) for other in others)
+            and _persists(one, spectra, band)
+        ):
+            found.append(one)
+    return found
+
+
+def _persists(one: Start, spectra: np.ndarray, band: Band) -> bool:
+    """Return whether frames at another distance show an object at its path, too. A camera that shakes back and forth looks like two objects
+    that move in opposite directions, until then."""
+    if len(spectra) < 4:
+        return True
+    other, least = (one.lag // 2, MIN_PERSISTENCE) if one.lag > 1 else (2, MIN_PERSISTENCE_BEYOND)
+    return share_along(spectra, band, one.path, other) > least * share_along(spectra, band, one.path, one.lag)
