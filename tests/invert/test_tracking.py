@@ -167,8 +167,8 @@ def test_two_patterns_are_two_objects(rng):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 def test_two_changing_patterns_are_told_apart(seed):
-    """The fainter object has a third to a half of the light, speckle lasts for twenty frames, and the two move apart by about a grain in two
-    frames: both are found, neither follows the other, and there is no third."""
+    """The fainter object has a third to a half of the light, speckle lasts for twenty frames, and the two move apart by about a grain in
+    two frames: both are found, neither follows the other, and there is no third."""
     rng = np.random.default_rng(seed)
     numbers, angle = np.arange(40)[:, None], rng.uniform(0.0, 2.0 * np.pi)
     step = rng.uniform(-1.0, 1.0, 2)
