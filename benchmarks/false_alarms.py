@@ -25,7 +25,9 @@ from data_gen.edges import edge_targets, find_photographs, read_luminance
 from data_gen.letters import letter
 from data_gen.shapes import filled_shape, glyph
 from invert.evaluation.sets import LETTERS, UNSEEN_CHARACTERS
+from invert.assess.hypotheses import Hypothesis
 from invert.measure.patch_fit import is_wider_than_lags
+from invert.assess.hypotheses import Hypothesis
 from invert.measure.spectrum import read_measurement
 from radiometry.noise.model import autocorrelate_windowed
 from radiometry.prediction import patches_of
@@ -105,6 +107,7 @@ def main() -> None:
         row |= {"confidence": round(float(result.confidence), 3), "correlation": round(float(correlation), 3)}
         test = result.speckle_test
         row["third_moment"] = None if test is None else [test.third_moment_ratio, test.error]
+        row["hypotheses"] = {one.value: probability for one, probability in result.hypotheses.items()}
         false = [one for one in result.warnings if not is_true(one, truth, correlation)]
         rows.append(row | {"warnings": list(result.warnings), "false": false})
         kinds.update("".join(c for c in warning if not c.isdigit())[:50] for warning in result.warnings)
@@ -119,6 +122,13 @@ def main() -> None:
     print(
         f"{alarms} of {len(rows)} captures with a false warning, {warned} with any; {sum(row['found'] for row in rows)} objects found"
     )
+    for name, some in (
+        ("found", [row for row in rows if row["found"]]),
+        ("not found", [row for row in rows if not row["found"]]),
+    ):
+        told = {one.value: np.array([row["hypotheses"][one.value] for row in some]) for one in Hypothesis}
+        mean = ", ".join(f"{one} {values.mean():.3f}" for one, values in told.items())
+        print(f"mean probabilities where an object is {name}: {mean}")
     for kind, count in kinds.most_common():
         print(f"{count:4d}  {kind}")
 

@@ -164,7 +164,9 @@ def measure(number: int, objects: int) -> dict[str, Any]:
     return drawn | {
         "found": len(tracks),
         "significance": [one.significance for one in tracks],
-        "rms_um": [1e6 * one for one in errors(truths, [one.path_pixels @ to_metres.T for one in tracks])],
+        "rms_um": [
+            1e6 * one if np.isfinite(one) else None for one in errors(truths, [one.path_pixels @ to_metres.T for one in tracks])
+        ],
         "bound_um": 1e6 * bound_m(geometry, capture),
         "way_um": [1e6 * float(np.linalg.norm(np.diff(one, axis=0), axis=1).sum()) for one in truths],
         "frames_per_position": [one.frames_per_position for one in tracks],

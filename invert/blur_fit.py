@@ -33,9 +33,6 @@ than the largest is left if other light or a second polarisation has lowered the
 MAX_BLUR = 2.3
 """Largest standard deviation of a candidate in 1/256 of a patch; more leaves too few lags."""
 
-CONTRAST_SIGMA = 3.0
-"""Standard errors by which the contrast must lie below 1 for a blur to be possible."""
-
 MIN_GAIN_NATS, MIN_GAIN_FRACTION = 200.0, 0.6
 """Minimum reduction of the log-likelihood deficit by a reconstruction made with the blur, in nats and as a fraction."""
 
@@ -111,7 +108,7 @@ def possible_blurs(estimate: Estimate) -> list[Estimate]:
     """
     assert estimate.record is not None
     contrast = estimate.record.contrast
-    if contrast is not None and contrast.square + CONTRAST_SIGMA * contrast.error >= 1.0:
+    if contrast is not None and contrast.is_full:
         return []
     most = np.inf if contrast is None else _signal_sum(estimate) / contrast.square
     found = []

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import torch
-from scipy.special import expit
 from scipy.stats import norm
 
 from correlograph.lags import OBJECT_SIDE
 from invert.albedo.posterior import Samples
 from invert.assess.doubts import FALSE_ALARMS_EACH, Doubt, DoubtKind
+from invert.assess.hypotheses import texture_before
 from invert.assess.speckle_test import SpeckleTest
 from invert.likelihood.gamma import Likelihood
 from invert.measure.estimate import EstimateRecord
@@ -25,10 +25,6 @@ MAX_UNVERIFIED_CONFIDENCE = 0.5
 
 MIN_MOMENT_RATIO, MAX_MOMENT_RATIO = 0.25, 1.3
 """Range of the third moment, in units of that of speckle. Texture lies below it; specular highlights lie above it."""
-
-PRIOR_TEXTURE, PRIOR_WITH_WAVES = 0.05, 0.5
-"""Probability, before its third moment is known, that the signal of a single frame comes from texture of the relay wall or of the
-sensor; the second number holds if periodic waves were found."""
 
 MAX_DEFICIT_NATS, MAX_DEFICIT_FRACTION = 100.0, 0.04
 """Maximum log-likelihood deficit of the most likely sample, in nats and as a fraction of the deficit without an object. Evidence:
@@ -53,34 +49,14 @@ def find_doubts(
     return tuple(one for one in doubts if math.isfinite(one.threshold))
 
 
-def lower_confidence(found: Reconstruction, doubts: tuple[Doubt, ...], speckle: float = 1.0) -> Reconstruction:
+def lower_confidence(found: Reconstruction, doubts: tuple[Doubt, ...], of_object: float = 1.0) -> Reconstruction:
     """Return the reconstruction with a confidence of at most `MAX_UNVERIFIED_CONFIDENCE` if a doubt is raised, and at most the probability
-    that the light is speckle."""
+    that the frames show an object."""
     is_doubtful = any(one.is_raised for one in doubts)
-    return replace(found, confidence=min(found.confidence, speckle, MAX_UNVERIFIED_CONFIDENCE if is_doubtful else 1.0))
+    return replace(found, confidence=min(found.confidence, of_object, MAX_UNVERIFIED_CONFIDENCE if is_doubtful else 1.0))
 
 
-def speckle_probability(test: SpeckleTest | None, record: EstimateRecord | None) -> float:
-    """Return the probability that a single frame shows speckle, whose third moment is 1 in its unit, and not texture of the wall, whose
-    third moment is 0; 1 for several frames, which share texture, and for published estimates.
-
-    Without a measurable third moment, this is the probability before it was known.
-    """
-    if record is None or record.frames != 1:
-        return 1.0
-    prior = _texture_before(record)
-    if test is None or test.third_moment_ratio is None or test.error is None or not math.isfinite(test.error):
-        return 1.0 - prior
-    log_odds = math.log((1.0 - prior) / prior) + (float(test.third_moment_ratio) - 0.5) / max(float(test.error), 1e-9) ** 2
-    return float(expit(log_odds))
-
-
-def _texture_before(record: EstimateRecord) -> float:
-    """Return the probability of texture in a single frame before its third moment is known."""
-    return PRIOR_WITH_WAVES if record.background.spectral_lines else PRIOR_TEXTURE
-
-
-def describe_limits(found: Reconstruction, measurement: Measurement) -> list[str]:
+def describe_limits(found: Reconstruction, measurement: Measurement, of_object: float) -> list[str]:
     """Describe limits set by the frames: how much light an undetected object would need, and for which lags the confidence
     is calibrated.
 
@@ -92,7 +68,8 @@ def describe_limits(found: Reconstruction, measurement: Measurement) -> list[str
     if measurement.detection < DETECTION_LIMIT:
         times = max(1.0, DETECTION_LIMIT / (max(measurement.detection, 0.0) + 2.0))
         notes.append(
-            f"no signal: {measurement.detection:.1f} of the {DETECTION_LIMIT:g} standard deviations that detection needs; "
+            f"no signal: {measurement.detection:.1f} of the {DETECTION_LIMIT:g} standard deviations that detection needs "
+            f"(probability of an object: {of_object:.2g}); "
             f"if there is an object, it needs more than {times:.1f} times the light, or {times**2:.1f} times the frames"
         )
     if found.object_found and found.features is not None and side > OBJECT_SIDE:
@@ -165,7 +142,7 @@ def _doubt_single_frame(moment: float, error: float, record: EstimateRecord) -> 
 
     Texture must be the more probable of both, and speckle must have such a moment with a probability of at most `FALSE_ALARMS_EACH`.
     """
-    prior = _texture_before(record)
+    prior = texture_before(record)
     error = max(error, 1e-9)
     even_odds = 0.5 - error**2 * math.log((1.0 - prior) / prior)
     limit = min(even_odds, 1.0 - float(norm.isf(FALSE_ALARMS_EACH)) * error)

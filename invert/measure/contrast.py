@@ -18,6 +18,9 @@ SQUARED_ERROR = 4.0
 """Squared relative error of variance over squared mean, times the number of grains: 8 of the variance of an exponential variable, 4 of its
 squared mean, less 8 because both rise together."""
 
+FULL_SIGMA = 3.0
+"""Standard errors by which the squared contrast must lie below 1 for a blur to be possible."""
+
 
 @dataclass(frozen=True)
 class Contrast:
@@ -25,6 +28,11 @@ class Contrast:
 
     square: float
     error: float
+
+    @property
+    def is_full(self) -> bool:
+        """Whether the contrast may be 1, which leaves no room for blur."""
+        return self.square + FULL_SIGMA * self.error >= 1.0
 
     def as_dict(self) -> dict[str, Any]:
         """Return the contrast for JSON."""

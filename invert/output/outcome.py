@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from invert.albedo.metrics import aligned_pearson
 from invert.albedo.posterior import Samples
 from invert.assess.doubts import Doubt
+from invert.assess.hypotheses import Hypothesis
 from invert.assess.speckle_test import SpeckleTest
 from invert.field.reconstruction import FieldReconstruction
 from invert.measure.estimate import Estimate
@@ -36,6 +37,7 @@ class Outcome:
         seconds: duration of reading, autocorrelation and retrieval.
         speckle_test: test whether the light is speckle of the reconstructed object; None if no object was found.
         doubts: possible faults that the data can show, each with its measured value and its threshold.
+        hypotheses: probability of each thing that the frames may show; empty for a result of an earlier version.
         warnings: the doubts that were raised, which lower the confidence, and observations about the frames.
         notes: limits set by the frames: the light that a detection would need, and where the confidence is calibrated.
         fields: field of each frame and the fine albedo, if they were retrieved and accepted; otherwise None.
@@ -48,6 +50,7 @@ class Outcome:
     seconds: dict[str, float]
     speckle_test: SpeckleTest | None = None
     doubts: tuple[Doubt, ...] = ()
+    hypotheses: dict[Hypothesis, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     fields: FieldReconstruction | None = None
@@ -122,7 +125,11 @@ class Outcome:
         return Comparison(*aligned_pearson(self.albedo, on_lags), on_lags)
 
     def settings_as_dict(self) -> dict[str, Any]:
-        """Return method, quality, seed, warnings, notes, speckle test and doubts for JSON."""
+        """Return method, quality, seed, warnings, notes, speckle test, doubts and hypotheses for JSON."""
         test = None if self.speckle_test is None else self.speckle_test.as_dict()
         said = {"warnings": list(self.warnings), "notes": list(self.notes)}
-        return asdict(self.settings) | said | {"speckle_test": test, "doubts": [one.as_dict() for one in self.doubts]}
+        doubts, hypotheses = (
+            [one.as_dict() for one in self.doubts],
+            {one.value: share for one, share in self.hypotheses.items()},
+        )
+        return asdict(self.settings) | said | {"speckle_test": test, "doubts": doubts, "hypotheses": hypotheses}

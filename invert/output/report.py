@@ -16,6 +16,7 @@ from correlograph.files.figures import add_scale_bar, save_figure
 from correlograph.files.output import atomic
 from invert.albedo.posterior import Samples
 from invert.albedo.registration import register_groups
+from invert.assess.hypotheses import describe
 from invert.field.reconstruction import FieldReconstruction
 from invert.output.outcome import Outcome
 from invert.output.truth import Comparison
@@ -192,8 +193,9 @@ def report_lines(result: Outcome, pearson: float | None) -> list[str]:
     if pearson is not None:
         parts.append(f"correlation with the truth {pearson:.2f}")
     parts.append(f"{settings.method}:{settings.quality}, {result.seconds_total:.1f} s")
+    told = [describe(result.hypotheses)] if result.hypotheses else []
     remarks = [*(f"warning: {warning}" for warning in result.warnings), *(f"note: {note}" for note in result.notes)]
-    return [result.estimate.name, found, ", ".join(parts), *remarks]
+    return [result.estimate.name, found, ", ".join(parts), *told, *remarks]
 
 
 def save_contact_sheet(path: Path, albedos: Sequence[np.ndarray], titles: Sequence[str]) -> None:

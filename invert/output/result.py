@@ -16,6 +16,7 @@ from correlograph.files.output import output_folder, path_of
 from correlograph.ranges import CONFIDENCE
 from invert.albedo.posterior import Samples
 from invert.assess.doubts import Doubt
+from invert.assess.hypotheses import Hypothesis
 from invert.assess.speckle_test import SpeckleTest
 from invert.field.reconstruction import FieldReconstruction
 from invert.measure.estimate import Estimate
@@ -107,12 +108,12 @@ class Result(Outcome):
             )
             test = SpeckleTest.from_dict(summary["speckle_test"])
             doubts = tuple(Doubt.from_dict(one) for one in summary.get("doubts", ()))
+            hypotheses = {Hypothesis(name): float(share) for name, share in summary.get("hypotheses", {}).items()}
             settings = MethodSettings(*(summary[name] for name in ("method", "quality", "seed")))
             warnings, notes = (tuple(map(str, list(summary.get(name, ())))) for name in ("warnings", "notes"))
             seconds = {str(name): float(value) for name, value in summary["seconds"].items()}
         except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, RecursionError) as error:
             found = f"{type(error).__name__} in {path} ({error!s:.80})"
             raise InputError("result", "a folder that python -m invert wrote", found, "check the path") from None
-        return cls(
-            estimate, read_measurement(lags), reconstruction, settings, seconds, test, doubts, warnings, notes, fields or None
-        )
+        told = (test, doubts, hypotheses, warnings, notes, fields or None)
+        return cls(estimate, read_measurement(lags), reconstruction, settings, seconds, *told)

@@ -11,7 +11,7 @@ from scipy.stats import f as f_distribution
 from scipy.stats import norm
 
 from invert.assess.doubts import FALSE_ALARMS, FALSE_ALARMS_EACH, Doubt, DoubtKind
-from invert.assess.reliability import find_doubts, lower_confidence, speckle_probability
+from invert.assess.reliability import find_doubts, lower_confidence
 from invert.assess.speckle_test import SpeckleTest
 from invert.methods import Reconstruction
 from radiometry.estimation.excess_scatter import ExcessScatter
@@ -88,28 +88,6 @@ def test_false_alarms_of_a_single_frame_are_as_stated(error, waves):
     (doubt,) = (one for one in doubts_of(replace(SPECKLE, error=error), 1, waves) if one.kind is DoubtKind.TEXTURE)
     assert doubt.false_alarms == pytest.approx(norm.cdf(doubt.threshold, 1.0, error))
     assert doubt.false_alarms <= FALSE_ALARMS_EACH * (1.0 + 1e-6)
-
-
-@pytest.mark.parametrize(("error", "waves", "prior"), [(0.4, 0, 0.05), (0.7, 3, 0.5)])
-def test_the_probability_of_speckle_is_that_of_bayes(error, waves, prior):
-    """Among frames drawn as texture or speckle, the probability of those around each value is their share of speckle."""
-    rng = np.random.default_rng(11)
-    is_texture = rng.random(200000) < prior
-    moments = (~is_texture) + error * rng.standard_normal(len(is_texture))
-    for moment in (-0.2, 0.1, 0.5, 1.1):
-        near = np.abs(moments - moment) < 0.03
-        share, counted = 1.0 - is_texture[near].mean(), near.sum()
-        found = speckle_probability(replace(SPECKLE, third_moment_ratio=moment, error=error), record(1, waves))
-        assert found == pytest.approx(share, abs=4.0 * math.sqrt(found * (1.0 - found) / counted) + 0.02)
-    assert speckle_probability(None, record(1, waves)) == 1.0 - prior
-    assert speckle_probability(None, record(2, waves)) == speckle_probability(None, None) == 1.0
-
-
-def test_a_single_frame_of_waves_without_a_third_moment_earns_no_confidence():
-    unknown = replace(SPECKLE, third_moment_ratio=-30.0, error=60.0)
-    probability = speckle_probability(unknown, record(1, waves=26))
-    assert raised(unknown, frames=1, waves=26) == []
-    assert lower_confidence(FOUND, (), probability).confidence == pytest.approx(0.5, abs=0.01)
 
 
 def test_missing_measurements_raise_no_doubt():

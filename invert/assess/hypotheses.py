@@ -1,0 +1,127 @@
+"""Probabilities of what the frames show: nothing, texture that is no speckle, a sharp object, or a blurred one.
+
+Each number decides one question, by Bayes' rule with stated probabilities before it is known. The significance of the signal decides
+whether there is any light of an object; the third moment of a single frame, whether that light is speckle; the contrast of the speckle and
+the search for a blur, whether the frames are blurred.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+
+import numpy as np
+from scipy.special import expit
+from scipy.stats import norm
+
+from invert.assess.speckle_test import SpeckleTest
+from invert.measure.contrast import Contrast
+from invert.measure.estimate import EstimateRecord
+from invert.measure.spectrum import Measurement
+from radiometry.noise.detection import TRIALS
+
+PRIOR_NO_OBJECT = 0.5
+MAX_SIGNIFICANCE = 1e3
+"""The significance of an object lies between 1 and this before it is known, on a logarithmic scale."""
+
+PRIOR_TEXTURE, PRIOR_WITH_WAVES = 0.05, 0.5
+"""Probability, before its third moment is known, that the signal of a single frame comes from texture of the relay wall or of the
+sensor; the second number holds if periodic waves were found."""
+
+PRIOR_BLURRED, PRIOR_OTHER_LIGHT = 0.1, 0.1
+"""Probabilities, before the contrast is known, that frames are blurred, and that other light or a second polarisation lowers their
+contrast instead. Either lowers its square to any value between 0 and 1 with equal probability."""
+
+BLUR_FOUND, BLUR_FOUND_FALSELY = 0.92, 0.01
+"""How often the search finds the blur of blurred frames, and one in sharp frames of low contrast. Evidence: docs/cameras.md."""
+
+
+class Hypothesis(Enum):
+    """What frames may show."""
+
+    NO_OBJECT = "no object"
+    TEXTURE = "texture"
+    OBJECT = "object"
+    BLURRED_OBJECT = "blurred object"
+
+
+def weigh_hypotheses(
+    measurement: Measurement, record: EstimateRecord | None, test: SpeckleTest | None, blur_sought: bool
+) -> dict[Hypothesis, float]:
+    """Return the probability of each hypothesis; they add up to 1.
+
+    Args:
+        record: origin of the estimate; None for a published one, which cannot show texture or blur.
+        blur_sought: whether a blur was sought.
+    """
+    none = no_object(measurement.detection)
+    texture = 0.0 if record is None else no_speckle(test, record)
+    blur = 0.0 if record is None else blurred(record.contrast, record.blur_found_pixels is not None, blur_sought)
+    speckle = (1.0 - none) * (1.0 - texture)
+    return {
+        Hypothesis.NO_OBJECT: none,
+        Hypothesis.TEXTURE: (1.0 - none) * texture,
+        Hypothesis.OBJECT: speckle * (1.0 - blur),
+        Hypothesis.BLURRED_OBJECT: speckle * blur,
+    }
+
+
+def of_object(hypotheses: dict[Hypothesis, float]) -> float:
+    """Return the probability of an object, sharp or blurred."""
+    return hypotheses[Hypothesis.OBJECT] + hypotheses[Hypothesis.BLURRED_OBJECT]
+
+
+def describe(hypotheses: dict[Hypothesis, float]) -> str:
+    """Return the hypotheses with more than a thousandth, the most probable first, in words."""
+    ranked = sorted(hypotheses.items(), key=lambda one: -one[1])
+    return "probabilities: " + ", ".join(f"{one.value} {probability:.3g}" for one, probability in ranked if probability > 1e-3)
+
+
+def no_object(significance: float) -> float:
+    """Return the probability that a signal of some significance is noise.
+
+    It is the highest of `TRIALS` normal variables without an object, and that of the object, plus one normal variable, otherwise.
+    """
+    if significance > 30.0:
+        return 0.0
+    possible = np.geomspace(1.0, MAX_SIGNIFICANCE, 400)
+    of_object = float(norm.pdf(significance, possible).mean())
+    of_noise = float(TRIALS * norm.pdf(significance) * norm.cdf(significance) ** (TRIALS - 1))
+    odds = PRIOR_NO_OBJECT * of_noise, (1.0 - PRIOR_NO_OBJECT) * of_object
+    return odds[0] / sum(odds) if sum(odds) > 0.0 else 1.0  # far below any noise: both vanish
+
+
+def no_speckle(test: SpeckleTest | None, record: EstimateRecord) -> float:
+    """Return the probability that a single frame shows texture, whose third moment is 0 in the unit of that of speckle; 0 for several
+    frames, which share texture."""
+    if record.frames != 1:
+        return 0.0
+    prior = texture_before(record)
+    if test is None or test.third_moment_ratio is None or test.error is None or not math.isfinite(test.error):
+        return prior
+    log_odds = math.log(prior / (1.0 - prior)) - (float(test.third_moment_ratio) - 0.5) / max(float(test.error), 1e-9) ** 2
+    return float(expit(log_odds))
+
+
+def texture_before(record: EstimateRecord) -> float:
+    """Return the probability of texture in a single frame before its third moment is known."""
+    return PRIOR_WITH_WAVES if record.background.spectral_lines else PRIOR_TEXTURE
+
+
+def blurred(contrast: Contrast | None, is_found: bool, is_sought: bool) -> float:
+    """Return the probability that frames are blurred.
+
+    Args:
+        contrast: of the speckle; None if unknown.
+        is_found, is_sought: whether a blur was found, and sought.
+    """
+    sharp, other, blur = 1.0 - PRIOR_BLURRED - PRIOR_OTHER_LIGHT, PRIOR_OTHER_LIGHT, PRIOR_BLURRED
+    if contrast is not None:
+        error = max(contrast.error, 1e-6)
+        lowered = float(norm.sf(contrast.square, 1.0, error))
+        sharp, other, blur = sharp * float(norm.pdf(contrast.square, 1.0, error)), other * lowered, blur * lowered
+    if is_sought and (is_found or contrast is None or not contrast.is_full):
+        sharp, other = (one * (BLUR_FOUND_FALSELY if is_found else 1.0 - BLUR_FOUND_FALSELY) for one in (sharp, other))
+        blur *= BLUR_FOUND if is_found else 1.0 - BLUR_FOUND
+    total = sharp + other + blur
+    return blur / total if total > 0.0 else 0.0

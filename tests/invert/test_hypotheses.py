@@ -1,0 +1,109 @@
+"""Probabilities of what frames show: those of Bayes' rule for numbers that are drawn as assumed, and for frames."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import kstest, norm
+
+import correlograph as cg
+from invert.assess.hypotheses import Hypothesis, blurred, describe, no_object, no_speckle, of_object, weigh_hypotheses
+from invert.assess.reliability import lower_confidence
+from invert.measure.contrast import Contrast
+from invert.measure.estimate import estimate_from_frames
+from invert.measure.spectrum import read_measurement
+from radiometry.noise.detection import TRIALS
+from tests.invert.test_doubts import FOUND, SPECKLE, raised, record
+
+
+def agrees(found: float, cases: np.ndarray) -> bool:
+    """Whether a probability is that of drawn cases, within four standard deviations and the width of a bin."""
+    return abs(found - cases.mean()) < 4.0 * math.sqrt(found * (1.0 - found) / len(cases)) + 0.03
+
+
+def test_the_probability_of_no_object_is_that_of_bayes():
+    rng = np.random.default_rng(5)
+    is_noise = rng.random(400000) < 0.5
+    noise = rng.standard_normal((TRIALS, len(is_noise)))
+    bright = 1000.0 ** rng.random(len(is_noise))
+    seen = np.where(is_noise, noise.max(0), bright + noise[0])
+    for significance in (-0.5, 0.5, 1.5, 2.5, 3.5):
+        near = np.abs(seen - significance) < 0.05
+        assert agrees(no_object(significance), is_noise[near])
+    assert no_object(-50.0) == 1.0
+    assert no_object(math.inf) == 0.0
+    falling = [no_object(significance) for significance in np.linspace(0.5, 12.0, 60)]
+    assert np.all(np.diff(falling) < 0.0)
+    assert no_object(6.0) < 1e-5
+
+
+@pytest.mark.slow
+def test_the_significance_of_noise_is_distributed_as_assumed(rng):
+    """Frames of shot noise alone, of any size, number and light."""
+    seen = []
+    for _ in range(80):
+        shape = rng.integers(400, 600, 2)
+        frames = [rng.poisson(10.0 ** rng.uniform(-2.0, 0.0), shape).astype(np.float32) for _ in range(int(rng.choice([1, 2])))]
+        estimate = estimate_from_frames(cg.Capture(frames))
+        seen.append(read_measurement(estimate.values, estimate.quantisation, estimate.transfer).detection)
+    # The assumed distribution may lie above the true one, which makes a faint object less probable, but not below.
+    assert kstest(seen, lambda value: norm.cdf(value) ** TRIALS, alternative="less").pvalue > 0.01
+    assert abs(np.quantile(seen, 0.9) - norm.ppf(0.9 ** (1.0 / TRIALS))) < 0.5
+
+
+@pytest.mark.parametrize(("error", "waves", "prior"), [(0.4, 0, 0.05), (0.7, 3, 0.5)])
+def test_the_probability_of_texture_is_that_of_bayes(error, waves, prior):
+    """Among frames drawn as texture or speckle, the probability of those around each value is their share of texture."""
+    rng = np.random.default_rng(11)
+    is_texture = rng.random(200000) < prior
+    moments = (~is_texture) + error * rng.standard_normal(len(is_texture))
+    for moment in (-0.2, 0.1, 0.5, 1.1):
+        near = np.abs(moments - moment) < 0.03
+        assert agrees(no_speckle(replace(SPECKLE, third_moment_ratio=moment, error=error), record(1, waves)), is_texture[near])
+    assert no_speckle(None, record(1, waves)) == prior
+    assert no_speckle(None, record(2, waves)) == 0.0
+
+
+def test_a_single_frame_of_waves_without_a_third_moment_earns_no_confidence():
+    unknown = replace(SPECKLE, third_moment_ratio=-30.0, error=60.0)
+    probability = 1.0 - no_speckle(unknown, record(1, waves=26))
+    assert raised(unknown, frames=1, waves=26) == []
+    assert lower_confidence(FOUND, (), probability).confidence == pytest.approx(0.5, abs=0.01)
+
+
+def test_the_probability_of_blur_is_that_of_bayes():
+    """Eight in ten captures have contrast 1, one has other light, one is blurred; of the search, only the outcome is known."""
+    rng = np.random.default_rng(7)
+    kind, error = rng.choice(3, 400000, p=(0.8, 0.1, 0.1)), 0.05
+    square = np.where(kind == 0, 1.0, rng.random(len(kind))) + error * rng.standard_normal(len(kind))
+    is_found = rng.random(len(kind)) < np.where(kind == 2, 0.92, 0.01)
+    for value in (0.4, 0.7, 0.84):
+        for found in (False, True):
+            near = (np.abs(square - value) < 0.01) & (is_found == found)
+            assert agrees(blurred(Contrast(value, error), found, True), kind[near] == 2)
+    near = np.abs(square - 0.97) < 0.01
+    assert agrees(blurred(Contrast(0.97, error), False, True), kind[near] == 2)  # not sought, because the contrast is full
+    assert blurred(None, False, False) == pytest.approx(0.1)
+
+
+def test_probabilities_of_frames_add_up_and_are_told(rng):
+    """A frame of speckle without blur, and frames of noise."""
+    field = np.fft.ifft2(np.exp(2j * np.pi * rng.random((600, 660))) * (np.hypot(*np.indices((600, 660))) < 40.0))
+    frames = [rng.poisson(np.abs(field) ** 2 / np.mean(np.abs(field) ** 2)).astype(np.float32)]
+    result = cg.reconstruct(np.array(frames), quality="fast")
+    assert sum(result.hypotheses.values()) == pytest.approx(1.0)
+    assert result.hypotheses[Hypothesis.OBJECT] > 0.5
+    assert result.confidence <= of_object(result.hypotheses)
+    assert describe(result.hypotheses).startswith("probabilities: object ")
+    empty = cg.reconstruct(rng.poisson(0.3, (2, 500, 540)).astype(np.float32), quality="fast")
+    assert empty.hypotheses[Hypothesis.NO_OBJECT] > 0.5
+    assert "probability of an object: 0." in empty.notes[-1]
+
+
+def test_a_published_estimate_shows_an_object_or_none(rng):
+    measurement = read_measurement(np.abs(rng.standard_normal((127, 127))).astype(np.float32))
+    found = weigh_hypotheses(measurement, None, None, True)
+    assert found[Hypothesis.TEXTURE] == found[Hypothesis.BLURRED_OBJECT] == 0.0
