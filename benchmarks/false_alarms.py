@@ -24,10 +24,9 @@ import correlograph as cg
 from data_gen.edges import edge_targets, find_photographs, read_luminance
 from data_gen.letters import letter
 from data_gen.shapes import filled_shape, glyph
+from invert.assess.hypotheses import Hypothesis
 from invert.evaluation.sets import LETTERS, UNSEEN_CHARACTERS
-from invert.assess.hypotheses import Hypothesis
 from invert.measure.patch_fit import is_wider_than_lags
-from invert.assess.hypotheses import Hypothesis
 from invert.measure.spectrum import read_measurement
 from radiometry.noise.model import autocorrelate_windowed
 from radiometry.prediction import patches_of
