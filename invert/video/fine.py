@@ -20,21 +20,22 @@ from invert.video.windows import Window
 
 
 def with_fields(
-    request: Request, capture: Capture, looks: Looks, still: Window, coarse: list[Result], window: Window
+    request: Request, capture: Capture, looks: Looks, still: Window, coarse: list[Result], times: np.ndarray
 ) -> tuple[list[Result], list[str]]:
     """Return a result with fields for each window in which the object is at rest, at its own angle, and notes.
 
     Args:
         capture: one frame for each look.
         still: window in which the object stays the same without being turned back.
-        coarse: results of the windows in which it does when it is turned back, each registered to the one before.
+        coarse: results at some times, turned back, each registered to the one before.
+        times: number of the look of each of these results.
     """
     found, notes, reasons = [], [], []
     for middle in tqdm(still.middles(), desc="fields", unit="image", disable=None, leave=False):
-        nearest = coarse[int(np.argmin([abs(one - middle) for one in window.middles()]))]
+        nearest = coarse[int(np.argmin(np.abs(times - middle)))]
         numbers = range(*still.around(middle).indices(len(capture.frames)))
         frames = replace(capture, frames=[capture.frames[number] for number in numbers], names=(), headers=())
-        estimate = looks.mean(looks.values, still.around(middle))
+        estimate = looks.combine(looks.values, still.weights(middle))
         if estimate.blur_pixels is None and nearest.estimate.blur_pixels is not None:
             estimate = apply_blur_transfer(estimate, nearest.estimate.blur_pixels)
         prior = replace(nearest.reconstruction, albedo=turn(nearest.coarse_albedo, looks.turns[middle], looks.aspect).clip(0.0))

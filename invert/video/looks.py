@@ -1,4 +1,4 @@
-"""r*r of each frame on common lags, and means over windows of time."""
+"""r*r of each frame on common lags, and weighted sums of them."""
 
 from __future__ import annotations
 
@@ -76,12 +76,13 @@ class Looks:
             [turn(one, -angle, self.aspect, self.floor) for one, angle in zip(self.values, self.turns, strict=True)]
         )
 
-    def mean(self, upright: np.ndarray, chosen: slice) -> Estimate:
-        """Return the estimate from a window of frames, of values that were turned back."""
+    def combine(self, values: np.ndarray, weights: np.ndarray) -> Estimate:
+        """Return the estimate from a weighted sum of values (frames, n, n), with weights (frames,) that add up to 1."""
         assert self.whole.record is not None
-        count = len(range(*chosen.indices(len(upright))))
-        record = replace(self.whole.record, frames=count, dof_expected=self.whole.record.dof_expected * count / len(upright))
-        values = upright[chosen].mean(0).astype(np.float32)
+        frames = 1.0 / float((weights**2).sum())
+        dof = self.whole.record.dof_expected * frames / len(values)
+        record = replace(self.whole.record, frames=max(1, round(frames)), dof_expected=dof)
+        values = np.tensordot(weights, values, 1).clip(1e-3 * self.floor).astype(np.float32)
         return replace(self.whole, values=values, record=record, filtered_frames=None)
 
 

@@ -21,21 +21,22 @@ from invert.tracking.tables import check_frames
 from invert.video.film import Film
 from invert.video.fine import of_one_size, with_fields
 from invert.video.looks import Looks
+from invert.video.pooling import Pooling, pool
 from invert.video.turning import turn
-from invert.video.windows import Window, choose_window
+from invert.video.windows import choose_window
 
 MIN_FRAMES = 8
 """Minimum number of frames of a film."""
 
-UNCHANGED_IMAGES = 48
-"""Number of images of an object that only moves or turns."""
+MAX_IMAGES = 48
+"""Maximum number of images of a film without fields."""
 
 
 def film(source: Source, *, interval_s: float | None = None, **options: Any) -> Film:
     """Reconstruct what an object looks like at each time.
 
     Frames are pooled for as long as the object stays the same: along the path of its speckle, if the laser is at rest; turned back, if the
-    object rotates about the line of sight; and over the longest window of time in which no change shows.
+    object rotates about the line of sight; and by as many patterns as its change over time shows.
 
     Args:
         source: a capture; frame files in order, or a folder of them; or frames (n, H, W).
@@ -53,20 +54,18 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
     check_frames(capture, interval_s, MIN_FRAMES, "film")
     whole, followed = estimate_following(request, capture, MIN_FRAMES)
     looks = Looks.of(followed.capture, whole, request)
-    still = choose_window(looks)
-    looks, window, of_turn = _turn_back(looks, still)
-    found = _reconstruct(request, looks, window)
+    looks, pooling, of_turn = _turn_back(looks)
+    numbers, of_fields = pooling.times(MAX_IMAGES), []
+    found, frames = _reconstruct(request, looks, pooling.weights[numbers]), pooling.frames
     if request.retrieves_fields:
-        found, of_fields = with_fields(request, followed.capture, looks, still, found, window)
-        images, numbers, used = of_one_size([one.albedo for one in found]), np.array(still.middles()), still
+        still = choose_window(looks.with_angles(np.zeros(len(looks.values))))
+        found, of_fields = with_fields(request, followed.capture, looks, still, found, numbers)
+        images, numbers = of_one_size([one.albedo for one in found]), np.array(still.middles())
+        frames = min(2 * still.half_width + 1, still.frames)
     else:
-        (images, numbers), used, of_fields = (
-            _at_their_angles(found, looks, window, moves=followed.track is not None),
-            window,
-            [],
-        )
+        images, numbers = _at_their_angles(found, looks, numbers, moves=followed.track is not None)
     side = len(images[0])
-    pooled = min(2 * used.half_width + 1, used.frames) * len(capture.frames) / used.frames
+    pooled = frames * len(capture.frames) / len(looks.values)
     warnings = [warning for one in found for warning in one.warnings]
     return Film(
         albedos=np.stack(images),
@@ -110,30 +109,31 @@ def _confidence(result: Result) -> float:
     return result.confidence if of_fields is None else of_fields
 
 
-def _turn_back(looks: Looks, still: Window) -> tuple[Looks, Window, list[str]]:
-    """Return the looks with angles, the window, and a note, if the object then stays the same for longer; otherwise what was given."""
+def _turn_back(looks: Looks) -> tuple[Looks, Pooling, list[str]]:
+    """Return the looks with angles, how they are pooled, and a note, if more frames then add to each image; otherwise what was given."""
+    still = pool(looks)
     try:
         rotation = rotation_of([signal_of(one, looks.whole.transfer) for one in looks.values], looks.aspect)
     except InputError:
         return looks, still, []
     turned = looks.with_angles(rotation.angle_at(np.arange(len(looks.values))))
-    window = choose_window(turned)
-    if window.half_width <= still.half_width:
+    pooling = pool(turned)
+    if pooling.frames <= still.frames:
         return looks, still, []
-    return turned, window, [f"the object turns by {rotation.angle_deg[-1]:.0f} degrees; frames were turned back and pooled"]
+    return turned, pooling, [f"the object turns by {rotation.angle_deg[-1]:.0f} degrees; frames were turned back and pooled"]
 
 
-def _reconstruct(request: Request, looks: Looks, window: Window) -> list[Result]:
-    """Return the results of all windows at the angle of the first frame. Raises InputError if none shows an object.
+def _reconstruct(request: Request, looks: Looks, weights: np.ndarray) -> list[Result]:
+    """Return the results from sums of all frames with weights (images, frames), at the angle of the first frame. Raises InputError if none
+    shows an object.
 
     Each albedo is registered to the one before, because r*r leaves place and half turns open.
     """
     options = request.for_estimate()
-    middles = tqdm(window.middles(), desc="images", unit="image", disable=None, leave=False)
     found: list[Result] = []
     before = None
-    for middle in middles:
-        one = fulfil(options, looks.mean(looks.upright, window.around(middle)))
+    for chosen in tqdm(weights, desc="images", unit="image", disable=None, leave=False):
+        one = fulfil(options, looks.combine(looks.upright, chosen))
         if one.object_found:
             placed = one.coarse_albedo if before is None else aligned_pearson(one.coarse_albedo, before)[1]
             one, before = replace(one, reconstruction=replace(one.reconstruction, albedo=placed)), placed
@@ -143,13 +143,15 @@ def _reconstruct(request: Request, looks: Looks, window: Window) -> list[Result]
     return found
 
 
-def _at_their_angles(found: list[Result], looks: Looks, window: Window, *, moves: bool) -> tuple[list[np.ndarray], np.ndarray]:
-    """Return the images of a film at the angles of the object, and the number of the look in the middle of each.
+def _at_their_angles(
+    found: list[Result], looks: Looks, numbers: np.ndarray, *, moves: bool
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """Return the images of a film at the angles of the object, and the number of the look of each.
 
     An object of which nothing but angle and place change has one result; it is shown at many times.
     """
-    shown, numbers = [one.albedo for one in found], np.array(window.middles())
-    if window.holds_all and (moves or looks.turns.any()):
-        numbers = np.unique(np.rint(np.linspace(0, window.frames - 1, min(UNCHANGED_IMAGES, window.frames))).astype(int))
+    shown, count = [one.albedo for one in found], len(looks.values)
+    if len(found) == 1 and (moves or looks.turns.any()):
+        numbers = np.unique(np.rint(np.linspace(0, count - 1, min(MAX_IMAGES, count))).astype(int))
         shown = shown * len(numbers)
     return [turn(one, angle, looks.aspect).clip(0.0) for one, angle in zip(shown, looks.turns[numbers], strict=True)], numbers

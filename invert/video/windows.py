@@ -1,4 +1,5 @@
-"""For how long an object stays the same: the longest window of time over which r*r changes less than the noise of the window lets see.
+"""For how long an object stays at rest, so that its fields can be retrieved together: the longest window of time over which r*r changes
+less than the noise of the window lets see.
 
 In a window of h frames before and after a time, the mean of r*r differs from the truth at that time by the mean of its second derivative.
 Each frame is predicted twice by as many others: by the inner half of its window and by the outer half. Both predictions have the same
@@ -41,6 +42,12 @@ class Window:
     def around(self, middle: int) -> slice:
         """Return the frames of the window around one."""
         return slice(max(0, middle - self.half_width), middle + self.half_width + 1)
+
+    def weights(self, middle: int) -> np.ndarray:
+        """Return the weight of each frame in the mean of the window around one, (frames,)."""
+        weights = np.zeros(self.frames)
+        weights[self.around(middle)] = 1.0
+        return weights / weights.sum()
 
     def middles(self) -> list[int]:
         """Return middles at most a half-width apart, so that no window reaches beyond the capture."""

@@ -1,4 +1,4 @@
-"""Films: turning, windows of time, whole films from frames of an independent generator, files and refusals."""
+"""Films: turning, pooling, windows of time, whole films from frames of an independent generator, files and refusals."""
 
 import json
 from dataclasses import replace
@@ -13,6 +13,7 @@ from invert.__main__ import main as invert_command
 from invert.measure.estimate import estimate_from_frames
 from invert.request import Request
 from invert.video.looks import Looks
+from invert.video.pooling import pool
 from invert.video.turning import turn
 from invert.video.windows import Window, change, choose_window
 from tests.invert.field.speckle import expected_frame, letter, travelling_frames
@@ -80,6 +81,44 @@ def test_lags_that_stay_the_same_share_one_window(rng):
     """The limit is exceeded falsely by two standard errors, at most in one of forty tries of a half-width."""
     every = [choose_window(looks_of(gamma_noise(rng, np.ones((32, 65, 65))))).holds_all for _ in range(4)]
     assert sum(every) >= 3
+
+
+def symmetric(rng):
+    """A pattern of lags from 0 to 1, (65, 65)."""
+    half = rng.random((65, 65))
+    return 0.5 * (half + half[::-1, ::-1])
+
+
+def test_lags_that_stay_the_same_are_pooled_equally(rng):
+    for frames in (8, 12, 32, 64, 100):
+        pooling = pool(looks_of(gamma_noise(rng, np.full((frames, 65, 65), 2.0))))
+        assert pooling.patterns == 0
+        np.testing.assert_allclose(pooling.weights, 1.0 / frames)
+        assert pooling.times(48).tolist() == [frames // 2]
+
+
+def test_lags_that_swing_between_two_states_are_pooled_over_all_swings(rng):
+    """One pattern with a course u in time: the weights are 1 / n + u u^T, so that an image at its usual distance from the mean has the
+    noise of n / 2 frames, and no bias."""
+    time, pattern = np.arange(48), symmetric(rng)
+    mean = 2.0 + np.sin(time / 3.0)[:, None, None] * pattern
+    pooling = pool(looks_of(gamma_noise(rng, mean)))
+    assert pooling.patterns == 1
+    np.testing.assert_allclose(pooling.weights.sum(1), 1.0, atol=1e-6)
+    assert pooling.frames == pytest.approx(48 / 2, rel=0.35)
+    course = np.sin(time / 3.0) - np.sin(time / 3.0).mean()
+    expected = 1.0 / 48 + np.outer(course, course) / (course @ course)
+    np.testing.assert_allclose(pooling.weights, expected, atol=0.02)
+
+
+def test_a_short_change_leaves_the_other_frames_pooled(rng):
+    """Three of 48 frames differ."""
+    mean = np.full((48, 65, 65), 2.0)
+    mean[20:23] += symmetric(rng)
+    pooling = pool(looks_of(gamma_noise(rng, mean)))
+    assert pooling.patterns == 1
+    assert 1.0 / (pooling.weights[21] ** 2).sum() == pytest.approx(3.0, rel=0.35)
+    assert 1.0 / (pooling.weights[5] ** 2).sum() == pytest.approx(45.0, rel=0.1)
 
 
 @pytest.mark.slow

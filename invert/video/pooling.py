@@ -1,0 +1,62 @@
+"""How frames are pooled: r*r of an object that changes is a combination of a few patterns, and every frame tells something about each.
+
+The singular values of r*r over time, in units of its noise, show how many patterns exceed the noise. Projected on the course of these in
+time, r*r at each time is a weighted sum over all frames. The weights of an object that stays the same are equal; a movement that repeats is
+pooled over its repetitions, and one that is short changes only the weights around it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from invert.measure.spectrum import read_measurement
+from invert.video.looks import Looks
+
+
+@dataclass(frozen=True)
+class Pooling:
+    """Weights of the frames.
+
+    Attributes:
+        weights: weight of each frame at each time, (frames, frames); rows add up to 1.
+        patterns: number of patterns of change; 0 for an object that stays the same.
+    """
+
+    weights: np.ndarray
+    patterns: int
+
+    @property
+    def frames(self) -> float:
+        """Number of frames whose mean would have the noise of an image, on average over time."""
+        return float(np.mean(1.0 / (self.weights**2).sum(1)))
+
+    def times(self, most: int) -> np.ndarray:
+        """Return the numbers of the frames at whose times images are reconstructed: at most so many, and one of an object that stays the
+        same."""
+        count = len(self.weights)
+        if self.patterns == 0:
+            return np.array([count // 2])
+        return np.unique(np.rint(np.linspace(0, count - 1, min(most, count))).astype(int))
+
+
+def pool(looks: Looks) -> Pooling:
+    """Return the weights by which frames are pooled, at the angles of the looks."""
+    every = looks.upright
+    mean = every.mean(0)
+    measured = read_measurement(mean.astype(np.float32))
+    used = looks.whole.lag_grid.off_axis & (looks.whole.lag_grid.ring <= max(measured.noise.signal_ring, 2))
+    # The noise of r*r is proportional to r*r with its floor.
+    change = (every[:, used] - mean[used]) / np.maximum(mean[used], 1e-3 * looks.floor)
+    courses, sizes, _ = np.linalg.svd(change, full_matrices=False)
+    patterns = int((sizes > threshold_over_median(len(every) / used.sum()) * np.median(sizes[: len(every) - 1])).sum())
+    shown = courses[:, : min(patterns, len(every) - 1)]
+    return Pooling(np.full((len(every),) * 2, 1.0 / len(every)) + shown @ shown.T, patterns)
+
+
+def threshold_over_median(aspect: float) -> float:
+    """Return the singular value over the median of those of noise, above which a pattern lowers the mean squared error; `aspect` is the
+    number of frames over that of lags (Gavish and Donoho, doi:10.1109/TIT.2014.2323359)."""
+    aspect = min(aspect, 1.0 / aspect)
+    return 0.56 * aspect**3 - 0.95 * aspect**2 + 1.82 * aspect + 1.43
