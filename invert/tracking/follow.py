@@ -8,7 +8,7 @@ registered alone are summed in groups of two, four and so on, as they move.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import interp1d
@@ -54,6 +54,7 @@ class Followed:
         frames_per_group: number of frames that were registered together.
         reach: number of groups on each side to which each was registered.
         significance: median significance of a group in its surroundings.
+        bend_error: standard error of a second difference of the path, (2,); zero for an approximate path.
         fading: square of the way from frame to frame over that in which the likeness of frames falls to 1 / e.
     """
 
@@ -62,6 +63,7 @@ class Followed:
     frames_per_group: int
     reach: int
     significance: float
+    bend_error: np.ndarray = field(default_factory=lambda: np.zeros(2))
     fading: float = 0.0
 
     def for_open_shutter(self, share: float) -> Followed:
@@ -120,17 +122,21 @@ def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: in
     means = np.stack([path[group].mean(0) for group in groups])
     sums = np.stack([move_back(spectra[group], band, path[group] - path[group].mean(0)).sum(0) for group in groups])
     of_group = replace(band, signal=band.signal * length**2, floor=band.floor * length)
-    places, error, reach, significance = _register(sums, of_group, means, -(-apart // length))
+    places, error, steps, of_pair, significance = _register(sums, of_group, means, -(-apart // length))
     numbers = np.arange(len(path))
     found = path + np.stack([_interpolate(numbers, middles, (places - means)[:, axis]) for axis in (0, 1)], 1)
     errors = np.stack([np.interp(numbers, middles, error[:, axis]) for axis in (0, 1)], 1)
     from_first = np.hypot(errors, errors[0])
     from_first[0] = 0.0
-    return Followed(found - found[0], from_first, length, reach, significance)
+    bend_error = np.sqrt(of_pair * _bend_over_pair(steps)) / length
+    return Followed(found - found[0], from_first, length, int(steps[-1]), significance, bend_error)
 
 
-def _register(sums: np.ndarray, band: Band, places: np.ndarray, apart: int) -> tuple[np.ndarray, np.ndarray, int, float]:
-    """Return positions of groups (n, 2), their standard errors, the reach of the surroundings, and the median significance.
+def _register(
+    sums: np.ndarray, band: Band, places: np.ndarray, apart: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
+    """Return positions of groups (n, 2), their standard errors, the distances of the pairs, the variance of the displacement of a pair
+    (2,), and the median significance.
 
     All pairs from `apart` to the reach are registered together by Gauss-Newton steps on the sum of their cross-correlations. All pairs have
     the same curvature, so that what the noise of a pair moves its two members by cancels beyond them; own curvatures would add it up twice
@@ -151,12 +157,13 @@ def _register(sums: np.ndarray, band: Band, places: np.ndarray, apart: int) -> t
         places = places + correction
         if np.abs(np.diff(correction, axis=0)).max() < CONVERGED_GRAINS * band.grain_pixels:
             break
-    variance = np.diag(inverse @ weight.slope_variance @ inverse) / (np.median(pairs) * pairs[:, None])
+    of_pair = np.diag(inverse @ weight.slope_variance @ inverse) / np.median(pairs)
+    variance = of_pair / pairs[:, None]
     # Over distances beyond the reach, errors add up like resistances of a chain in which each member is joined to its neighbours.
     walked = 2.0 * np.arange(count)[:, None] / np.mean(steps**2.0) * variance
     walked = walked + _walk_by_illumination(places, alike, band)
     significance = float(np.median(height)) / weight.deviation
-    return places, np.sqrt(variance + walked), int(steps[-1]), significance
+    return places, np.sqrt(variance + walked), steps, of_pair, significance
 
 
 def _cross_with_surroundings(moved: np.ndarray, steps: np.ndarray) -> np.ndarray:
@@ -187,6 +194,16 @@ def _solve(slopes: np.ndarray, steps: np.ndarray) -> np.ndarray:
     bands[0] += 1e-6  # what no pair joins stays; the slopes add up to zero, and the mean with them
     found = solveh_banded(bands, slopes, lower=True)
     return found - found[0]
+
+
+def _bend_over_pair(steps: np.ndarray) -> float:
+    """Return the variance of a second difference of positions over that of the displacement of a pair, far from the ends."""
+    count = 6 * int(steps[-1]) + 3
+    numbers = np.arange(count)
+    joined = np.isin(np.abs(numbers[:, None] - numbers), steps).astype(float)
+    bend = np.zeros(count)
+    bend[count // 2 - 1 : count // 2 + 2] = 1.0, -2.0, 1.0
+    return float(bend @ np.linalg.pinv(np.diag(joined.sum(0)) - joined) @ bend)
 
 
 def reach_of(alike: np.ndarray) -> int:

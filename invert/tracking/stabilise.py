@@ -78,7 +78,7 @@ def follow_travel(capture: Capture, filtered: FilteredFrames | None, groups: int
 
 def stabilise(capture: Capture, path: Track, least: int = MIN_GROUPS) -> Stabilised:
     """Return a capture whose frames follow a path. The size of a group is the power of two at which r*r is most significant."""
-    count, pixels = len(capture.frames), path.path_pixels
+    count, pixels = len(capture.frames), path.smooth_path_pixels
     first = max(0, (count - FRAMES_FOR_SIZE) // 2)
     some = range(first, min(count, first + FRAMES_FOR_SIZE))
     best, clearest, size = 1, -np.inf, 1

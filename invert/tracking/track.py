@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.linalg import solve_banded
 from tqdm import tqdm
 
 from correlograph.errors import InputError, check_positive, memory_bytes
@@ -42,6 +43,7 @@ class Track:
         metres_per_pixel: displacement of the object (rows, columns) per pixel of its speckle, (2, 2); None if its geometry is unknown.
         interval_s: time between frames; None if unknown.
         others: tracks of further objects, the brightest first.
+        bend_error_pixels: standard error of a second difference of the path by noise, (2,); zero if unknown.
     """
 
     path_pixels: np.ndarray
@@ -52,6 +54,22 @@ class Track:
     metres_per_pixel: np.ndarray | None = None
     interval_s: float | None = None
     others: tuple[Track, ...] = ()
+    bend_error_pixels: np.ndarray = field(default_factory=lambda: np.zeros(2))
+
+    @property
+    def smooth_path_pixels(self) -> np.ndarray:
+        """The path without what noise bends it by, (frames, 2): displacements are smoothed as far as the second differences of the path are
+        not significantly larger than those of noise (Whittaker's smoother). Vibrations below the noise are smoothed, too."""
+        steps, found = np.diff(self.path_pixels, axis=0), np.zeros_like(self.path_pixels)
+        bends = np.diff(steps, axis=0)
+        for axis, error in enumerate(self.bend_error_pixels):
+            of_noise = max(error**2, 1e-12)
+            of_motion = max(float(np.mean(bends[:, axis] ** 2)) - of_noise, of_noise * (8.0 / max(len(bends), 1)) ** 0.5)
+            penalty = np.full(len(steps), 0.5 * of_noise / of_motion)
+            bands = np.stack([-penalty, 1.0 + 2.0 * penalty, -penalty])
+            bands[1, [0, -1]] -= penalty[0]  # no neighbour beyond the ends
+            found[1:, axis] = np.cumsum(solve_banded((1, 1), bands, steps[:, axis]))
+        return found
 
     @property
     def step_pixels(self) -> np.ndarray:
@@ -207,9 +225,8 @@ def _open_share(capture: Capture, interval_s: float | None) -> float:
 
 
 def _track_of(start: Start, found: Followed, binning: int, lever: np.ndarray | None, interval_s: float | None) -> Track:
-    return Track(
-        found.path * binning, found.error * binning, start.significance, start.share, found.frames_per_group, lever, interval_s
-    )
+    told = (start.significance, start.share, found.frames_per_group, lever, interval_s)
+    return Track(found.path * binning, found.error * binning, *told, bend_error_pixels=found.bend_error * binning)
 
 
 def metres_per_pixel(capture: Capture, source_distance_m: float, source_angle_deg: tuple[float, float]) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 
 from invert.measure.spectrum import read_measurement
 from invert.video.looks import Looks
+from radiometry.noise.measured_noise import WHOLE_FRAME_INFLATION
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,8 @@ def pool(looks: Looks) -> Pooling:
     # The noise of r*r is proportional to r*r with its floor.
     change = (every[:, used] - mean[used]) / np.maximum(mean[used], 1e-3 * looks.floor)
     courses, sizes, _ = np.linalg.svd(change, full_matrices=False)
-    patterns = int((sizes > threshold_over_median(len(every) / used.sum()) * np.median(sizes[: len(every) - 1])).sum())
+    lags = used.sum() / WHOLE_FRAME_INFLATION  # as many as are independent
+    patterns = int((sizes > threshold_over_median(len(every) / lags) * np.median(sizes[: len(every) - 1])).sum())
     shown = courses[:, : min(patterns, len(every) - 1)]
     return Pooling(np.full((len(every),) * 2, 1.0 / len(every)) + shown @ shown.T, patterns)
 

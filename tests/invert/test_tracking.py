@@ -13,7 +13,7 @@ pytest.importorskip("mitsuba")
 
 import correlograph as cg
 from invert.track import main
-from invert.tracking.track import track
+from invert.tracking.track import Track, track
 from sim.rendering import render_geometry
 from tests.invert.field.speckle import letter, travelling_frames
 
@@ -193,13 +193,31 @@ def test_errors_of_a_long_path_in_faint_light_add_up_once(rng):
     stated."""
     numbers = np.arange(400)[:, None]
     path = numbers * np.array([1.3, -2.1]) + 6.0 * np.sin(numbers / 20.0) * np.array([0.4, 1.0])
-    squares = []
+    squares, bends, smooth = [], [], []
     for _ in range(3):
         frames = travelling_frames(letter(), (330, 410), 128, rng, path, 12.0)
         found = track(cg.Capture([rng.poisson(0.004 * frame).astype(np.float32) for frame in frames]))
         assert found.frames_per_position == 1
         squares.append(np.mean(np.square((found.path_pixels - path)[1:] / found.error_pixels[1:])))
+        bends.append(np.mean(np.square(np.diff(found.path_pixels, 2, axis=0) / found.bend_error_pixels)))
+        smooth.append([np.diff(one - path, axis=0).std() for one in (found.smooth_path_pixels, found.path_pixels)])
     assert 0.1 < np.mean(squares) < 2.5
+    assert np.mean(bends) == pytest.approx(1.0, abs=0.4)  # the speckle of the illumination adds to the noise of the photons
+    assert all(one < 0.5 * other for one, other in smooth)
+
+
+def test_a_path_is_smoothed_only_where_noise_may_have_bent_it(rng):
+    """A vibration far above the noise stays, a straight path becomes straight."""
+    numbers = np.arange(200)[:, None]
+    shaken = numbers * np.array([0.3, -0.2]) + np.sin(1.3 * numbers) * np.array([1.0, 0.0])
+    noise = np.cumsum(0.05 * rng.standard_normal((200, 2)), 0)
+    bend_error = np.full(2, 0.05 * 2.0**0.5)
+    path = shaken + noise - (shaken + noise)[0]
+    found = Track(path, np.ones((200, 2)), 50.0, 1.0, bend_error_pixels=bend_error).smooth_path_pixels
+    steps, true = np.diff(found, axis=0), np.diff(shaken, axis=0)
+    assert np.abs(steps - true)[:, 0].std() < 0.06
+    assert (steps - true)[:, 1].std() < 0.5 * np.diff(noise, axis=0)[:, 1].std()
+    np.testing.assert_allclose(Track(path, np.ones((200, 2)), 50.0, 1.0).smooth_path_pixels, path, atol=1e-4)
 
 
 @pytest.mark.slow
