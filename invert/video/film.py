@@ -35,7 +35,7 @@ class Film:
         albedos: (images, n, n), float32.
         middle_frame: number of the frame in the middle of each image, (images,).
         confidence: predicted correlation of each image with the truth, (images,).
-        frames_per_image: number of frames that an image was reconstructed from, at most.
+        frames_per_image: number of frames whose mean would have the noise of an image, on average.
         angle_deg: angle of the object in each image from the first frame, (images,); None if no rotation is followed.
         path: path of its speckle; None if the laser moves, or if the object stays where it is.
         pitches_m: pitch of the pixels along rows and columns; None if the camera is unknown.
@@ -55,7 +55,7 @@ class Film:
 
     def __repr__(self) -> str:
         return (
-            f"Film({len(self.albedos)} images of up to {self.frames_per_image} frames each, "
+            f"Film({len(self.albedos)} images with the noise of {self.frames_per_image} frames each, "
             f"confidence {self.confidence.min():.2f} to {self.confidence.max():.2f})"
         )
 

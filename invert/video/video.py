@@ -110,7 +110,7 @@ def _confidence(result: Result) -> float:
 
 
 def _turn_back(looks: Looks) -> tuple[Looks, Pooling, list[str]]:
-    """Return the looks with angles, how they are pooled, and a note, if more frames then add to each image; otherwise what was given."""
+    """Return the looks with angles, how they are pooled, and a note, if it changes by fewer patterns then; otherwise what was given."""
     still = pool(looks)
     try:
         rotation = rotation_of([signal_of(one, looks.whole.transfer) for one in looks.values], looks.aspect)
@@ -118,7 +118,7 @@ def _turn_back(looks: Looks) -> tuple[Looks, Pooling, list[str]]:
         return looks, still, []
     turned = looks.with_angles(rotation.angle_at(np.arange(len(looks.values))))
     pooling = pool(turned)
-    if pooling.frames <= still.frames:
+    if pooling.patterns >= still.patterns:
         return looks, still, []
     return turned, pooling, [f"the object turns by {rotation.angle_deg[-1]:.0f} degrees; frames were turned back and pooled"]
 
