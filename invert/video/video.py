@@ -11,7 +11,6 @@ from tqdm import tqdm
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.captured_frames import describe_files
-from invert.albedo.metrics import aligned_pearson
 from invert.output.result import Result
 from invert.pipeline import estimate_following, fulfil, read_prepared
 from invert.request import Request
@@ -22,6 +21,7 @@ from invert.video.film import Film
 from invert.video.fine import of_one_size, with_fields
 from invert.video.looks import Looks
 from invert.video.pooling import Pooling, pool
+from invert.video.sequence import register_sequence
 from invert.video.turning import turn
 from invert.video.windows import choose_window
 
@@ -126,20 +126,15 @@ def _turn_back(looks: Looks) -> tuple[Looks, Pooling, list[str]]:
 def _reconstruct(request: Request, looks: Looks, weights: np.ndarray) -> list[Result]:
     """Return the results from sums of all frames with weights (images, frames), at the angle of the first frame. Raises InputError if none
     shows an object.
-
-    Each albedo is registered to the one before, because r*r leaves place and half turns open.
     """
     options = request.for_estimate()
-    found: list[Result] = []
-    before = None
-    for chosen in tqdm(weights, desc="images", unit="image", disable=None, leave=False):
-        one = fulfil(options, looks.combine(looks.upright, chosen))
-        if one.object_found:
-            placed = one.coarse_albedo if before is None else aligned_pearson(one.coarse_albedo, before)[1]
-            one, before = replace(one, reconstruction=replace(one.reconstruction, albedo=placed)), placed
-        found.append(one)
-    if before is None:
+    images = tqdm(weights, desc="images", unit="image", disable=None, leave=False)
+    found = [fulfil(options, looks.combine(looks.upright, chosen)) for chosen in images]
+    shown = [number for number, one in enumerate(found) if one.object_found]
+    if not shown:
         raise InputError("frames", "light of a hidden object", "none at any time", "add light or frames")
+    for number, albedo in zip(shown, register_sequence(np.stack([found[one].coarse_albedo for one in shown])), strict=True):
+        found[number] = replace(found[number], reconstruction=replace(found[number].reconstruction, albedo=albedo))
     return found
 
 
