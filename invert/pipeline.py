@@ -95,8 +95,7 @@ def fulfil(request: Request, source: Source) -> Result:
     test = speckle_test(estimate, measurement, found.albedo) if found.object_found else None
     likelihood = partial(likelihood_before_division, estimate)
     doubts = find_doubts(found, test, likelihood, estimate.record)
-    blur_sought = request.finds_blur and estimate.blur_pixels is None
-    hypotheses = weigh_hypotheses(measurement, estimate.record, test, blur_sought)
+    hypotheses = weigh_hypotheses(measurement, estimate.record, test)
     found = lower_confidence(found, doubts, of_object(hypotheses))
     warnings = [one.advice for one in doubts if one.is_raised] + describe_frames(estimate.record, measurement)
     if capture is not None and _may_be_one_pattern(capture, estimate, found):

@@ -33,7 +33,8 @@ PRIOR_BLURRED, PRIOR_OTHER_LIGHT = 0.1, 0.1
 contrast instead. Either lowers its square to any value between 0 and 1 with equal probability."""
 
 BLUR_FOUND, BLUR_FOUND_FALSELY = 0.92, 0.01
-"""How often the search finds the blur of blurred frames, and one in sharp frames of low contrast. Evidence: docs/cameras.md."""
+"""How often the search finds the blur of frames that it cannot explain otherwise, and one in sharp frames of low contrast. Evidence:
+docs/cameras.md."""
 
 
 class Hypothesis(Enum):
@@ -46,17 +47,16 @@ class Hypothesis(Enum):
 
 
 def weigh_hypotheses(
-    measurement: Measurement, record: EstimateRecord | None, test: SpeckleTest | None, blur_sought: bool
+    measurement: Measurement, record: EstimateRecord | None, test: SpeckleTest | None
 ) -> dict[Hypothesis, float]:
     """Return the probability of each hypothesis; they add up to 1.
 
     Args:
         record: origin of the estimate; None for a published one, which cannot show texture or blur.
-        blur_sought: whether a blur was sought.
     """
     none = no_object(measurement.detection)
     texture = 0.0 if record is None else no_speckle(test, record)
-    blur = 0.0 if record is None else blurred(record.contrast, record.blur_found_pixels is not None, blur_sought)
+    blur = 0.0 if record is None else blurred(record.contrast, record.blur_found_pixels is not None)
     speckle = (1.0 - none) * (1.0 - texture)
     return {
         Hypothesis.NO_OBJECT: none,
@@ -108,20 +108,19 @@ def texture_before(record: EstimateRecord) -> float:
     return PRIOR_WITH_WAVES if record.background.spectral_lines else PRIOR_TEXTURE
 
 
-def blurred(contrast: Contrast | None, is_found: bool, is_sought: bool) -> float:
-    """Return the probability that frames are blurred.
+def blurred(contrast: Contrast | None, is_found: bool) -> float:
+    """Return the probability that frames are blurred. A search that finds no blur says nothing: soft edges explain many blurs as well.
 
     Args:
         contrast: of the speckle; None if unknown.
-        is_found, is_sought: whether a blur was found, and sought.
+        is_found: whether a blur was found.
     """
     sharp, other, blur = 1.0 - PRIOR_BLURRED - PRIOR_OTHER_LIGHT, PRIOR_OTHER_LIGHT, PRIOR_BLURRED
     if contrast is not None:
         error = max(contrast.error, 1e-6)
         lowered = float(norm.sf(contrast.square, 1.0, error))
         sharp, other, blur = sharp * float(norm.pdf(contrast.square, 1.0, error)), other * lowered, blur * lowered
-    if is_sought and (is_found or contrast is None or not contrast.is_full):
-        sharp, other = (one * (BLUR_FOUND_FALSELY if is_found else 1.0 - BLUR_FOUND_FALSELY) for one in (sharp, other))
-        blur *= BLUR_FOUND if is_found else 1.0 - BLUR_FOUND
+    if is_found:
+        sharp, other, blur = sharp * BLUR_FOUND_FALSELY, other * BLUR_FOUND_FALSELY, blur * BLUR_FOUND
     total = sharp + other + blur
     return blur / total if total > 0.0 else 0.0

@@ -10,7 +10,7 @@ from radiometry.noise.measured_noise import NoiseLevel
 DETECTION_LIMIT = 6.0
 """Minimum significance of a signal, in standard deviations above the floor; below it, no object is reported."""
 
-TRIALS = 3
+TRIALS = 5
 """Number of normal variables whose highest is distributed like the significance of noise (`tests/invert/test_hypotheses.py`)."""
 
 SLOPE_WEIGHT = 1.5
