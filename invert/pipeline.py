@@ -16,7 +16,7 @@ from correlograph.files.captured_frames import describe_files, stray_light_of
 from correlograph.files.corrections import Corrections
 from correlograph.workers import check_scheduler
 from invert.assess.frame_remarks import describe_frames
-from invert.assess.hypotheses import of_object, weigh_hypotheses
+from invert.assess.hypotheses import object_probability, weigh_hypotheses
 from invert.assess.reliability import describe_limits, find_doubts, is_speckle, lower_confidence
 from invert.assess.speckle_test import speckle_test
 from invert.blur_fit import MAX_RECONSTRUCTIONS, estimate_blur, likelihood_before_division
@@ -96,13 +96,13 @@ def fulfil(request: Request, source: Source) -> Result:
     likelihood = partial(likelihood_before_division, estimate)
     doubts = find_doubts(found, test, likelihood, estimate.record)
     hypotheses = weigh_hypotheses(measurement, estimate.record, test)
-    found = lower_confidence(found, doubts, of_object(hypotheses))
+    found = lower_confidence(found, doubts, object_probability(hypotheses))
     warnings = [one.advice for one in doubts if one.is_raised] + describe_frames(estimate.record, measurement)
     if capture is not None and _may_be_one_pattern(capture, estimate, found):
         single = fulfil(request.for_capture(), mean_frame(capture))
         if single.object_found and is_speckle(single.speckle_test):
             return replace(single, notes=(*notes, ONE_PATTERN, *single.notes))
-    notes += describe_limits(found, measurement, of_object(hypotheses))
+    notes += describe_limits(found, measurement, object_probability(hypotheses))
     seconds["retrieval"] = time.perf_counter() - begin
 
     settings = MethodSettings(request.method.name, request.quality.name, request.seed)

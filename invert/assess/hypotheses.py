@@ -1,4 +1,4 @@
-"""Probabilities of what the frames show: nothing, texture that is no speckle, a sharp object, or a blurred one.
+"""Probabilities of the explanations of frames: no object, texture instead of speckle, a sharp object, or a blurred one.
 
 Each number decides one question, by Bayes' rule with stated probabilities before it is known. The significance of the signal decides
 whether there is any light of an object; the third moment of a single frame, whether that light is speckle; the contrast of the speckle and
@@ -33,12 +33,12 @@ PRIOR_BLURRED, PRIOR_OTHER_LIGHT = 0.1, 0.1
 contrast instead. Either lowers its square to any value between 0 and 1 with equal probability."""
 
 BLUR_FOUND, BLUR_FOUND_FALSELY = 0.92, 0.01
-"""How often the search finds the blur of frames that it cannot explain otherwise, and one in sharp frames of low contrast. Evidence:
+"""Rates at which the search finds the blur of frames that it cannot explain otherwise, and one in sharp frames of low contrast. Evidence:
 docs/cameras.md."""
 
 
 class Hypothesis(Enum):
-    """What frames may show."""
+    """Explanation of frames."""
 
     NO_OBJECT = "no object"
     TEXTURE = "texture"
@@ -54,9 +54,9 @@ def weigh_hypotheses(
     Args:
         record: origin of the estimate; None for a published one, which cannot show texture or blur.
     """
-    none = no_object(measurement.detection)
-    texture = 0.0 if record is None else no_speckle(test, record)
-    blur = 0.0 if record is None else blurred(record.contrast, record.blur_found_pixels is not None)
+    none = no_object_probability(measurement.detection)
+    texture = 0.0 if record is None else texture_probability(test, record)
+    blur = 0.0 if record is None else blur_probability(record.contrast, record.blur_found_pixels is not None)
     speckle = (1.0 - none) * (1.0 - texture)
     return {
         Hypothesis.NO_OBJECT: none,
@@ -66,7 +66,7 @@ def weigh_hypotheses(
     }
 
 
-def of_object(hypotheses: dict[Hypothesis, float]) -> float:
+def object_probability(hypotheses: dict[Hypothesis, float]) -> float:
     """Return the probability of an object, sharp or blurred."""
     return hypotheses[Hypothesis.OBJECT] + hypotheses[Hypothesis.BLURRED_OBJECT]
 
@@ -77,7 +77,7 @@ def describe(hypotheses: dict[Hypothesis, float]) -> str:
     return "probabilities: " + ", ".join(f"{one.value} {probability:.3g}" for one, probability in ranked if probability > 1e-3)
 
 
-def no_object(significance: float) -> float:
+def no_object_probability(significance: float) -> float:
     """Return the probability that a signal of some significance is noise.
 
     It is the highest of `TRIALS` normal variables without an object, and that of the object, plus one normal variable, otherwise.
@@ -91,7 +91,7 @@ def no_object(significance: float) -> float:
     return odds[0] / sum(odds) if sum(odds) > 0.0 else 1.0  # far below any noise: both vanish
 
 
-def no_speckle(test: SpeckleTest | None, record: EstimateRecord) -> float:
+def texture_probability(test: SpeckleTest | None, record: EstimateRecord) -> float:
     """Return the probability that a single frame shows texture, whose third moment is 0 in the unit of that of speckle; 0 for several
     frames, which share texture."""
     if record.frames != 1:
@@ -108,11 +108,11 @@ def texture_before(record: EstimateRecord) -> float:
     return PRIOR_WITH_WAVES if record.background.spectral_lines else PRIOR_TEXTURE
 
 
-def blurred(contrast: Contrast | None, is_found: bool) -> float:
+def blur_probability(contrast: Contrast | None, is_found: bool) -> float:
     """Return the probability that frames are blurred. A search that finds no blur says nothing: soft edges explain many blurs as well.
 
     Args:
-        contrast: of the speckle; None if unknown.
+        contrast: contrast of the speckle; None if unknown.
         is_found: whether a blur was found.
     """
     sharp, other, blur = 1.0 - PRIOR_BLURRED - PRIOR_OTHER_LIGHT, PRIOR_OTHER_LIGHT, PRIOR_BLURRED

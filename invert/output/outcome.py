@@ -37,7 +37,7 @@ class Outcome:
         seconds: duration of reading, autocorrelation and retrieval.
         speckle_test: test whether the light is speckle of the reconstructed object; None if no object was found.
         doubts: possible faults that the data can show, each with its measured value and its threshold.
-        hypotheses: probability of each thing that the frames may show; empty for a result of an earlier version.
+        hypotheses: probability of each explanation of the frames; empty for a result of an earlier version.
         warnings: the doubts that were raised, which lower the confidence, and observations about the frames.
         notes: limits set by the frames: the light that a detection would need, and where the confidence is calibrated.
         fields: field of each frame and the fine albedo, if they were retrieved and accepted; otherwise None.

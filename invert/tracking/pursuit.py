@@ -12,7 +12,7 @@ import numpy as np
 
 from correlograph.errors import InputError
 from invert.tracking.follow import follow
-from invert.tracking.separation import without
+from invert.tracking.separation import subtract_light
 from invert.tracking.spectra import Band
 from invert.tracking.start import MAX_BLOCKS, Start, are_apart, find_brightest, paths_at, share_along, way_apart
 
@@ -20,7 +20,7 @@ LAGS = (16, 8, 4, 2)
 """Distances of the frames by which several objects are told apart."""
 
 FRAMES_FOR_NUMBER = 64
-"""Number of frames, in the middle of the capture, by which one object is told from several."""
+"""Number of frames, in the middle of the capture, that decide whether there are several objects."""
 
 LONGER = 4
 """Factor between the lengths of blocks that are tried."""
@@ -50,9 +50,9 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
     Raises InputError if the whole capture shows no common motion.
     """
     alone, middle = find_brightest(spectra, band), max(0, (len(spectra) - FRAMES_FOR_NUMBER) // 2)
-    several = _without_interference(_pursue(spectra[middle : middle + FRAMES_FOR_NUMBER], band))
+    several = _drop_interference(_pursue(spectra[middle : middle + FRAMES_FOR_NUMBER], band))
     if len(several) > 1 and middle > 0:
-        several = _without_interference(_pursue(spectra, band))
+        several = _drop_interference(_pursue(spectra, band))
     is_one = _persists(alone, spectra, band)
     if len(several) > 1 and not (is_one and _explains(alone, several[0], spectra, band)):
         return sorted(several, key=lambda one: -one.share)
@@ -69,7 +69,7 @@ def _explains(alone: Start, first: Start, spectra: np.ndarray, band: Band) -> bo
     return share_along(spectra, band, path, first.lag) > BETTER * share_along(spectra, band, first.path, first.lag)
 
 
-def _without_interference(found: list[Start]) -> list[Start]:
+def _drop_interference(found: list[Start]) -> list[Start]:
     """Return objects without those that move at the mean of two others, as their interference does: closer to it than to either."""
 
     def is_between(one: Start) -> bool:
@@ -86,7 +86,7 @@ def _pursue(spectra: np.ndarray, band: Band) -> list[Start]:
     for lag in (one for one in LAGS if 2 * one < len(spectra)):
         while best := _most(left, band, lag, found):
             found += best
-            left = without(spectra, band, found)
+            left = subtract_light(spectra, band, found)
     return found
 
 

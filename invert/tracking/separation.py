@@ -23,7 +23,7 @@ ROUNDS = 2
 """Rounds in which the pattern of each object is found in what the others leave."""
 
 
-def without(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> np.ndarray:
+def subtract_light(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> np.ndarray:
     """Return spectra (n, R, C) without the light of objects, one subtracted after the other."""
     left = spectra.copy()
     for one in starts:

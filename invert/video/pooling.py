@@ -1,4 +1,4 @@
-"""How frames are pooled: r*r of an object that changes is a combination of a few patterns, and every frame tells something about each.
+"""Weights by which frames are pooled: r*r of an object that changes is a combination of a few patterns, each of which all frames show.
 
 The singular values of r*r over time, in units of its noise, show how many patterns exceed the noise. Projected on the course of these in
 time, r*r at each time is a weighted sum over all frames. The weights of an object that stays the same are equal; a movement that repeats is

@@ -1,4 +1,4 @@
-"""Probabilities of what frames show: those of Bayes' rule for numbers that are drawn as assumed, and for frames."""
+"""Probabilities of the explanations of frames: those of Bayes' rule for numbers that are drawn as assumed, and for frames."""
 
 from __future__ import annotations
 
@@ -10,7 +10,15 @@ import pytest
 from scipy.stats import kstest, norm
 
 import correlograph as cg
-from invert.assess.hypotheses import Hypothesis, blurred, describe, no_object, no_speckle, of_object, weigh_hypotheses
+from invert.assess.hypotheses import (
+    Hypothesis,
+    blur_probability,
+    describe,
+    no_object_probability,
+    object_probability,
+    texture_probability,
+    weigh_hypotheses,
+)
 from invert.assess.reliability import lower_confidence
 from invert.measure.contrast import Contrast
 from invert.measure.estimate import estimate_from_frames
@@ -19,7 +27,7 @@ from radiometry.noise.detection import TRIALS
 from tests.invert.test_doubts import FOUND, SPECKLE, raised, record
 
 
-def agrees(found: float, cases: np.ndarray) -> bool:
+def is_share(found: float, cases: np.ndarray) -> bool:
     """Whether a probability is that of drawn cases, within four standard deviations and the width of a bin."""
     return abs(found - cases.mean()) < 4.0 * math.sqrt(found * (1.0 - found) / len(cases)) + 0.03
 
@@ -32,12 +40,12 @@ def test_the_probability_of_no_object_is_that_of_bayes():
     seen = np.where(is_noise, noise.max(0), bright + noise[0])
     for significance in (-0.5, 0.5, 1.5, 2.5, 3.5):
         near = np.abs(seen - significance) < 0.05
-        assert agrees(no_object(significance), is_noise[near])
-    assert no_object(-50.0) == 1.0
-    assert no_object(math.inf) == 0.0
-    falling = [no_object(significance) for significance in np.linspace(1.0, 12.0, 60)]
+        assert is_share(no_object_probability(significance), is_noise[near])
+    assert no_object_probability(-50.0) == 1.0
+    assert no_object_probability(math.inf) == 0.0
+    falling = [no_object_probability(significance) for significance in np.linspace(1.0, 12.0, 60)]
     assert np.all(np.diff(falling) < 0.0)
-    assert no_object(6.0) < 1e-5
+    assert no_object_probability(6.0) < 1e-5
 
 
 @pytest.mark.slow
@@ -62,14 +70,16 @@ def test_the_probability_of_texture_is_that_of_bayes(error, waves, prior):
     moments = (~is_texture) + error * rng.standard_normal(len(is_texture))
     for moment in (-0.2, 0.1, 0.5, 1.1):
         near = np.abs(moments - moment) < 0.03
-        assert agrees(no_speckle(replace(SPECKLE, third_moment_ratio=moment, error=error), record(1, waves)), is_texture[near])
-    assert no_speckle(None, record(1, waves)) == prior
-    assert no_speckle(None, record(2, waves)) == 0.0
+        assert is_share(
+            texture_probability(replace(SPECKLE, third_moment_ratio=moment, error=error), record(1, waves)), is_texture[near]
+        )
+    assert texture_probability(None, record(1, waves)) == prior
+    assert texture_probability(None, record(2, waves)) == 0.0
 
 
 def test_a_single_frame_of_waves_without_a_third_moment_earns_no_confidence():
     unknown = replace(SPECKLE, third_moment_ratio=-30.0, error=60.0)
-    probability = 1.0 - no_speckle(unknown, record(1, waves=26))
+    probability = 1.0 - texture_probability(unknown, record(1, waves=26))
     assert raised(unknown, frames=1, waves=26) == []
     assert lower_confidence(FOUND, (), probability).confidence == pytest.approx(0.5, abs=0.01)
 
@@ -82,10 +92,10 @@ def test_the_probability_of_blur_is_that_of_bayes():
     is_found = rng.random(len(kind)) < np.where(kind == 2, 0.92, 0.01)
     for value in (0.4, 0.7, 0.84, 0.97, 1.05):
         near = np.abs(square - value) < 0.01
-        assert agrees(blurred(Contrast(value, error), False), kind[near] == 2)
+        assert is_share(blur_probability(Contrast(value, error), False), kind[near] == 2)
         if value < 0.9:
-            assert agrees(blurred(Contrast(value, error), True), kind[near & is_found] == 2)
-    assert blurred(None, False) == pytest.approx(0.1)
+            assert is_share(blur_probability(Contrast(value, error), True), kind[near & is_found] == 2)
+    assert blur_probability(None, False) == pytest.approx(0.1)
 
 
 def test_probabilities_of_frames_add_up_and_are_told(rng):
@@ -95,14 +105,14 @@ def test_probabilities_of_frames_add_up_and_are_told(rng):
     result = cg.reconstruct(np.array(frames), quality="fast")
     assert sum(result.hypotheses.values()) == pytest.approx(1.0)
     assert result.hypotheses[Hypothesis.OBJECT] > 0.5
-    assert result.confidence <= of_object(result.hypotheses)
+    assert result.confidence <= object_probability(result.hypotheses)
     assert describe(result.hypotheses).startswith("probabilities: object ")
     empty = cg.reconstruct(rng.poisson(0.3, (2, 500, 540)).astype(np.float32), quality="fast")
     assert empty.hypotheses[Hypothesis.NO_OBJECT] > 0.5
     assert "probability of an object: 0." in empty.notes[-1]
 
 
-def test_a_published_estimate_shows_an_object_or_none(rng):
+def test_a_published_estimate_has_two_explanations(rng):
     measurement = read_measurement(np.abs(rng.standard_normal((127, 127))).astype(np.float32))
     found = weigh_hypotheses(measurement, None, None)
     assert found[Hypothesis.TEXTURE] == found[Hypothesis.BLURRED_OBJECT] == 0.0
