@@ -21,6 +21,8 @@ from invert.measure.spectrum import Measurement
 from radiometry.noise.detection import TRIALS
 
 PRIOR_NO_OBJECT = 0.5
+"""Probability, before the frames are known, that there is no object."""
+
 MAX_SIGNIFICANCE = 1e3
 """The significance of an object lies between 1 and this before it is known, on a logarithmic scale."""
 
@@ -33,8 +35,8 @@ PRIOR_BLURRED, PRIOR_OTHER_LIGHT = 0.1, 0.1
 contrast instead. Either lowers its square to any value between 0 and 1 with equal probability."""
 
 BLUR_FOUND, BLUR_FOUND_FALSELY = 0.92, 0.01
-"""Rates at which the search finds the blur of frames that it cannot explain otherwise, and one in sharp frames of low contrast. Evidence:
-docs/cameras.md."""
+"""Rates at which the search finds a blur of two pixels, and one in sharp frames of low contrast. Evidence: docs/research.md, "Unknown
+blur"."""
 
 
 class Hypothesis(Enum):
@@ -84,11 +86,12 @@ def no_object_probability(significance: float) -> float:
     """
     if significance > 30.0:
         return 0.0
+    significance = max(significance, 1.0)  # less is no evidence of an object, although the highest of several rarely is so low
     possible = np.geomspace(1.0, MAX_SIGNIFICANCE, 400)
     of_object = float(norm.pdf(significance, possible).mean())
     of_noise = float(TRIALS * norm.pdf(significance) * norm.cdf(significance) ** (TRIALS - 1))
     odds = PRIOR_NO_OBJECT * of_noise, (1.0 - PRIOR_NO_OBJECT) * of_object
-    return odds[0] / sum(odds) if sum(odds) > 0.0 else 1.0  # far below any noise: both vanish
+    return odds[0] / sum(odds)
 
 
 def texture_probability(test: SpeckleTest | None, record: EstimateRecord) -> float:

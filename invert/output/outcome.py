@@ -128,8 +128,6 @@ class Outcome:
         """Return method, quality, seed, warnings, notes, speckle test, doubts and hypotheses for JSON."""
         test = None if self.speckle_test is None else self.speckle_test.as_dict()
         said = {"warnings": list(self.warnings), "notes": list(self.notes)}
-        doubts, hypotheses = (
-            [one.as_dict() for one in self.doubts],
-            {one.value: share for one, share in self.hypotheses.items()},
-        )
+        doubts = [one.as_dict() for one in self.doubts]
+        hypotheses = {one.value: probability for one, probability in self.hypotheses.items()}
         return asdict(self.settings) | said | {"speckle_test": test, "doubts": doubts, "hypotheses": hypotheses}

@@ -52,7 +52,7 @@ class Followed:
         path: position of its speckle in each frame from the first, (frames, 2) pixels.
         error: standard error of each position, (frames, 2).
         frames_per_group: number of frames that were registered together.
-        reach: number of groups on each side to which each was registered.
+        reach: largest distance of groups that were compared; 0 for an approximate path.
         significance: median significance of a group in its surroundings.
         bend_error: standard error of a second difference of the path, (2,); zero for an approximate path.
         fading: square of the way from frame to frame over that in which the likeness of frames falls to 1 / e.
@@ -99,18 +99,17 @@ def follow(spectra: np.ndarray, band: Band, start: Start, others: Sequence[Start
 
 
 def _error_of_blocks(start: Start, band: Band) -> np.ndarray:
-    """Return the error of an approximate path (n, 2): the radius of a grain, or what the displacement of a block, known to that over its
-    least significance, adds up to with each block."""
+    """Return the error of an approximate path (n, 2): the radius of a grain, or the sum of the errors of all blocks. The displacement of a
+    block over `lag` frames is known to that radius over the least significance."""
     blocks = np.arange(len(start.path)) / start.frames_per_block
-    error = band.grain_pixels * np.maximum(1.0, start.frames_per_block / MIN_SIGNIFICANCE * blocks**0.5)
+    of_block = start.frames_per_block / (start.lag * MIN_SIGNIFICANCE)
+    error = band.grain_pixels * np.maximum(1.0, of_block * blocks**0.5)
     error[0] = 0.0
     return np.stack([error, error], 1)
 
 
 def _fading(spectra: np.ndarray, band: Band, path: np.ndarray) -> float:
     """Return `Followed.fading` from the likenesses exp(-fading k^2) of frames k = 1 and 2 apart."""
-    if len(path) < 3:
-        return 0.0
     near, far = likeness(move_back(spectra, band, path), band)[:2]
     return float(np.clip(np.log(near / max(far, 1e-3)) / 3.0, 0.0, MAX_FADING)) if near > 0.0 else 0.0
 
@@ -128,7 +127,8 @@ def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: in
     errors = np.stack([np.interp(numbers, middles, error[:, axis]) for axis in (0, 1)], 1)
     from_first = np.hypot(errors, errors[0])
     from_first[0] = 0.0
-    bend_error = np.sqrt(of_pair * _bend_over_pair(steps)) / length
+    # Between the middles of groups, the path is straight.
+    bend_error = np.sqrt(of_pair * _bend_over_pair(steps) / (2.0 * length**3 if length > 1 else 1.0))
     return Followed(found - found[0], from_first, length, int(steps[-1]), significance, bend_error)
 
 
@@ -146,10 +146,12 @@ def _register(
     apart = min(apart, count - 1, MAX_REACH)
     for _ in range(ROUNDS):
         moved = move_back(sums, band, places)
-        alike = likeness(moved, band)[apart - 1 :]
+        every = likeness(moved, band)
+        alike = every[apart - 1 :]
         steps = apart + np.arange(max(reach_of(alike), min(2, apart, len(alike))))  # pairs at two distances join all groups
         pairs = sum((np.arange(count) >= step).astype(int) + (np.arange(count)[::-1] >= step) for step in steps)
-        weight = weight_of(band, float(np.clip(alike[0], 0.05, 1.0)), int(np.median(pairs)))
+        usual = int(np.median(pairs))
+        weight = weight_of(band, float(np.clip(alike[0], 0.05, 1.0)), usual)
         cross = _cross_with_surroundings(moved, steps)
         height, slope, curvature = derivatives(cross, band, weight, np.zeros((count, 2)))
         inverse = np.linalg.inv(-curvature.sum(0) / pairs.sum())
@@ -157,11 +159,11 @@ def _register(
         places = places + correction
         if np.abs(np.diff(correction, axis=0)).max() < CONVERGED_GRAINS * band.grain_pixels:
             break
-    of_pair = np.diag(inverse @ weight.slope_variance @ inverse) / np.median(pairs)
+    of_pair = np.diag(inverse @ weight.slope_variance @ inverse) / usual
     variance = of_pair / pairs[:, None]
     # Over distances beyond the reach, errors add up like resistances of a chain in which each member is joined to its neighbours.
-    walked = 2.0 * np.arange(count)[:, None] / np.mean(steps**2.0) * variance
-    walked = walked + _walk_by_illumination(places, alike, band)
+    walked = np.arange(count)[:, None] / np.sum(steps**2.0) * of_pair
+    walked = walked + _walk_by_illumination(places, every, band)
     significance = float(np.median(height)) / weight.deviation
     return places, np.sqrt(variance + walked), steps, of_pair, significance
 

@@ -26,7 +26,7 @@ LONGER = 4
 """Factor between the lengths of blocks that are tried."""
 
 MIN_PERSISTENCE = 0.4
-"""Share of the speckle that an object must show at half the distance of the frames by which it was found, over that at this distance."""
+"""Least ratio of the share of an object at half the distance of the frames by which it was found to that at this distance."""
 
 MIN_PERSISTENCE_BEYOND = 0.2
 """The same at twice the distance, for an object that was found by consecutive frames."""
@@ -49,9 +49,9 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
 
     Raises InputError if the whole capture shows no common motion.
     """
-    alone, middle = find_brightest(spectra, band), max(0, (len(spectra) - FRAMES_FOR_NUMBER) // 2)
+    alone, middle = find_brightest(spectra, band), max(0, len(spectra) - FRAMES_FOR_NUMBER) // 2
     several = _drop_interference(_pursue(spectra[middle : middle + FRAMES_FOR_NUMBER], band))
-    if len(several) > 1 and middle > 0:
+    if len(several) > 1 and len(spectra) > FRAMES_FOR_NUMBER:
         several = _drop_interference(_pursue(spectra, band))
     is_one = _persists(alone, spectra, band)
     if len(several) > 1 and not (is_one and _explains(alone, several[0], spectra, band)):

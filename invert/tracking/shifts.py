@@ -70,19 +70,6 @@ def weight_of(band: Band, common: float, frames: int = 1) -> Weight:
     )
 
 
-@dataclass(frozen=True)
-class Shifts:
-    """Displacements of several cross-spectra.
-
-    Attributes:
-        pixels: (n, 2), rows and columns. covariance: (n, 2, 2). height: of the maxima, (n,).
-    """
-
-    pixels: np.ndarray
-    covariance: np.ndarray
-    height: np.ndarray
-
-
 def move_back(spectra: np.ndarray, band: Band, pixels: np.ndarray) -> np.ndarray:
     """Return spectra (n, R, C) moved back by displacements (n, 2)."""
     rows = np.exp(2j * np.pi * band.rows * pixels[:, :1]).astype(np.complex64)
@@ -103,8 +90,9 @@ def derivatives(cross: np.ndarray, band: Band, weight: Weight, pixels: np.ndarra
     return _derivatives(_apply_weight(cross, weight), band, pixels)
 
 
-def refine(cross: np.ndarray, band: Band, weight: Weight, start: np.ndarray) -> Shifts:
-    """Return the maxima of cross-correlations nearest to a start (n, 2), from cross-spectra (n, R, C), by Newton's method."""
+def refine(cross: np.ndarray, band: Band, weight: Weight, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the displacements (n, 2) and heights (n,) of the maxima of cross-correlations nearest to a start (n, 2), from cross-spectra
+    (n, R, C), by Newton's method."""
     pixels, reach = start.astype(np.float64).copy(), band.grain_pixels
     weighted = _apply_weight(cross, weight)
     # Away from a maximum, the curvature expected there keeps the step uphill.
@@ -115,7 +103,7 @@ def refine(cross: np.ndarray, band: Band, weight: Weight, start: np.ndarray) -> 
         pixels += np.clip(-np.linalg.solve(bent, slope[..., None])[..., 0], -reach, reach)
     height, _, curvature = _derivatives(weighted, band, pixels)
     inverse = np.linalg.inv(_downward(curvature, 1e-9 * max(weight.full, 1e-300)))
-    return Shifts(pixels + _window_bias(pixels, band, height, inverse), inverse @ weight.slope_variance @ inverse, height)
+    return pixels + _window_bias(pixels, band, height, inverse), height
 
 
 def _apply_weight(cross: np.ndarray, weight: Weight) -> np.ndarray:
@@ -174,20 +162,20 @@ def peaks(
         found, pitch = correlate(left, band, weight)
         place = np.array(np.unravel_index(int(found.argmax()), found.shape))
         start = ((place + np.array(found.shape) // 2) % found.shape - np.array(found.shape) // 2) * pitch
-        exact = refine(left[None], band, weight, start[None])
-        height = max(float(exact.height[0]), float(found.max()))
+        exact, refined = refine(left[None], band, weight, start[None])
+        height = max(float(refined[0]), float(found.max()))
         # Bright speckle that outlives a pair of frames makes the noise of a sum larger than that of independent pairs.
         deviation = max(deviation, float(np.median(np.abs(found[::4, ::4])) / 0.6745))
         highest = max(height, highest)
         if height < max(MIN_SIGNIFICANCE * deviation, MIN_RELATIVE_HEIGHT * highest):
             break
-        if len(places) == 0 or np.linalg.norm(places - exact.pixels, axis=1).min() > APART_GRAINS * band.grain_pixels:
-            places = np.concatenate([places, exact.pixels])
+        if len(places) == 0 or np.linalg.norm(places - exact, axis=1).min() > APART_GRAINS * band.grain_pixels:
+            places = np.concatenate([places, exact])
             heights.append(height)
             significance.append(height / deviation)
         elif (tried := tried + 1) > 1:
             break
-        left = left - move_back(height / full * own[None].astype(np.complex64), band, -exact.pixels)[0]
+        left = left - move_back(height / full * own[None].astype(np.complex64), band, -exact)[0]
     return places, np.array(heights), np.array(significance)
 
 

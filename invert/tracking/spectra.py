@@ -44,7 +44,7 @@ class Band:
         rows, columns: frequencies in cycles per pixel, (R,) and (C,); columns of zero or more only.
         counts: how often a coefficient stands for itself and its conjugate, (R, C); 0 outside the band.
         signal: power of the speckle, (R, C).
-        floor: power of the noise.
+        floor: power of the noise; (R, C) where other objects add to it.
     """
 
     shape: tuple[int, int]
@@ -52,7 +52,7 @@ class Band:
     columns: np.ndarray
     counts: np.ndarray
     signal: np.ndarray
-    floor: float
+    floor: float | np.ndarray
 
     @cached_property
     def grain_pixels(self) -> float:

@@ -24,8 +24,8 @@ from invert.tracking.vibration import find_vibrations
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BYTES_PER_COEFFICIENT = 48
-"""Measured memory per frame and coefficient of its spectrum."""
+BYTES_PER_COEFFICIENT = 84
+"""Measured memory per frame and coefficient of its spectrum, with two objects."""
 
 TRACK_FILES = ("track.csv", "track.png", "track.json")
 
@@ -38,7 +38,8 @@ class Track:
         path_pixels: position of the speckle in each frame in camera pixels (rows, columns), (frames, 2), from the first frame.
         error_pixels: standard error of each position, (frames, 2).
         significance: significance of the common motion, in standard deviations.
-        share: share of the power of the speckle that consecutive frames have in common by this object.
+        share: share of the power of the speckle that frames have in common by this object: consecutive ones, or, of several objects,
+            those 2 to 16 apart by which it was found.
         frames_per_position: number of frames that were registered together, for lack of light.
         metres_per_pixel: displacement of the object (rows, columns) per pixel of its speckle, (2, 2); None if its geometry is unknown.
         interval_s: time between frames; None if unknown.
@@ -190,7 +191,7 @@ def track(
         source_distance_m: distance from the laser spot to the object; with the metadata of the camera, displacements of the object follow.
         source_angle_deg: angles between the light from the spot and the line of sight, along rows and columns.
         interval_s: time between the starts of two frames. With the exposure of the frames, it corrects what an open shutter draws
-            displacements towards zero by.
+            displacements of a single object towards zero by.
         binning: pixels that are added along each axis before the comparison; grains should stay wider than two of them.
 
     Raises InputError for fewer than three frames, and for frames without common motion.

@@ -7,7 +7,7 @@ share the speckle itself, then most of its power appears in the cross-correlatio
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 import torch
@@ -16,7 +16,7 @@ from correlograph.errors import InputError
 from correlograph.files.capture import Capture
 from invert.tracking.pursuit import find_objects
 from invert.tracking.spectra import FRAMES_FOR_POWER, Reader
-from invert.tracking.start import share_along
+from invert.tracking.start import are_apart, share_along
 from radiometry.estimation.third_moment import FilteredFrames
 
 MIN_SHARE = 0.6
@@ -70,7 +70,9 @@ def find_travel(capture: Capture) -> Travel | None:
         found = find_objects(spectra, band)
     except InputError:
         return None
-    share = sum(share_along(spectra, band, one.path, 1) for one in found)
+    shares = [share_along(spectra, band, one.path, 1) for one in found]
+    is_apart = all(are_apart(one.path, other.path, 1, band) for one, other in combinations(found, 2))
+    share = sum(shares) if is_apart else max(shares)  # maxima that overlap show the same light
     steps = np.array([one.path[-1] / (len(first) - 1) for one in found])
     way = np.linalg.norm(steps, axis=1).max() * (len(capture.frames) - 1)
     return Travel(steps, share) if share > MIN_SHARE and way > band.grain_pixels else None

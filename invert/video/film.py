@@ -33,7 +33,7 @@ class Film:
 
     Attributes:
         albedos: (images, n, n), float32.
-        middle_frame: number of the frame in the middle of each image, (images,).
+        middle_frame: number of the frame at whose time each image is, (images,).
         confidence: predicted correlation of each image with the truth, (images,).
         frames_per_image: number of frames whose mean would have the noise of an image, on average.
         angle_deg: angle of the object in each image from the first frame, (images,); None if no rotation is followed.

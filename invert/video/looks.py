@@ -81,7 +81,7 @@ class Looks:
         assert self.whole.record is not None
         frames = 1.0 / float((weights**2).sum())
         dof = self.whole.record.dof_expected * frames / len(values)
-        record = replace(self.whole.record, frames=max(1, round(frames)), dof_expected=dof)
+        record = replace(self.whole.record, frames=max(2, round(frames)), dof_expected=dof)
         values = np.tensordot(weights, values, 1).clip(1e-3 * self.floor).astype(np.float32)
         return replace(self.whole, values=values, record=record, filtered_frames=None)
 

@@ -37,9 +37,7 @@ class Pooling:
         """Return the numbers of the frames at whose times images are reconstructed: at most so many, and one of an object that stays the
         same."""
         count = len(self.weights)
-        if self.patterns == 0:
-            return np.array([count // 2])
-        return np.unique(np.rint(np.linspace(0, count - 1, min(most, count))).astype(int))
+        return np.array([count // 2]) if self.patterns == 0 else spread(count, most)
 
 
 def pool(looks: Looks) -> Pooling:
@@ -47,14 +45,21 @@ def pool(looks: Looks) -> Pooling:
     every = looks.upright
     mean = every.mean(0)
     measured = read_measurement(mean.astype(np.float32))
-    used = looks.whole.lag_grid.off_axis & (looks.whole.lag_grid.ring <= max(measured.noise.signal_ring, 2))
+    used = looks.whole.lag_grid.off_axis & (looks.whole.lag_grid.ring <= measured.noise.signal_ring)
     # The noise of r*r is proportional to r*r with its floor.
     change = (every[:, used] - mean[used]) / np.maximum(mean[used], 1e-3 * looks.floor)
     courses, sizes, _ = np.linalg.svd(change, full_matrices=False)
     lags = used.sum() / WHOLE_FRAME_INFLATION  # as many as are independent
-    patterns = int((sizes > threshold_over_median(len(every) / lags) * np.median(sizes[: len(every) - 1])).sum())
-    shown = courses[:, : min(patterns, len(every) - 1)]
+    patterns = int(
+        (sizes > threshold_over_median(len(every) / lags) * np.median(sizes[: min(len(every) - 1, int(lags))])).sum()
+    )
+    shown = courses[:, :patterns]
     return Pooling(np.full((len(every),) * 2, 1.0 / len(every)) + shown @ shown.T, patterns)
+
+
+def spread(count: int, most: int) -> np.ndarray:
+    """Return the numbers of at most so many of `count` frames, equally spaced, with the first and the last."""
+    return np.unique(np.rint(np.linspace(0, count - 1, min(most, count))).astype(int))
 
 
 def threshold_over_median(aspect: float) -> float:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from invert.albedo.registration import correlation_maps, rotate_180, zero_pad
+from invert.albedo.registration import correlation_maps, crop_centred, rotate_180, zero_pad
 
 
 def register_sequence(albedos: np.ndarray) -> np.ndarray:
-    """Return albedos (n, H, H) turned like one another, the first as it is, and each shifted to fit the one before.
+    """Return albedos (n, H, H) turned like the first, each shifted to fit the one before, in the window that holds most of their light.
 
     An image that is nearly symmetric tells little of its orientation, and from one to the next, errors would add up. All pairs decide
     together: the signs of the leading eigenvector of the difference of likenesses without and with a half turn.
@@ -23,4 +23,4 @@ def register_sequence(albedos: np.ndarray) -> np.ndarray:
         turned = rotate_180(one) if sign * leading[0] < 0.0 else one
         place = int(correlation_maps(turned[None], found[-1])[0, 0].argmax())
         found.append(torch.roll(turned, divmod(place, 2 * side), (0, 1)))
-    return torch.stack(found)[:, :side, :side].numpy()
+    return crop_centred(torch.stack(found), side).numpy()

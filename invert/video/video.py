@@ -20,7 +20,7 @@ from invert.tracking.tables import check_frames
 from invert.video.film import Film
 from invert.video.fine import of_one_size, with_fields
 from invert.video.looks import Looks
-from invert.video.pooling import Pooling, pool
+from invert.video.pooling import Pooling, pool, spread
 from invert.video.sequence import register_sequence
 from invert.video.turning import turn
 from invert.video.windows import choose_window
@@ -35,7 +35,7 @@ MAX_IMAGES = 48
 def film(source: Source, *, interval_s: float | None = None, **options: Any) -> Film:
     """Reconstruct what an object looks like at each time.
 
-    Frames are pooled for as long as the object stays the same: along the path of its speckle, if the laser is at rest; turned back, if the
+    Frames are pooled along the path of its speckle, if the laser is at rest; turned back, if the
     object rotates about the line of sight; and by as many patterns as its change over time shows.
 
     Args:
@@ -111,15 +111,17 @@ def _confidence(result: Result) -> float:
 
 def _turn_back(looks: Looks) -> tuple[Looks, Pooling, list[str]]:
     """Return the looks with angles, how they are pooled, and a note, if it changes by fewer patterns then; otherwise what was given."""
-    still = pool(looks)
+    unturned = pool(looks)
+    if unturned.patterns == 0:
+        return looks, unturned, []
     try:
         rotation = rotation_of([signal_of(one, looks.whole.transfer) for one in looks.values], looks.aspect)
     except InputError:
-        return looks, still, []
+        return looks, unturned, []
     turned = looks.with_angles(rotation.angle_at(np.arange(len(looks.values))))
     pooling = pool(turned)
-    if pooling.patterns >= still.patterns:
-        return looks, still, []
+    if pooling.patterns >= unturned.patterns:
+        return looks, unturned, []
     return turned, pooling, [f"the object turns by {rotation.angle_deg[-1]:.0f} degrees; frames were turned back and pooled"]
 
 
@@ -147,6 +149,6 @@ def _at_their_angles(
     """
     shown, count = [one.albedo for one in found], len(looks.values)
     if len(found) == 1 and (moves or looks.turns.any()):
-        numbers = np.unique(np.rint(np.linspace(0, count - 1, min(MAX_IMAGES, count))).astype(int))
+        numbers = spread(count, MAX_IMAGES)
         shown = shown * len(numbers)
     return [turn(one, angle, looks.aspect).clip(0.0) for one, angle in zip(shown, looks.turns[numbers], strict=True)], numbers

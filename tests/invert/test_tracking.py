@@ -152,9 +152,10 @@ def test_rigid_speckle_is_followed_to_the_cramer_rao_bound(rng):
     assert 0.15 < np.mean((left / found.error_pixels[24]) ** 2) < 0.8  # about a mean, not from the first frame: half
 
 
-def test_two_patterns_are_two_objects(rng):
+@pytest.mark.parametrize("frames", [32, 65])
+def test_two_patterns_are_two_objects(frames, rng):
     """Intensities of two objects that move differently add; both paths are found, the brighter first, and nothing else."""
-    numbers = np.arange(32)[:, None]
+    numbers = np.arange(frames)[:, None]
     paths = [numbers * np.array([0.8, -0.3]), numbers * np.array([-0.6, 1.1])]
     frames = [a + b for a, b in zip(drifting(rng, paths[0], 0.3), drifting(rng, paths[1], 0.15), strict=True)]
     found = track(cg.Capture(frames))

@@ -123,14 +123,14 @@ def test_a_short_change_leaves_the_other_frames_pooled(rng):
 
 
 def test_images_are_turned_alike_though_some_are_symmetric(rng):
-    """An F that fades to a bar and back, each image at its own place and by chance turned, with errors of a tenth."""
+    """An F that fades to a bar and back, each image at its own place and by chance turned, with errors of a twentieth."""
     f, bar = (np.zeros((64, 64), np.float32) for _ in range(2))
     f[20:40, 24:27] = f[20:23, 24:38] = f[29:32, 24:34] = 1.0
     bar[20:40, 24:27] = 1.0
     truth = np.stack([share * f + (1.0 - share) * bar for share in 0.5 + 0.5 * np.cos(np.arange(24) / 2.0)])
     shown = []
     for number, one in enumerate(truth):
-        noisy = (one + 0.1 * rng.standard_normal(one.shape)).clip(0.0)
+        noisy = (one + 0.05 * rng.standard_normal(one.shape)).clip(0.0)
         turned_by_chance = noisy[::-1, ::-1] if number and rng.random() < 0.5 else noisy
         shown.append(np.roll(turned_by_chance, rng.integers(-5, 6, 2) if number else (0, 0), (0, 1)))
     found = register_sequence(np.array(shown))
