@@ -150,7 +150,7 @@ def _register(
         alike = every[apart - 1 :]
         steps = apart + np.arange(max(reach_of(alike), min(2, apart, len(alike))))  # pairs at two distances join all groups
         pairs = sum((np.arange(count) >= step).astype(int) + (np.arange(count)[::-1] >= step) for step in steps)
-        usual = int(np.median(pairs))
+        usual = max(1, int(np.median(pairs)))
         weight = weight_of(band, float(np.clip(alike[0], 0.05, 1.0)), usual)
         cross = _cross_with_surroundings(moved, steps)
         height, slope, curvature = derivatives(cross, band, weight, np.zeros((count, 2)))
