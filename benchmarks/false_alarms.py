@@ -121,13 +121,10 @@ def main() -> None:
     print(
         f"{alarms} of {len(rows)} captures with a false warning, {warned} with any; {sum(row['found'] for row in rows)} objects found"
     )
-    for name, some in (
-        ("found", [row for row in rows if row["found"]]),
-        ("not found", [row for row in rows if not row["found"]]),
-    ):
-        told = {one.value: np.array([row["hypotheses"][one.value] for row in some]) for one in Hypothesis}
-        mean = ", ".join(f"{one} {values.mean():.3f}" for one, values in told.items())
-        print(f"mean probabilities where an object is {name}: {mean}")
+    for is_found in (True, False):
+        if told := [row["hypotheses"] for row in rows if row["found"] == is_found]:
+            mean = ", ".join(f"{one.value} {np.mean([row[one.value] for row in told]):.3f}" for one in Hypothesis)
+            print(f"mean probabilities where {'an object' if is_found else 'none'} is found: {mean}")
     for kind, count in kinds.most_common():
         print(f"{count:4d}  {kind}")
 

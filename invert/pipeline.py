@@ -96,13 +96,14 @@ def fulfil(request: Request, source: Source) -> Result:
     likelihood = partial(likelihood_before_division, estimate)
     doubts = find_doubts(found, test, likelihood, estimate.record)
     hypotheses = weigh_hypotheses(measurement, estimate.record, test)
-    found = lower_confidence(found, doubts, object_probability(hypotheses))
+    of_object = object_probability(hypotheses)
+    found = lower_confidence(found, doubts, of_object)
     warnings = [one.advice for one in doubts if one.is_raised] + describe_frames(estimate.record, measurement)
     if capture is not None and _may_be_one_pattern(capture, estimate, found):
         single = fulfil(request.for_capture(), mean_frame(capture))
         if single.object_found and is_speckle(single.speckle_test):
             return replace(single, notes=(*notes, ONE_PATTERN, *single.notes))
-    notes += describe_limits(found, measurement, object_probability(hypotheses))
+    notes += describe_limits(found, measurement, of_object)
     seconds["retrieval"] = time.perf_counter() - begin
 
     settings = MethodSettings(request.method.name, request.quality.name, request.seed)

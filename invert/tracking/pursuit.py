@@ -91,7 +91,7 @@ def _pursue(spectra: np.ndarray, band: Band) -> list[Start]:
 
 
 def _most(spectra: np.ndarray, band: Band, lag: int, known: list[Start]) -> list[Start]:
-    """Return the new objects at a distance of frames, from blocks of that length which shows most."""
+    """Return the new objects at a distance of frames, from blocks of the length that shows most."""
     pairs = len(spectra) - lag
     lengths = [max(1, pairs // MAX_BLOCKS)]
     while 2 * LONGER * lengths[-1] <= pairs:
@@ -106,11 +106,8 @@ def _new(candidates: Iterable[Start], known: list[Start], spectra: np.ndarray, b
     for one in candidates:
         others = [*known, *found]
         is_bright = one.share > MIN_RELATIVE_SHARE * max((other.share for other in others), default=0.0)
-        if (
-            is_bright
-            and all(are_apart(one.path, other.path, one.lag, band) for other in others)
-            and _persists(one, spectra, band)
-        ):
+        is_apart = all(are_apart(one.path, other.path, one.lag, band) for other in others)
+        if is_bright and is_apart and _persists(one, spectra, band):
             found.append(one)
     return found
 

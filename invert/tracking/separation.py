@@ -27,7 +27,7 @@ def subtract_light(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> 
     """Return spectra (n, R, C) without the light of objects, one subtracted after the other."""
     left = spectra.copy()
     for one in starts:
-        left -= _light(left, band, one.path, _frames_alike(one))
+        left -= _light(left, band, one)
     return left
 
 
@@ -41,7 +41,7 @@ def isolate(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> list[tu
     for _ in range(ROUNDS):
         for index, one in enumerate(starts):
             left += lights[index]
-            lights[index] = _light(left, band, one.path, _frames_alike(one))
+            lights[index] = _light(left, band, one)
             left -= lights[index]
     found = []
     for one, light in zip(starts, lights, strict=True):
@@ -52,13 +52,9 @@ def isolate(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> list[tu
     return found
 
 
-def _frames_alike(one: Start) -> int:
-    return max(2, one.lag)
-
-
-def _light(spectra: np.ndarray, band: Band, path: np.ndarray, frames: int) -> np.ndarray:
-    """Return what the pattern of an object contributes to each spectrum: the mean of the frames around it, at their places."""
-    size = min(frames, len(spectra))
+def _light(spectra: np.ndarray, band: Band, one: Start) -> np.ndarray:
+    """Return the contribution of the pattern of an object to each spectrum: the mean of `lag` frames around it, at their places."""
+    size, path = one.lag, one.path
     total = np.zeros((len(spectra) + 1, *spectra.shape[1:]), np.complex64)
     np.cumsum(move_back(spectra, band, path), 0, out=total[1:])
     first = np.clip(np.arange(len(spectra)) - size // 2, 0, len(spectra) - size)

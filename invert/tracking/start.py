@@ -47,20 +47,17 @@ def find_brightest(spectra: np.ndarray, band: Band) -> Start:
     allows. Raises InputError if the whole capture shows no common motion.
     """
     pairs = len(spectra) - 1
-    length = max(1, pairs // MAX_BLOCKS)
-    is_first = length > 1
-    while True:
+    doubled = (2**power for power in range(pairs.bit_length()))
+    for length in dict.fromkeys([max(1, pairs // MAX_BLOCKS), *doubled]):
         found, is_clear = paths_at(spectra, band, 1, length)
         if found and is_clear:
             return found[0]
-        if pairs // length <= 1:
-            weight = weight_of(band, 0.0)
-            total = (spectra[:-1].conj() * spectra[1:]).sum(0)
-            best = float(correlate(total, band, weight)[0].max()) / (weight.deviation * pairs**0.5)
-            needed = f"{best:.1f} standard deviations of the summed cross-correlation, {MIN_SIGNIFICANCE:g} are needed"
-            remedy = "keep the laser at rest, shorten the interval, or add light"
-            raise InputError("frames", "speckle that moves as a whole", needed, remedy)
-        length, is_first = (1 if is_first else 2 * length), False
+    weight = weight_of(band, 0.0)
+    total = (spectra[:-1].conj() * spectra[1:]).sum(0)
+    best = float(correlate(total, band, weight)[0].max()) / (weight.deviation * pairs**0.5)
+    needed = f"{best:.1f} standard deviations of the summed cross-correlation, {MIN_SIGNIFICANCE:g} are needed"
+    remedy = "keep the laser at rest, shorten the interval, or add light"
+    raise InputError("frames", "speckle that moves as a whole", needed, remedy)
 
 
 def share_along(spectra: np.ndarray, band: Band, path: np.ndarray, lag: int) -> float:

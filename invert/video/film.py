@@ -14,6 +14,7 @@ from correlograph.files.manifest import claim
 from correlograph.files.output import atomic, output_folder, save_array, sole_writer
 from invert.tracking.tables import save_table
 from invert.tracking.track import Track
+from invert.video.pooling import spread
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -72,12 +73,11 @@ class Film:
         """Return some images, equally spaced in time, as a matplotlib figure."""
         from matplotlib.figure import Figure
 
-        count = min(SHEET_IMAGES, len(self.albedos))
-        columns = min(count, 4)
-        rows = -(-count // columns)
+        chosen = spread(len(self.albedos), SHEET_IMAGES)
+        columns = min(len(chosen), 4)
+        rows = -(-len(chosen) // columns)
         figure = Figure(figsize=(2.6 * columns, 2.8 * rows), layout="constrained")
         panels = figure.subplots(rows, columns, squeeze=False).ravel()
-        chosen = np.rint(np.linspace(0, len(self.albedos) - 1, count)).astype(int)
         for axes in panels:
             axes.set_axis_off()
         for axes, number in zip(panels, chosen, strict=False):

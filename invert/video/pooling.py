@@ -50,9 +50,8 @@ def pool(looks: Looks) -> Pooling:
     change = (every[:, used] - mean[used]) / np.maximum(mean[used], 1e-3 * looks.floor)
     courses, sizes, _ = np.linalg.svd(change, full_matrices=False)
     lags = used.sum() / WHOLE_FRAME_INFLATION  # as many as are independent
-    patterns = int(
-        (sizes > threshold_over_median(len(every) / lags) * np.median(sizes[: min(len(every) - 1, int(lags))])).sum()
-    )
+    median = np.median(sizes[: min(len(every) - 1, int(lags))])
+    patterns = int((sizes > threshold_over_median(len(every) / lags) * median).sum())
     shown = courses[:, :patterns]
     return Pooling(np.full((len(every),) * 2, 1.0 / len(every)) + shown @ shown.T, patterns)
 

@@ -35,8 +35,8 @@ MAX_IMAGES = 48
 def film(source: Source, *, interval_s: float | None = None, **options: Any) -> Film:
     """Reconstruct what an object looks like at each time.
 
-    Frames are pooled along the path of its speckle, if the laser is at rest; turned back, if the
-    object rotates about the line of sight; and by as many patterns as its change over time shows.
+    Frames are added along the path of the speckle, if the laser is at rest; turned back, if the object rotates about the line of sight; and
+    pooled by as many patterns as the change of the object shows.
 
     Args:
         source: a capture; frame files in order, or a folder of them; or frames (n, H, W).
@@ -127,8 +127,7 @@ def _turn_back(looks: Looks) -> tuple[Looks, Pooling, list[str]]:
 
 def _reconstruct(request: Request, looks: Looks, weights: np.ndarray) -> list[Result]:
     """Return the results from sums of all frames with weights (images, frames), at the angle of the first frame. Raises InputError if none
-    shows an object.
-    """
+    shows an object."""
     options = request.for_estimate()
     images = tqdm(weights, desc="images", unit="image", disable=None, leave=False)
     found = [fulfil(options, looks.combine(looks.upright, chosen)) for chosen in images]
