@@ -98,24 +98,14 @@ def unusual(count: int, seed: int) -> Iterator[Level]:
 
 def grey(images: Path, count: int, seed: int) -> Iterator[Level]:
     """Pieces of photographs in filled shapes, with noise from the noise model."""
-    from skimage.transform import resize
-
     from data_gen.edges import find_photographs, read_luminance
-    from data_gen.shapes import filled_shape
+    from data_gen.pieces import piece
 
     rng = np.random.default_rng(seed)
     photographs = find_photographs(images)
-    truths = []
-    for name in rng.permutation(photographs.names)[:count]:
-        photograph = read_luminance(photographs.folder / name)
-        side = int(min(photograph.shape) * rng.uniform(0.4, 1.0))
-        top, left = (rng.integers(size - side + 1) for size in photograph.shape)
-        seen = resize(
-            photograph[top : top + side, left : left + side].astype(np.float32), (OBJECT_SIDE, OBJECT_SIDE), anti_aliasing=True
-        )
-        truth = seen * (filled_shape(rng) > 0)
-        truths.append(truth / max(float(truth.max()), 1.0))
-    yield from _noise_model_levels("grey", np.stack(truths).astype(np.float32), seed)
+    names = rng.permutation(photographs.names)[:count]
+    truths = np.stack([piece(read_luminance(photographs.folder / name), rng) for name in names])
+    yield from _noise_model_levels("grey", truths, seed)
 
 
 def _noise_model_levels(

@@ -73,6 +73,7 @@ def parser() -> ArgumentParser:
     p.add_argument("--steps", type=Range(1, 10**8), default=6000, help="number of training steps (6000)")
     p.add_argument("--checkpoint-every", type=Range(1, 10**8), default=250, metavar="STEPS")
     p.add_argument("--batch", type=Range(1, 65536), default=32, help="targets per step (32)")
+    p.add_argument("--workers", type=Range(0, 1024), default=0, help="processes that draw the batches; 0: this one (0)")
     p.add_argument("--learning-rate", type=Range(1e-12, 1.0), default=1e-3)
     p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
@@ -106,8 +107,8 @@ def _train(options: Any, rank: int, world: int) -> None:
         print(f"continues at step {training.step} of {options.steps}", file=sys.stderr)
     targets, validation = training.place(targets), training.validation(held_out)
     with tqdm(total=options.steps, initial=training.step, unit="step", disable=None if rank == 0 else True) as bar:
-        while training.step < options.steps:
-            loss = training.advance(targets)
+        for batch in training.batches(targets):
+            loss = training.advance(batch)
             bar.update()
             bar.set_postfix(loss=f"{loss:.3f}", refresh=False)
             if training.step % options.checkpoint_every == 0 or training.step == options.steps:
@@ -136,6 +137,8 @@ def _check(options: Any) -> None:
     check_device(options.device)
     if options.width is None:
         options.width = {"unet": 40, "despeckler": 32}.get(options.network, 64)
+    if options.workers and options.network == "despeckler":
+        raise InputError("--workers", "0 for the despeckler, whose batches are drawn on --device", options.workers, "remove it")
     wanted = options.batch * options.width * BYTES_PER_CHANNEL
     if wanted > memory_bytes():
         raise InputError(

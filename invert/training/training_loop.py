@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import torch
 from torch import nn
 from torch.optim.swa_utils import AveragedModel
+from torch.utils.data import DataLoader, Dataset
 
 from correlograph.errors import InputError
 from correlograph.files.output import save_json
@@ -53,7 +55,7 @@ class Training:
         self.objective = objective(self.part, options.loss)
         module = self._answering(self.network)
         self.parallel = nn.parallel.DistributedDataParallel(module) if world > 1 else module
-        self.average = AveragedModel(self.network, avg_fn=_moving_average, use_buffers=True)
+        self.average = AveragedModel(self.network, multi_avg_fn=_follow, use_buffers=True)
         self.optimiser = torch.optim.AdamW(self.trained, options.learning_rate, (0.9, 0.99), weight_decay=0.01)
         self.step, self.curve = 0, []
         self.earlier: dict[str, Any] | None = None
@@ -62,11 +64,31 @@ class Training:
             self.start_from(options.start_from)
         self.seconds = self.cpu_seconds = 0.0
 
-    def advance(self, targets: Sequence[torch.Tensor]) -> float:
-        """Take one optimiser step on one of the target pools, which alternate from step to step; return the loss."""
-        begin, begin_cpu = time.perf_counter(), time.process_time()
+    def batches(self, targets: Sequence[torch.Tensor]) -> Iterator[Batch | Speckled]:
+        """Draw the batches of the steps left, in worker processes if there are any; steps alternate between the target pools."""
+        steps, workers = range(self.step, self.options.steps), self.options.workers
+        started = "fork" if workers else None  # forked processes share the targets
+        loader = DataLoader(
+            _Batches(self, targets),
+            batch_size=None,
+            sampler=steps,
+            num_workers=workers,
+            collate_fn=_unchanged,
+            multiprocessing_context=started,
+        )
+        batches = iter(loader)
+        for _ in steps:
+            with self._timed():
+                batch = next(batches)
+            yield batch
+
+    def advance(self, batch: Batch | Speckled) -> float:
+        """Take one optimiser step; return the loss."""
+        with self._timed():
+            return self._advance(batch.part(slice(self.rank, None, self.world), self.options.device))
+
+    def _advance(self, batch: Batch | Speckled) -> float:
         options = self.options
-        batch = self._draw(targets[self.step % len(targets)]).part(slice(self.rank, None, self.world), options.device)
         for group in self.optimiser.param_groups:
             group["lr"] = options.learning_rate * _schedule(self.step, options.steps)
         self.parallel.train()
@@ -77,9 +99,15 @@ class Training:
         self.optimiser.step()
         self.average.update_parameters(self.network)
         self.step += 1
+        return float(loss.detach())
+
+    @contextmanager
+    def _timed(self) -> Iterator[None]:
+        """Add the time within to that of the run."""
+        begin, begin_cpu = time.perf_counter(), time.process_time()
+        yield
         self.seconds += time.perf_counter() - begin
         self.cpu_seconds += time.process_time() - begin_cpu
-        return float(loss.detach())
 
     @property
     def _despeckles(self) -> bool:
@@ -94,13 +122,13 @@ class Training:
         part = self._part_of(network)
         return network if isinstance(part, Fusion) else part
 
-    def _draw(self, targets: torch.Tensor) -> Batch | Speckled:
-        """Return the batch of this step; larger targets make smaller batches of as many pixels."""
+    def draw(self, targets: torch.Tensor, step: int) -> Batch | Speckled:
+        """Return the batch of a step; larger targets make smaller batches of as many pixels."""
         if self._despeckles:
             device, count = self.options.device, max(2, self.options.batch * OBJECT_SIDE**2 // SIDE**2)
             with torch.device(device):
-                return draw_speckled(targets, count, _rng(self.options.seed, self.step, device))
-        rng = _rng(self.options.seed, self.step)
+                return draw_speckled(targets, count, _rng(self.options.seed, step, device))
+        rng = _rng(self.options.seed, step)
         count = max(2, self.options.batch * OBJECT_SIDE**2 // targets.shape[-1] ** 2)
         if self.options.noise == "paper":
             return paper_noise(targets, count, rng)
@@ -262,11 +290,26 @@ class Training:
         save_json(self.options.output.with_suffix(".json"), {**card, "curve": self.curve})
 
 
-def _moving_average(average: torch.Tensor, current: torch.Tensor, updates: torch.Tensor | int) -> torch.Tensor:
-    """Return the exponential moving average, which follows closely at first; batch counters are copied."""
-    if not average.is_floating_point():
-        return current
-    return average.lerp(current, max(1e-3, 9.0 / (10.0 + float(updates))))
+class _Batches(Dataset):
+    """The batch of every step, by its number."""
+
+    def __init__(self, training: Training, targets: Sequence[torch.Tensor]) -> None:
+        self._training, self._targets = training, targets
+
+    def __getitem__(self, step: int) -> Batch | Speckled:
+        return self._training.draw(self._targets[step % len(self._targets)], step)
+
+
+def _unchanged(batch: Batch | Speckled) -> Batch | Speckled:
+    return batch
+
+
+def _follow(average: Sequence[torch.Tensor], current: Sequence[torch.Tensor], updates: torch.Tensor | int) -> None:
+    """Move exponential moving averages, which follow closely at first; batch counters are copied."""
+    if average[0].is_floating_point():
+        torch._foreach_lerp_(average, current, max(1e-3, 9.0 / (10.0 + float(updates))))
+    else:
+        torch._foreach_copy_(average, current)
 
 
 def _schedule(step: int, steps: int) -> float:
