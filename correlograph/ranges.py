@@ -64,6 +64,7 @@ SAMPLES = Range(1, 2**28)
 """Paths of a Monte Carlo light budget; more take hours."""
 
 WORKERS = Range(1, 256)
+OBJECT_NUMBER = Range(1, 16)
 SI = Range(SI_MIN, SI_MAX)
 """Bounds of any physical quantity in SI units."""
 WAVELENGTH = Range(1e-11, 1e-2)

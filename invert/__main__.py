@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError, check_device
-from correlograph.ranges import BLUR, LAG_COUNT, PATCH, SEED, SI, WAVELENGTH, WORKERS, Range
+from correlograph.ranges import BLUR, LAG_COUNT, OBJECT_NUMBER, PATCH, SEED, SI, WAVELENGTH, WORKERS, Range
 from correlograph.workers import check_scheduler, check_workers
 from invert.choices import FIELD, METHODS, QUALITIES, UNET, retrieves_fields
 from radiometry.estimation.background import MEAN_MODELS
@@ -59,6 +59,12 @@ def parser() -> ArgumentParser:
         "--blur-pixels",
         help="standard deviation, in pixels, of a Gaussian blur in the frames, which is corrected; 0: no blur; auto: estimate it; "
         "default: auto for unet, 0 for the other methods",
+    )
+    p.add_argument(
+        "--object",
+        type=OBJECT_NUMBER,
+        default=1,
+        help="which object to reconstruct where several move with the laser at rest, 1 for the brightest (1)",
     )
     p.add_argument("--truth", type=Path, help="known albedo (.npy or image) to compare with; one pixel per lag without a pitch")
     p.add_argument("--truth-pitch-m", type=SI, help="pixel pitch of the known albedo in metres; it is resampled to the lags")
@@ -168,6 +174,7 @@ def _job(options: Any) -> Job:
         lags=_number("--lags", options.lags, LAG_COUNT),
         pitch_m=_number("--pitch-m", options.pitch_m, SI),
         mean_model=options.mean_model,
+        object_number=options.object,
         blur_pixels=_blur(options.blur_pixels),
         method=METHODS[options.method],
         quality=QUALITIES[options.quality],
@@ -200,6 +207,7 @@ def _check(options: Any) -> int:
     _check_video(options)
     given = [name for name in ("dark", "flat", "mask", "blur_pixels") if getattr(options, name) is not None]
     given += [name for name in ("patch", "lags", "pitch_m", "mean_model") if getattr(options, name) != "auto"]
+    given += ["object"] if options.object > 1 else []
     if options.autocorrelation and given:
         found = ", ".join("--" + name.replace("_", "-") for name in given)
         raise InputError("--autocorrelation", "no option that applies to frames", found, "remove these options")
@@ -211,6 +219,7 @@ def _check_video(options: Any) -> None:
     if not options.video and options.frames_per_s is not None:
         raise InputError("--frames-per-s", "--video, whose times it sets", "no --video", "remove --frames-per-s")
     given = [name for name in ("autocorrelation", "truth", "save_fields", "scheduler") if getattr(options, name)]
+    given += ["object"] if options.object > 1 else []
     if options.video and given:
         found = ", ".join("--" + name.replace("_", "-") for name in given)
         raise InputError("--video", "no option of single images", found, "remove it")

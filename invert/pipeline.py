@@ -32,6 +32,7 @@ from invert.output.outcome import MethodSettings
 from invert.output.result import Result
 from invert.request import Request
 from invert.sources import Source, read_source
+from invert.tracking.alone import estimate_alone
 from invert.tracking.stabilise import MIN_GROUPS, Stabilised, follow_travel
 from radiometry.field_forecast import forecast_fields
 
@@ -39,6 +40,8 @@ ONE_PATTERN = (
     "the frames show one speckle pattern, as if the laser spot had not moved; their mean was reconstructed as one frame; "
     "move the spot between frames to gain from several"
 )
+
+NO_FIELDS = "no fields were retrieved, because each frame shows all objects"
 
 MAX_LEFT = 0.5
 """Maximum weight of the coarse albedo in that of the fields: beyond it, the counts of the frames have added less than half."""
@@ -86,8 +89,8 @@ def fulfil(request: Request, source: Source) -> Result:
         capture, estimate = None, shown
     else:
         estimate, followed = estimate_following(request, shown)
-        capture = followed.capture
-        notes += followed.notes + describe_files(shown)
+        estimate, capture, of_objects = _choose_object(request, estimate, followed)
+        notes += followed.notes + of_objects + describe_files(shown)
     seconds["autocorrelation"] = estimate.seconds
 
     begin = time.perf_counter()
@@ -147,6 +150,25 @@ def estimate_following(request: Request, capture: Capture, groups: int = MIN_GRO
         pooled = estimate_from_frames(followed.capture, replace(request, mean_model="pooled", sums_file=None))
         estimate = replace(pooled, name=estimate.name)
     return estimate, followed
+
+
+def _choose_object(request: Request, estimate: Estimate, followed: Stabilised) -> tuple[Estimate, Capture | None, list[str]]:
+    """Return the estimate of the object that was asked for, the frames that show it alone, or None, and a note, if several objects move.
+
+    Raises InputError if there is no such object.
+    """
+    objects, number = followed.objects, request.object_number
+    if number > max(len(objects), 1):
+        found = f"{number}, of {len(objects)} moving objects" if objects else f"{number}, where no object was found to move"
+        raise InputError("object_number", f"1 to {max(len(objects), 1)}", found, "select another, or omit it")
+    if len(objects) < 2:
+        return estimate, followed.capture, []
+    alone = estimate_alone(followed.capture, objects, number - 1, request, estimate)
+    note = (
+        f"{len(objects)} objects move; this is number {number} alone, by {100.0 * objects[number - 1].share:.0f} % of what frames have in "
+        "common; --object (object_number=) selects another"
+    )
+    return alone, None, [note, NO_FIELDS] if request.retrieves_fields else [note]
 
 
 def _retrieve(request: Request, estimate: Estimate) -> tuple[Estimate, Measurement, Reconstruction]:

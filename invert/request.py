@@ -12,7 +12,7 @@ from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.corrections import Corrections
 from correlograph.files.output import path_of
 from correlograph.progress import Progress, no_progress
-from correlograph.ranges import BLUR, LAG_COUNT, PATCH, SEED
+from correlograph.ranges import BLUR, LAG_COUNT, OBJECT_NUMBER, PATCH, SEED
 from invert.choices import (
     BALANCED,
     FIELD,
@@ -54,6 +54,7 @@ class Request:
         sums_file: file (.npz) that keeps the sums over the frames of a capture above 1 GB, so that a later call continues from it.
         scheduler: address of a running Dask scheduler, whose workers add the frames of a capture above 1 GB. They need the same file
             names.
+        object_number: which object to reconstruct where several move on their own paths, 1 for the brightest.
         progress: called with the number of steps done since the last call.
 
     Raises InputError for options out of range, or that do not belong together.
@@ -74,6 +75,7 @@ class Request:
     autocorrelation: bool | None = None
     sums_file: Path | None = None
     scheduler: str | None = None
+    object_number: int = 1
     progress: Progress = field(default=no_progress, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -112,6 +114,7 @@ class Request:
         if self.pitch_m is not None:
             check_positive("pitch_m", self.pitch_m)
         self._set("seed", SEED.check("seed", self.seed))
+        self._set("object_number", OBJECT_NUMBER.check("object_number", self.object_number))
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)
@@ -134,7 +137,7 @@ class Request:
     def for_capture(self) -> Request:
         """Return the options for frames in memory that are already corrected and carry their metadata."""
         of_frames = {"camera": None, "corrections": None, "mean_model": "auto", "autocorrelation": None}
-        return replace(self, **of_frames, sums_file=None, scheduler=None)
+        return replace(self, **of_frames, sums_file=None, scheduler=None, object_number=1)
 
     def for_estimate(self) -> Request:
         """Return the options for an estimate of frames, without those of the frames; method field becomes that of its coarse albedo."""
@@ -154,5 +157,6 @@ class Request:
         given = [name for name in ("patch", "lags", "pitch_m", "blur_pixels") if getattr(self, name) is not None]
         given += ["corrections"] if self.corrections is not None and not self.corrections.is_empty else []
         given += ["mean_model"] if self.mean_model != "auto" else []
+        given += ["object_number"] if self.object_number > 1 else []
         if given:
             raise InputError("autocorrelation", "no option that applies to frames", ", ".join(given), "remove these options")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -23,7 +23,7 @@ from correlograph.lags import LAGS, LagGrid, lag_grid_of
 from invert.measure.contrast import Contrast, find_contrast
 from invert.measure.lag_choice import choose_lags
 from invert.measure.patch_fit import choose_patch_grid
-from invert.measure.spectrum import read_measurement
+from invert.measure.spectrum import Measurement, read_measurement
 from invert.request import Request
 from radiometry.autocorrelation import PITCH_M, PatchGrid, automatic_patch_size, patch_grid
 from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator, estimator_of
@@ -152,14 +152,8 @@ _Run = tuple[AutocorrelationEstimator | PublishedEstimator, np.ndarray]
 def estimate_from_frames(capture: Capture, request: Request | None = None) -> Estimate:
     """Estimate r*r from frames, with the patch, lags, background model and known blur of a request."""
     request = request or Request()
-    patch, device, mean_model = request.patch, request.device, request.mean_model
+    device, mean_model = request.device, request.mean_model
     begin = time.perf_counter()
-    geometry = capture.camera.lag_geometry
-    shape = (capture.frames[0].shape[0], capture.frames[0].shape[1])
-    most = request.lags or LAGS
-    size = automatic_patch_size(shape, geometry, request.pitch_m or PITCH_M, most) if patch in (None, "fit") else patch
-    grid, reason = patch_grid(shape, size, most), "chosen by the user"
-
     few = capture.frames[:FRAMES_FOR_CHOICE] if isinstance(capture.frames, FileFrames) else capture.frames
 
     def run_over(frames: Sequence[np.ndarray], tried: PatchGrid) -> _Run:
@@ -179,11 +173,7 @@ def estimate_from_frames(capture: Capture, request: Request | None = None) -> Es
     def run_estimator(tried: PatchGrid) -> _Run:
         return run_over(few, tried)
 
-    if patch == "fit":
-        grid = choose_patch_grid(grid, lambda tried: read_measurement(run_estimator(tried)[1]))
-    elif (patch, request.lags, request.pitch_m) == (None, None, None):
-        choice = choose_lags(grid, lambda tried: read_measurement(run_estimator(tried)[1]))
-        grid, reason = choice.grid, choice.reason
+    grid, reason = choose_grid(capture, request, lambda tried: run_estimator(tried)[1])
     estimator, values = run_estimator(grid) if few is capture.frames else run_over(capture.frames, grid)
     name = ", ".join(capture.names) or f"{len(capture.frames)} frames"
     estimate = estimate_of(estimator, values, capture.camera, name, capture.frames[0], reason)
@@ -198,6 +188,28 @@ def estimate_from_frames(capture: Capture, request: Request | None = None) -> Es
     return estimate if blur is None else apply_blur_transfer(estimate, (blur, blur))
 
 
+def choose_grid(capture: Capture, request: Request, values_on: Callable[[PatchGrid], np.ndarray]) -> tuple[PatchGrid, str]:
+    """Return the grid of the lags that a request wants for a capture, and why.
+
+    Args:
+        values_on: returns the estimate on a grid.
+    """
+
+    def measured(tried: PatchGrid) -> Measurement:
+        return read_measurement(values_on(tried))
+
+    shape, geometry = (capture.frames[0].shape[0], capture.frames[0].shape[1]), capture.camera.lag_geometry
+    patch, most = request.patch, request.lags or LAGS
+    size = automatic_patch_size(shape, geometry, request.pitch_m or PITCH_M, most) if patch in (None, "fit") else patch
+    grid = patch_grid(shape, size, most)
+    if patch == "fit":
+        grid = choose_patch_grid(grid, measured)
+    elif (patch, request.lags, request.pitch_m) == (None, None, None):
+        choice = choose_lags(grid, measured)
+        return choice.grid, choice.reason
+    return grid, "chosen by the user"
+
+
 def estimate_of(
     estimator: AutocorrelationEstimator | PublishedEstimator,
     values: np.ndarray,
@@ -207,7 +219,7 @@ def estimate_of(
     reason: str = "chosen by the user",
 ) -> Estimate:
     """Return the estimate that an estimator has computed (`values`), with its metadata; `frame` is an example of the frames."""
-    grid, geometry, transfer, contrast = estimator.grid, camera.lag_geometry, _camera_transfer(camera, estimator.grid), None
+    grid, geometry, transfer, contrast = estimator.grid, camera.lag_geometry, camera_transfer(camera, estimator.grid), None
     if isinstance(estimator, AutocorrelationEstimator):
         mean_square = float(np.square(estimator.sums.levels).mean())
         contrast = find_contrast(read_measurement(values, transfer=transfer), grid, estimator.frames, mean_square)
@@ -239,7 +251,7 @@ def apply_blur_transfer(estimate: Estimate, blur_pixels: tuple[float, float]) ->
     return replace(estimate, transfer=blur if estimate.transfer is None else estimate.transfer * blur, blur_pixels=blur_pixels)
 
 
-def _camera_transfer(camera: CameraMetadata, grid: PatchGrid) -> np.ndarray | None:
+def camera_transfer(camera: CameraMetadata, grid: PatchGrid) -> np.ndarray | None:
     if camera.lag_geometry is None or camera.pupil_diameter_m is None or camera.pupil_distance_m is None:
         return None
     return lag_transfer(

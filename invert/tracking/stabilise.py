@@ -37,7 +37,7 @@ class Stabilised:
         size: number of frames in a group.
         middle_frame: number of the frame in the middle of each group, (groups,).
         travel: mean displacement from frame to frame, of each object; None if the speckle does not travel.
-        track: path of the only object; None if there are several, which no frame can follow, or none.
+        track: path of the object; None if nothing moves. Of several objects, the paths of all, which no frame can follow.
     """
 
     capture: Capture
@@ -47,9 +47,14 @@ class Stabilised:
     track: Track | None = None
 
     @classmethod
-    def unmoved(cls, capture: Capture, travel: Travel | None = None) -> Stabilised:
+    def unmoved(cls, capture: Capture, travel: Travel | None = None, track: Track | None = None) -> Stabilised:
         """Return the frames as they are."""
-        return cls(capture, 1, np.arange(float(len(capture.frames))), travel)
+        return cls(capture, 1, np.arange(float(len(capture.frames))), travel, track)
+
+    @property
+    def objects(self) -> tuple[Track, ...]:
+        """Path of each object, the brightest first."""
+        return () if self.track is None else (self.track, *self.track.others)
 
     @property
     def notes(self) -> list[str]:
@@ -73,7 +78,7 @@ def follow_travel(capture: Capture, filtered: FilteredFrames | None, groups: int
         path = track(capture)
     except InputError:  # too dim, or too many frames for the memory
         return Stabilised.unmoved(capture, travel)
-    return Stabilised.unmoved(capture, travel) if path.others else stabilise(capture, path, groups)
+    return Stabilised.unmoved(capture, travel, path) if path.others else stabilise(capture, path, groups)
 
 
 def stabilise(capture: Capture, path: Track, least: int = MIN_GROUPS) -> Stabilised:

@@ -13,9 +13,10 @@ from tqdm import tqdm
 from correlograph.errors import InputError, check_positive, memory_bytes
 from correlograph.files.capture import Capture
 from correlograph.files.figures import figure_as_html
-from invert.tracking.follow import Followed, follow
+from invert.tracking.follow import Followed, follow, likeness
 from invert.tracking.pursuit import find_objects
 from invert.tracking.separation import isolate
+from invert.tracking.shifts import move_back
 from invert.tracking.spectra import Reader
 from invert.tracking.start import Start
 from invert.tracking.tables import check_frames, save_table
@@ -45,6 +46,7 @@ class Track:
         interval_s: time between frames; None if unknown.
         others: tracks of further objects, the brightest first.
         bend_error_pixels: standard error of a second difference of the path by noise, (2,); zero if unknown.
+        in_common: share of the power of the speckle that frames 1, 2, ... apart have in common by this object, (at most 16,).
     """
 
     path_pixels: np.ndarray
@@ -56,6 +58,7 @@ class Track:
     interval_s: float | None = None
     others: tuple[Track, ...] = ()
     bend_error_pixels: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    in_common: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def smooth_path_pixels(self) -> np.ndarray:
@@ -215,7 +218,8 @@ def track(
     for start, (own, its_band) in zip(starts, isolate(spectra, band, starts), strict=True):
         others = [one for one in starts if one is not start]
         followed = follow(own, its_band, start, others).for_open_shutter(_open_share(capture, interval_s))
-        tracks.append(_track_of(start, followed, binning, lever, interval_s))
+        in_common = likeness(move_back(own, its_band, followed.path), band)
+        tracks.append(_track_of(start, followed, in_common, binning, lever, interval_s))
     return replace(tracks[0], others=tuple(tracks[1:]))
 
 
@@ -225,9 +229,10 @@ def _open_share(capture: Capture, interval_s: float | None) -> float:
     return 0.0 if exposure_s is None or interval_s is None else min(exposure_s / interval_s, 1.0)
 
 
-def _track_of(start: Start, found: Followed, binning: int, lever: np.ndarray | None, interval_s: float | None) -> Track:
+def _track_of(start: Start, found: Followed, in_common: np.ndarray, binning: int, lever: np.ndarray | None, interval_s: float | None) -> Track:
     told = (start.significance, start.share, found.frames_per_group, lever, interval_s)
-    return Track(found.path * binning, found.error * binning, *told, bend_error_pixels=found.bend_error * binning)
+    bend_error = found.bend_error * binning
+    return Track(found.path * binning, found.error * binning, *told, bend_error_pixels=bend_error, in_common=in_common)
 
 
 def metres_per_pixel(capture: Capture, source_distance_m: float, source_angle_deg: tuple[float, float]) -> np.ndarray:

@@ -63,7 +63,7 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
         images, numbers = of_one_size([one.albedo for one in found]), np.array(still.middles())
         frames = min(2 * still.half_width + 1, still.frames)
     else:
-        images, numbers = _at_their_angles(found, looks, numbers, moves=followed.track is not None)
+        images, numbers = _at_their_angles(found, looks, numbers, moves=len(followed.objects) == 1)
     side = len(images[0])
     pooled = frames * len(capture.frames) / len(looks.values)
     warnings = [warning for one in found for warning in one.warnings]
@@ -86,6 +86,8 @@ def _read(request: Request, source: Source) -> tuple[Capture, list[str]]:
     shown = read_source(source, request.camera or CameraMetadata(), request.autocorrelation)
     if not isinstance(shown, Capture):
         raise InputError("source", "frames", "an autocorrelation", "provide frames in order")
+    if request.object_number > 1:
+        raise InputError("object_number", "1 for a film, which shows all objects", request.object_number, "omit it")
     if request.mean_model == "published":
         raise InputError("mean_model", "auto, pooled or fixed for a film", request.mean_model, "select another")
     if request.blur_pixels == "auto" and request.method.weights is None:

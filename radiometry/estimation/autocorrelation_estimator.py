@@ -100,7 +100,7 @@ class AutocorrelationEstimator:
         self.sums = FrameSums()
         self.sums.add(self.sums_of(frame, 0))
         self._first = self.sums.spectrum.clone()
-        self._first_lags = self._at_lags(self.sums.power)
+        self._first_lags = self.at_lags(self.sums.power)
         self._is_pattern_shared = False
 
     def sums_of(self, frame: np.ndarray | torch.Tensor, number: int) -> FrameSums:
@@ -120,11 +120,11 @@ class AutocorrelationEstimator:
             if self._uneven:
                 image = flatten_illumination(image, self._patch)
         sums.levels.append(float(image.mean(1).mean(dtype=torch.float64)))  # all in double precision takes as long as the FFT
-        spectrum, power = self._spectrum(image, sums.levels[0])
+        spectrum, power = self.spectrum_of(image, sums.levels[0])
         if self.mean == "auto" and self.grid.count >= MIN_PATCHES:
             per_lag = self.padded[0] / self._patch[0], self.padded[1] / self._patch[1]
             if lines := find_lines(power, per_lag, self.grid.lags):
-                spectrum, power = self._spectrum(subtract_waves(image - sums.levels[0], lines, self.padded))
+                spectrum, power = self.spectrum_of(subtract_waves(image - sums.levels[0], lines, self.padded))
                 lower_lines(spectrum, power, lines)
                 sums.spectral_lines = len(lines)
         if number < MAX_FRAMES:
@@ -139,7 +139,7 @@ class AutocorrelationEstimator:
         """Number of frames that were added."""
         return self.sums.frames
 
-    def _spectrum(self, image: torch.Tensor, level: float = 0.0) -> tuple[torch.Tensor, torch.Tensor]:
+    def spectrum_of(self, image: torch.Tensor, level: float = 0.0) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the spectrum (rows, columns // 2 + 1) of a padded frame minus a level, and its power."""
         padded, spectrum, power = self._buffers()
         torch.sub(image, level, out=padded[: image.shape[0], : image.shape[1]])
@@ -187,11 +187,11 @@ class AutocorrelationEstimator:
                 f"{self.grid.count} of {self.grid.size} pixels",
                 "choose a smaller --patch or add a frame",
             )
-        estimate = self._at_lags(self.sums.power / self.frames)
+        estimate = self.at_lags(self.sums.power / self.frames)
         if self.frames > 1:
             shared_power = self._shared_power()
             self._check_copies(shared_power)
-            shared = self._at_lags(shared_power)
+            shared = self.at_lags(shared_power)
             chosen = self._chosen(shared, estimate)
             estimate = np.where(chosen, estimate - self._drift() * shared, estimate)
             self._record(fixed_pattern_lags=float(chosen.mean()))
@@ -237,7 +237,7 @@ class AutocorrelationEstimator:
             return spectrum, None
         cross = self._first.real * spectrum.real + self._first.imag * spectrum.imag
         dof = 2.0 * degrees_of_freedom(1, self.grid.frame_shape, self._patch)
-        if not shared_lags(self._at_lags(cross), self._first_lags, dof).any():
+        if not shared_lags(self.at_lags(cross), self._first_lags, dof).any():
             return spectrum, None
         shift = shift_between(self._first, spectrum, self.padded, number)
         self._is_pattern_shared |= shift != (0.0, 0.0)
@@ -252,7 +252,7 @@ class AutocorrelationEstimator:
         if correlation > MIN_COPY_CORRELATION:
             raise InputError("frames", "frames of different illuminations", "copies of one frame", "leave the copies out")
 
-    def _at_lags(self, power: torch.Tensor) -> np.ndarray:
+    def at_lags(self, power: torch.Tensor) -> np.ndarray:
         """Return the power spectrum of padded frames (rows, columns // 2 + 1) at the lags (127, 127), smoothed by the patch
         window.
         """

@@ -1,0 +1,172 @@
+"""r*r of one moving object among several, from pairs of frames.
+
+Moved back along the path of an object, two frames share its speckle, while that of the others has moved on. The mean cross-spectrum of such
+pairs, b_k for object k, holds no noise of the camera, and of the other objects what their relative displacements leave. At each lag
+
+    b_k = sum over l of A_kl S_l,    A_kl = sum over pairs of c_k c_l cos(2 pi f (D_k - D_l)) / sum over pairs of c_k^2
+
+with the power S_l of object l, its displacement D_l between the frames of a pair, and the share c_l of its speckle that is still common.
+These equations are solved for S. Near zero lag the objects cannot be told apart; each then gets its share of the whole r*r.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from correlograph.files.capture import Capture
+from invert.measure.estimate import Estimate, apply_blur_transfer, camera_transfer, choose_grid
+from invert.request import Request
+from invert.tracking.track import Track
+from radiometry.autocorrelation import PatchGrid
+from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator, degrees_of_freedom
+from radiometry.estimation.background import BackgroundRecord
+from radiometry.noise.measured_noise import SIGNAL_FREE_PART
+
+MIN_IN_COMMON = 0.2
+"""Least speckle in common, over the most of an object, of pairs of frames that are used."""
+
+MIN_FLOOR_FRACTION = 0.1
+"""Least value of the estimate over its floor, because estimates are positive."""
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """Frames in which several objects move.
+
+    Attributes:
+        frames: (H, W) each.
+        tracks: paths of the objects.
+    """
+
+    frames: Sequence[np.ndarray]
+    tracks: Sequence[Track]
+
+    @cached_property
+    def in_common(self) -> np.ndarray:
+        """Share of the speckle of each object that frames 1, 2, ... apart have in common, over the largest, (objects, distances)."""
+        shares = np.stack([one.in_common / max(float(one.in_common.max()), 1e-9) for one in self.tracks])
+        return np.where(shares > MIN_IN_COMMON, shares, 0.0)
+
+    @property
+    def light(self) -> np.ndarray:
+        """Part of each object in the power of the speckle, (objects,)."""
+        shares = np.array([max(float(one.in_common.max()), 1e-9) for one in self.tracks])
+        return shares / shares.sum()
+
+    def dof(self, number: int, grid: PatchGrid) -> float:
+        """Return the degrees of freedom K of an object: those of a frame times the number of independent patterns that it shows."""
+        patterns = len(self.frames) / (1.0 + 2.0 * float((self.in_common[number] ** 2).sum()))
+        return max(1.0, patterns) * degrees_of_freedom(1, grid.frame_shape, grid.patch_shape)
+
+    def along(self, number: int, grid: PatchGrid) -> np.ndarray:
+        """Return b of an object at the lags of a grid, in units of an estimate."""
+        shares = self.in_common[number]
+        estimator = AutocorrelationEstimator(grid, mean="pooled")
+        rows, columns = torch.fft.fftfreq(estimator.padded[0])[:, None], torch.fft.rfftfreq(estimator.padded[1])
+        earlier: deque[torch.Tensor] = deque(maxlen=int(np.flatnonzero(shares)[-1]) + 1)  # the latest first
+        total, weight = torch.zeros(1), 0.0
+        shown = zip(self.frames, self.tracks[number].path_pixels, strict=True)
+        for frame, place in tqdm(shown, desc="pairs", total=len(self.frames), unit="frame", disable=None, leave=False):
+            image = torch.from_numpy(np.asarray(frame, np.float32))
+            turn = 2.0 * math.pi * (rows * float(place[0]) + columns * float(place[1]))
+            moved = estimator.spectrum_of(image, float(image.mean()))[0] * torch.polar(torch.ones_like(turn), turn)
+            used = [(float(share), other) for share, other in zip(shares, earlier, strict=False) if share]
+            if used:
+                partners = torch.stack([share * other for share, other in used]).sum(0)
+                total = total + (partners.conj() * moved).real
+                weight += sum(share**2 for share, _ in used)
+            earlier.appendleft(moved)
+        return estimator.at_lags(total / weight)
+
+    def mixing(self, grid: PatchGrid) -> np.ndarray:
+        """Return the matrix A at each lag, (side, side, objects, objects)."""
+        steps, count = np.arange(-grid.lags, grid.lags + 1), len(self.tracks)
+        found = np.zeros((len(steps), len(steps), count, count))
+        for one in range(count):
+            for other in range(count):
+                relative = self.tracks[one].path_pixels - self.tracks[other].path_pixels
+                for apart, (own, its) in enumerate(self.in_common[[one, other]].T, 1):
+                    if own * its:
+                        away = relative[apart:] - relative[:-apart]
+                        turns = [np.exp(2j * np.pi * np.outer(steps, a) / side) for a, side in zip(away.T, grid.patch_shape, strict=True)]
+                        seen = np.prod(np.maximum(1.0 - np.abs(away) / grid.patch_shape, 0.0), 1)  # the window of a patch
+                        found[:, :, one, other] += own * its * ((turns[0] * seen) @ turns[1].T).real
+        return found / np.diagonal(found, axis1=2, axis2=3)[..., None]
+
+    def separate(self, number: int, grid: PatchGrid, joint: np.ndarray) -> np.ndarray:
+        """Return the power S of an object at the lags of a grid.
+
+        Args:
+            joint: power of all objects at these lags.
+        """
+        along = np.stack([self.along(one, grid) for one in range(len(self.tracks))], -1)
+        # A prior of the share of each object in the whole, known to its own size, decides where the equations do not.
+        prior = np.diag([1.0 / (self.dof(one, grid) * share**2) for one, share in enumerate(self.light)])
+        expected = joint[..., None] * self.light
+        return np.linalg.solve(self.mixing(grid) + prior, (along + expected @ prior)[..., None])[..., number, 0]
+
+
+def estimate_alone(capture: Capture, tracks: Sequence[Track], number: int, request: Request, joint: Estimate) -> Estimate:
+    """Estimate r*r of one object from frames in which several move.
+
+    Args:
+        tracks: paths of all objects.
+        number: index of the object.
+        joint: the estimate of all objects together, whose record and drawing are kept.
+    """
+    mixture, tried = Mixture(capture.frames, tracks), {}
+
+    def values_on(grid: PatchGrid) -> np.ndarray:
+        if grid not in tried:
+            whole = AutocorrelationEstimator(grid, mean="pooled")
+            for frame in capture.frames:
+                whole.add(frame)
+            both = whole.estimate()
+            separate = mixture.separate(number, grid, both - float(both[_beyond(grid)].mean()))
+            tried[grid] = _with_floor(separate, grid, mixture.dof(number, grid))
+        return tried[grid]
+
+    grid, reason = choose_grid(capture, request, values_on)
+    camera = capture.camera.lag_geometry
+    assert joint.record is not None
+    record = replace(
+        joint.record,
+        grid=grid,
+        dof_expected=mixture.dof(number, grid),
+        background=BackgroundRecord("pairs"),
+        lags_reason=reason,
+        contrast=None,
+    )
+    found = replace(
+        joint,
+        values=values_on(grid),
+        transfer=camera_transfer(capture.camera, grid),
+        blur_pixels=None,
+        pitches_m=grid.lag_pitches_m(*camera) if camera else None,
+        record=record,
+        filtered_frames=None,
+    )
+    blur = request.known_blur
+    return found if blur is None else apply_blur_transfer(found, (blur, blur))
+
+
+def _beyond(grid: PatchGrid) -> np.ndarray:
+    """Return a mask of the lags beyond any object."""
+    lags = grid.lag_grid
+    return lags.ring > lags.lags - lags.object_side // SIGNAL_FREE_PART
+
+
+def _with_floor(values: np.ndarray, grid: PatchGrid, dof: float) -> np.ndarray:
+    """Return an estimate with the floor at which its noise is that of K degrees of freedom: the root of K times its standard deviation at
+    the lags beyond any object."""
+    beyond = values[_beyond(grid)]
+    floor = float(beyond.std()) * dof**0.5
+    return np.maximum(values - float(beyond.mean()) + floor, MIN_FLOOR_FRACTION * floor).astype(np.float32)
