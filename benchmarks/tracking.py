@@ -4,6 +4,8 @@ One letter of 1 cm, or several of 3 to 5 mm, move at 0.01 to 20 mm/s along curve
 30 to 2000 times per second with 0.003 to 0.3 photoelectrons per pixel; the laser is at rest. Errors are those of the path after its
 mean difference to the truth is removed. Each is compared with 2 um, and with the Cramer-Rao bound for a frame whose pattern is known
 (Knapp and Carter, doi:10.1109/TASSP.1976.1162830), which no tracker can reach, because the pattern itself is measured.
+
+`--images` also reconstructs each object that was found, and compares it with its letter; and what all objects together show.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from typing import Any
 import numpy as np
 
 import correlograph as cg
+from correlograph.files.images import read_image
 from correlograph.files.output import save_json
 from invert.tracking.shifts import weight_of
 from invert.tracking.spectra import Reader
@@ -26,6 +29,7 @@ from sim.frame import Simulation
 from sim.geometry import Geometry
 
 FRAMES = 40
+SHAPE = (560, 640)
 LETTERS = ("F", "R", "L", "t", "5", "7")
 
 OBJECT = """
@@ -63,8 +67,8 @@ def _speeds(rng: np.random.Generator, objects: int, per_s: float) -> tuple[np.nd
             return velocity, speed
 
 
-def draw(number: int, folder: Path, objects: int) -> tuple[Geometry, dict[str, Any]]:
-    """Return a random scene of moving letters, and what was drawn."""
+def draw(number: int, folder: Path, objects: int, shape: tuple[int, int] = SHAPE) -> tuple[Geometry, dict[str, Any]]:
+    """Return a random scene of moving letters on frames of a shape, and what was drawn."""
     rng = np.random.default_rng([4646, number, objects])
     per_s = float(10.0 ** rng.uniform(np.log10(30.0), np.log10(2000.0)))
     photoelectrons = float(10.0 ** rng.uniform(-2.5, -0.5))
@@ -77,6 +81,7 @@ def draw(number: int, folder: Path, objects: int) -> tuple[Geometry, dict[str, A
         "frames_per_s": per_s,
         "photoelectrons": photoelectrons,
         "speeds": [],
+        "letters": [],
     }
     velocities, speeds = _speeds(rng, objects, per_s)
     for one, (velocity, speed) in enumerate(zip(velocities, speeds, strict=True)):
@@ -98,8 +103,9 @@ def draw(number: int, folder: Path, objects: int) -> tuple[Geometry, dict[str, A
         )
         shapes.append(OBJECT.format(number=one, letter=letter, half=half, x=x, y=y))
         drawn["speeds"].append(float(speed))
+        drawn["letters"].append((letter, half))
     text = text[:begin] + "".join(shapes) + text[end:]
-    text = text.replace('value="2464"', 'value="640"').replace('value="2056"', 'value="560"')
+    text = text.replace('value="2464"', f'value="{shape[1]}"').replace('value="2056"', f'value="{shape[0]}"')
     spot = '<float name="spot_diameter" value="5e-3"/>'
     assert spot in text
     still = f'<float name="spot_diameter" value="{SPOT_M}"/><float name="scan_step" value="0"/>'
@@ -146,12 +152,33 @@ def bound_m(geometry: Geometry, capture: cg.Capture) -> float:
     return float(np.sqrt(np.trace(to_metres @ covariance @ to_metres.T)))
 
 
-def measure(number: int, objects: int) -> dict[str, Any]:
+def images(capture: cg.Capture, letters: list[tuple[str, float]], whose: list[int]) -> dict[str, Any]:
+    """Return the correlation of the image of each object with its letter, its confidence, and the correlation of what all frames show
+    together.
+
+    Args:
+        whose: index of the letter of each object that was found.
+    """
+    truths = []
+    for letter, half in letters:
+        bitmap, _ = read_image(scene_path("corner_letter").with_name(f"{letter}.png"))
+        truths.append(cg.Truth(bitmap, (2.0 * half / bitmap.shape[0], 2.0 * half / bitmap.shape[1])))
+    together = cg.reconstruct(capture, mean_model="pooled")
+    alone = [cg.reconstruct(capture, object_number=1 + number) for number in range(len(whose))]
+    return {
+        "image": [one.compare(truths[of]).pearson for one, of in zip(alone, whose, strict=True)],
+        "confidence": [one.confidence for one in alone],
+        "image_together": [together.compare(truths[of]).pearson for of in whose],
+        "confidence_together": together.confidence,
+    }
+
+
+def measure(number: int, options: argparse.Namespace) -> dict[str, Any]:
     """Draw, render and track one scene."""
     from sim.rendering import render_geometry
 
     with tempfile.TemporaryDirectory() as folder:
-        geometry, drawn = draw(number, Path(folder), objects)
+        geometry, drawn = draw(number, Path(folder), options.objects, tuple(options.shape))
         capture = render_geometry(geometry, FRAMES, number)
     truths, begin = true_paths(geometry), time.process_time()
     to_metres = np.linalg.inv(geometry.travel)
@@ -161,7 +188,7 @@ def measure(number: int, objects: int) -> dict[str, Any]:
         return drawn | {"refused": str(error)}
     seconds = time.process_time() - begin
     tracks = [found, *found.others]
-    return drawn | {
+    told = drawn | {
         "found": len(tracks),
         "significance": [one.significance for one in tracks],
         "rms_um": [
@@ -172,6 +199,11 @@ def measure(number: int, objects: int) -> dict[str, Any]:
         "frames_per_position": [one.frames_per_position for one in tracks],
         "cpu_ms_per_frame": 1e3 * seconds / FRAMES,
     }
+    if options.images:
+        paths = [one.path_pixels @ to_metres.T for one in tracks]
+        whose = [int(np.argmin([np.abs(path - truth).max() for truth in truths])) for path in paths]
+        told |= images(capture, drawn["letters"], whose)
+    return told
 
 
 def frames_per_s(count: int = 100) -> dict[str, float]:
@@ -193,6 +225,10 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--objects", type=int, default=1, help="number of objects (1)")
+    parser.add_argument(
+        "--shape", type=int, nargs=2, metavar=("ROWS", "COLUMNS"), default=SHAPE, help="pixels of a frame (560 640)"
+    )
+    parser.add_argument("--images", action="store_true", help="also reconstruct each object")
     parser.add_argument("-o", "--output", type=Path)
     parser.add_argument("--speed", action="store_true", help="measure the time of a frame of 5 megapixels instead")
     options = parser.parse_args()
@@ -201,7 +237,7 @@ def main() -> None:
         return
     rows = []
     for number in range(options.first, options.first + options.count):
-        rows.append(measure(number, options.objects))
+        rows.append(measure(number, options))
         print(rows[-1], flush=True)
     if options.output:
         save_json(options.output, {"trajectories": rows})

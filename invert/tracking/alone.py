@@ -96,7 +96,10 @@ class Mixture:
                 for apart, (own, its) in enumerate(self.in_common[[one, other]].T, 1):
                     if own * its:
                         away = relative[apart:] - relative[:-apart]
-                        turns = [np.exp(2j * np.pi * np.outer(steps, a) / side) for a, side in zip(away.T, grid.patch_shape, strict=True)]
+                        turns = [
+                            np.exp(2j * np.pi * np.outer(steps, a) / side)
+                            for a, side in zip(away.T, grid.patch_shape, strict=True)
+                        ]
                         seen = np.prod(np.maximum(1.0 - np.abs(away) / grid.patch_shape, 0.0), 1)  # the window of a patch
                         found[:, :, one, other] += own * its * ((turns[0] * seen) @ turns[1].T).real
         return found / np.diagonal(found, axis1=2, axis2=3)[..., None]

@@ -229,7 +229,9 @@ def _open_share(capture: Capture, interval_s: float | None) -> float:
     return 0.0 if exposure_s is None or interval_s is None else min(exposure_s / interval_s, 1.0)
 
 
-def _track_of(start: Start, found: Followed, in_common: np.ndarray, binning: int, lever: np.ndarray | None, interval_s: float | None) -> Track:
+def _track_of(
+    start: Start, found: Followed, in_common: np.ndarray, binning: int, lever: np.ndarray | None, interval_s: float | None
+) -> Track:
     told = (start.significance, start.share, found.frames_per_group, lever, interval_s)
     bend_error = found.bend_error * binning
     return Track(found.path * binning, found.error * binning, *told, bend_error_pixels=bend_error, in_common=in_common)
