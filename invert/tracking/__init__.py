@@ -12,4 +12,5 @@ rotation.py  rotation and distance: frames -> Rotation
 tables.py    checks and files that both share
 travel.py    whether frames show speckle that travels
 stabilise.py frames that follow an object
+alone.py     r*r of one object among several
 """

@@ -19,6 +19,7 @@ SCENES = (
     "glyph_mesh",
     "long_standoff",
     "moving_letter",
+    "moving_pair",
     "occluded_letter",
     "strong_ambient",
     "tilted_letter",
