@@ -165,8 +165,8 @@ def _choose_object(request: Request, estimate: Estimate, followed: Stabilised) -
         return estimate, followed.capture, []
     alone = estimate_alone(followed.capture, objects, number - 1, request, estimate)
     note = (
-        f"{len(objects)} objects move; this is number {number} alone, with {100.0 * objects[number - 1].share:.0f} % of what frames have in "
-        "common; --object (object_number=) selects another"
+        f"{len(objects)} objects move; this is number {number} alone, with {100.0 * objects[number - 1].share:.0f} % of what frames "
+        "have in common; --object (object_number=) selects another"
     )
     return alone, None, [note, NO_FIELDS] if request.retrieves_fields else [note]
 
