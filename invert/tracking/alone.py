@@ -78,11 +78,11 @@ class Mixture:
             image = torch.from_numpy(np.asarray(frame, np.float32))
             turn = 2.0 * math.pi * (rows * float(place[0]) + columns * float(place[1]))
             moved = estimator.spectrum_of(image, float(image.mean()))[0] * torch.polar(torch.ones_like(turn), turn)
-            used = [(float(share), other) for share, other in zip(shares, earlier, strict=False) if share]
-            if used:
-                partners = torch.stack([share * other for share, other in used]).sum(0)
-                total = total + (partners.conj() * moved).real
-                weight += sum(share**2 for share, _ in used)
+            partners = torch.zeros_like(moved)
+            for share, other in zip(shares.tolist(), earlier, strict=False):
+                partners.add_(other, alpha=share)
+                weight += share**2
+            total = total + (partners.conj() * moved).real
             earlier.appendleft(moved)
         return estimator.at_lags(total / weight)
 

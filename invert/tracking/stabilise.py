@@ -61,8 +61,10 @@ class Stabilised:
         """Notes for a result."""
         if self.travel is None:
             return []
-        added = f"groups of {self.size} frames were added along the path of the speckle"
-        return [self.travel.describe()] + ([added] if self.size > 1 else [])
+        pooled = "frames were pooled without subtraction of what they share"
+        if self.size > 1:
+            pooled = f"groups of {self.size} frames were added along the path of the speckle"
+        return [self.travel.describe()] + ([pooled] if len(self.objects) < 2 else [])
 
 
 def follow_travel(capture: Capture, filtered: FilteredFrames | None, groups: int = MIN_GROUPS) -> Stabilised:

@@ -40,8 +40,8 @@ class Travel:
         """Return a note for a result."""
         ways = ", and by ".join(f"{rows:.1f} rows and {columns:.1f} columns" for rows, columns in self.steps_pixels)
         return (
-            f"the speckle travels by about {ways} from frame to frame, as if the object moved and the "
-            "laser did not; frames were pooled without subtraction of what they share; python -m invert.track shows the path"
+            f"the speckle travels by about {ways} from frame to frame, as if the object moved and the laser did not; python -m "
+            "invert.track shows the path"
         )
 
 
