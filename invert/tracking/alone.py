@@ -53,7 +53,9 @@ class Mixture:
     def in_common(self) -> np.ndarray:
         """Share of the speckle of each object that frames 1, 2, ... apart have in common, over the largest, (objects, distances)."""
         shares = np.stack([one.in_common / max(float(one.in_common.max()), 1e-9) for one in self.tracks])
-        return np.where(shares > MIN_IN_COMMON, shares, 0.0)
+        shares = np.where(shares > MIN_IN_COMMON, shares, 0.0)
+        shares[~shares.any(1), 0] = 1.0  # too faint for a measurement
+        return shares
 
     @property
     def light(self) -> np.ndarray:

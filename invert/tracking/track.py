@@ -46,7 +46,8 @@ class Track:
         interval_s: time between frames; None if unknown.
         others: tracks of further objects, the brightest first.
         bend_error_pixels: standard error of a second difference of the path by noise, (2,); zero if unknown.
-        in_common: share of the power of the speckle that frames 1, 2, ... apart have in common by this object, (at most 16,).
+        in_common: of several objects, share of the power of the speckle that frames 1, 2, ... apart have in common by this one, (at most
+            16,).
     """
 
     path_pixels: np.ndarray
@@ -218,8 +219,10 @@ def track(
     for start, (own, its_band) in zip(starts, isolate(spectra, band, starts), strict=True):
         others = [one for one in starts if one is not start]
         followed = follow(own, its_band, start, others).for_open_shutter(_open_share(capture, interval_s))
-        in_common = likeness(move_back(own, its_band, followed.path), band)
-        tracks.append(_track_of(start, followed, in_common, binning, lever, interval_s))
+        found = _track_of(start, followed, binning, lever, interval_s)
+        if others:
+            found = replace(found, in_common=likeness(move_back(own, its_band, followed.path), band))
+        tracks.append(found)
     return replace(tracks[0], others=tuple(tracks[1:]))
 
 
@@ -229,12 +232,9 @@ def _open_share(capture: Capture, interval_s: float | None) -> float:
     return 0.0 if exposure_s is None or interval_s is None else min(exposure_s / interval_s, 1.0)
 
 
-def _track_of(
-    start: Start, found: Followed, in_common: np.ndarray, binning: int, lever: np.ndarray | None, interval_s: float | None
-) -> Track:
+def _track_of(start: Start, found: Followed, binning: int, lever: np.ndarray | None, interval_s: float | None) -> Track:
     told = (start.significance, start.share, found.frames_per_group, lever, interval_s)
-    bend_error = found.bend_error * binning
-    return Track(found.path * binning, found.error * binning, *told, bend_error_pixels=bend_error, in_common=in_common)
+    return Track(found.path * binning, found.error * binning, *told, bend_error_pixels=found.bend_error * binning)
 
 
 def metres_per_pixel(capture: Capture, source_distance_m: float, source_angle_deg: tuple[float, float]) -> np.ndarray:
