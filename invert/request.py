@@ -115,6 +115,9 @@ class Request:
             check_positive("pitch_m", self.pitch_m)
         self._set("seed", SEED.check("seed", self.seed))
         self._set("object_number", OBJECT_NUMBER.check("object_number", self.object_number))
+        if self.object_number > 1 and self.mean_model != "auto":
+            expected, remedy = "mean model auto together with it", "omit one of them"
+            raise InputError("object_number", expected, f"mean model {self.mean_model}", remedy)
 
     def _set(self, name: str, value: object) -> None:
         object.__setattr__(self, name, value)

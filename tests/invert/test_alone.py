@@ -101,3 +101,11 @@ def test_the_pipeline_reconstructs_the_object_that_was_asked_for():
         cg.reconstruct(capture, object_number=3, **options)
     with pytest.raises(cg.InputError, match="object_number"):
         cg.film(capture, object_number=2)
+
+
+@pytest.mark.parametrize(
+    "options", [{"object_number": 0}, {"object_number": 1.5}, {"object_number": 2, "mean_model": "pooled"}]
+)
+def test_impossible_objects_are_refused(options):
+    with pytest.raises(cg.InputError, match="object_number"):
+        cg.reconstruct(np.ones((3, 200, 200)), **options)
