@@ -147,7 +147,7 @@ def estimate_following(request: Request, capture: Capture, groups: int = MIN_GRO
         return estimate, Stabilised.unmoved(capture)
     followed = follow_travel(capture, estimate.filtered_frames, groups)
     if followed.travel is not None:
-        pooled = estimate_from_frames(followed.capture, replace(request, mean_model="pooled", sums_file=None))
+        pooled = estimate_from_frames(followed.capture, replace(request, mean_model="pooled", sums_file=None, object_number=1))
         estimate = replace(pooled, name=estimate.name)
     return estimate, followed
 
