@@ -111,10 +111,11 @@ def fulfil(request: Request, source: Source) -> Result:
 
     settings = MethodSettings(request.method.name, request.quality.name, request.seed)
     result = Result(estimate, measurement, found, settings, seconds, test, doubts, hypotheses)
+    if isinstance(shown, Capture):
+        warnings += stray_light_of(shown)
     if capture is not None:
         result, more = add_fields(request, capture, result)
         notes += more
-        warnings += stray_light_of(capture)
     if request.weights is not None and (missing := untrained_parts(load_network(request.weights, request.device)[1])):
         warnings.append(
             f"{request.weights.name} holds parts that were not trained ({', '.join(missing)}); train them or use the shipped weights"
@@ -164,10 +165,7 @@ def _choose_object(request: Request, estimate: Estimate, followed: Stabilised) -
     if len(objects) < 2:
         return estimate, followed.capture, []
     alone = estimate_alone(followed.capture, objects, number - 1, request, estimate)
-    note = (
-        f"{len(objects)} objects move; this is number {number} alone, with {100.0 * objects[number - 1].share:.0f} % of what frames "
-        "have in common; --object (object_number=) selects another"
-    )
+    note = f"{len(objects)} objects move; this is number {number} alone; --object (object_number=) selects another"
     return alone, None, [note, NO_FIELDS] if request.retrieves_fields else [note]
 
 

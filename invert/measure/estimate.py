@@ -57,6 +57,7 @@ class EstimateRecord:
         lags_reason: why the estimate has these lags.
         file_metadata: metadata of the first file (`correlograph.files.file_metadata`).
         contrast: contrast of the speckle; None if it was not measured.
+        object_number: number of the object among several that move, which the estimate shows alone; None if it shows all.
     """
 
     frames: int
@@ -67,6 +68,7 @@ class EstimateRecord:
     lags_reason: str = "chosen by the user"
     file_metadata: FileMetadata = field(default_factory=FileMetadata)
     contrast: Contrast | None = None
+    object_number: int | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the record for JSON."""
@@ -79,6 +81,8 @@ class EstimateRecord:
             "mean_model": self.background.as_dict(),
             "file_metadata": self.file_metadata.as_dict(),
         }
+        if self.object_number is not None:
+            content["object_number"] = self.object_number
         if self.contrast is not None:
             content["speckle_contrast"] = self.contrast.as_dict()
         return content if self.blur_found_pixels is None else content | {"blur_found_pixels": self.blur_found_pixels}

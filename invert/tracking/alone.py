@@ -6,32 +6,45 @@ pairs, b_k for object k, holds no noise of the camera, and of the other objects 
     b_k = sum over l of A_kl S_l,    A_kl = sum over pairs of c_k c_l cos(2 pi f (D_k - D_l)) / sum over pairs of c_k^2
 
 with the power S_l of object l, its displacement D_l between the frames of a pair, and the share c_l of its speckle that is still common.
-These equations are solved for S. Near zero lag the objects cannot be told apart; each then gets its share of the whole r*r.
+These equations are solved for S. Near zero lag the objects cannot be told apart; each then gets its share of the whole r*r. The
+interference of two objects, which moves at the mean of their paths, is left out; it averages to zero as they move apart.
 """
 
 from __future__ import annotations
 
 import math
+import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 import torch
 from tqdm import tqdm
 
+from correlograph.errors import InputError, memory_bytes
 from correlograph.files.capture import Capture
 from invert.measure.estimate import Estimate, apply_blur_transfer, camera_transfer, choose_grid
 from invert.request import Request
 from invert.tracking.track import Track
 from radiometry.autocorrelation import PatchGrid
-from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator, degrees_of_freedom
+from radiometry.estimation.autocorrelation_estimator import (
+    AutocorrelationEstimator,
+    degrees_of_freedom,
+    estimate_autocorrelation,
+)
 from radiometry.estimation.background import BackgroundRecord
 from radiometry.noise.measured_noise import SIGNAL_FREE_PART
 
 MIN_IN_COMMON = 0.2
 """Least speckle in common, over the most of an object, of pairs of frames that are used."""
+
+BYTES_PER_PIXEL = 4
+"""Memory of the spectrum of a padded frame, per pixel."""
+
+ROUNDS = 3
+"""Rounds in which the part of each object is measured from what the round before has found."""
 
 MIN_FLOOR_FRACTION = 0.1
 """Least value of the estimate over its floor, because estimates are positive."""
@@ -59,19 +72,31 @@ class Mixture:
 
     @property
     def light(self) -> np.ndarray:
-        """Part of each object in the power of the speckle, (objects,)."""
+        """Approximate part of each object in the power of the speckle, (objects,)."""
         shares = np.array([max(float(one.in_common.max()), 1e-9) for one in self.tracks])
         return shares / shares.sum()
 
     def dof(self, number: int, grid: PatchGrid) -> float:
-        """Return the degrees of freedom K of an object: those of a frame times the number of independent patterns that it shows."""
-        patterns = len(self.frames) / (1.0 + 2.0 * float((self.in_common[number] ** 2).sum()))
-        return max(1.0, patterns) * degrees_of_freedom(1, grid.frame_shape, grid.patch_shape)
+        """Return the degrees of freedom K of an object: those of a frame times the number of independent patterns that it shows, times
+        its part of the light, because the speckle of the others is noise in its pairs."""
+        shares = self.in_common[number]
+        # Beyond the distances that were measured, the likeness falls on as over the last ones.
+        last = shares[-1] ** 2
+        fall = min(last / max(shares[len(shares) // 2] ** 2, 1e-9), 0.99) ** (2.0 / len(shares))
+        alike = float((shares**2).sum() + last * fall / (1.0 - fall))
+        patterns = max(1.0, len(self.frames) / (1.0 + 2.0 * alike))
+        return max(1.0, patterns * self.light[number] * degrees_of_freedom(1, grid.frame_shape, grid.patch_shape))
 
     def along(self, number: int, grid: PatchGrid) -> np.ndarray:
         """Return b of an object at the lags of a grid, in units of an estimate."""
         shares = self.in_common[number]
         estimator = AutocorrelationEstimator(grid, mean="pooled")
+        needed = (len(shares) + 3) * BYTES_PER_PIXEL * math.prod(estimator.padded)
+        if needed > memory_bytes():
+            found = f"{needed / 1e9:.1f} GB for pairs of frames"
+            raise InputError(
+                "frames", f"at most {memory_bytes() / 1e9:.1f} GB", found, "bin the frames, or cut out a part of them"
+            )
         rows, columns = torch.fft.fftfreq(estimator.padded[0])[:, None], torch.fft.rfftfreq(estimator.padded[1])
         earlier: deque[torch.Tensor] = deque(maxlen=int(np.flatnonzero(shares)[-1]) + 1)  # the latest first
         total, weight = torch.zeros(1), 0.0
@@ -102,7 +127,9 @@ class Mixture:
                             np.exp(2j * np.pi * np.outer(steps, a) / side)
                             for a, side in zip(away.T, grid.patch_shape, strict=True)
                         ]
-                        seen = np.prod(np.maximum(1.0 - np.abs(away) / grid.patch_shape, 0.0), 1)  # the window of a patch
+                        # The window of a patch, over the fraction of pixels with a partner, by which lags are divided.
+                        apart_in = [np.abs(away) / np.array(one_side) for one_side in (grid.patch_shape, grid.frame_shape)]
+                        seen = np.prod(np.maximum(1.0 - apart_in[0], 0.0) / np.maximum(1.0 - apart_in[1], 0.1), 1)
                         found[:, :, one, other] += own * its * ((turns[0] * seen) @ turns[1].T).real
         return found / np.diagonal(found, axis1=2, axis2=3)[..., None]
 
@@ -113,10 +140,14 @@ class Mixture:
             joint: power of all objects at these lags.
         """
         along = np.stack([self.along(one, grid) for one in range(len(self.tracks))], -1)
-        # A prior of the share of each object in the whole, known to its own size, decides where the equations do not.
-        prior = np.diag([1.0 / (self.dof(one, grid) * share**2) for one, share in enumerate(self.light)])
-        expected = joint[..., None] * self.light
-        return np.linalg.solve(self.mixing(grid) + prior, (along + expected @ prior)[..., None])[..., number, 0]
+        # A prior of the part of each object in the whole, with a standard error of its own size, decides where the equations do not.
+        prior = np.diag([1.0 / self.dof(one, grid) for one in range(len(self.tracks))])
+        mixing, light = self.mixing(grid) + prior, self.light
+        for _ in range(ROUNDS):
+            found = np.linalg.solve(mixing, (along + (joint[..., None] * light) @ prior)[..., None])[..., 0]
+            power = np.maximum(found.sum((0, 1)), 1e-9 * joint.sum())
+            light = power / power.sum()
+        return found[..., number]
 
 
 def estimate_alone(capture: Capture, tracks: Sequence[Track], number: int, request: Request, joint: Estimate) -> Estimate:
@@ -127,17 +158,13 @@ def estimate_alone(capture: Capture, tracks: Sequence[Track], number: int, reque
         number: index of the object.
         joint: the estimate of all objects together, whose record and drawing are kept.
     """
-    mixture, tried = Mixture(capture.frames, tracks), {}
+    begin, mixture = time.perf_counter(), Mixture(capture.frames, tracks)
 
+    @cache  # the grid that is chosen has already been tried
     def values_on(grid: PatchGrid) -> np.ndarray:
-        if grid not in tried:
-            whole = AutocorrelationEstimator(grid, mean="pooled")
-            for frame in capture.frames:
-                whole.add(frame)
-            both = whole.estimate()
-            separate = mixture.separate(number, grid, both - float(both[_beyond(grid)].mean()))
-            tried[grid] = _with_floor(separate, grid, mixture.dof(number, grid))
-        return tried[grid]
+        whole, _ = estimate_autocorrelation(capture.frames, grid, "pooled")
+        separate = mixture.separate(number, grid, whole - float(whole[_beyond(grid)].mean()))
+        return _with_floor(separate, grid, mixture.dof(number, grid))
 
     grid, reason = choose_grid(capture, request, values_on)
     camera = capture.camera.lag_geometry
@@ -146,9 +173,9 @@ def estimate_alone(capture: Capture, tracks: Sequence[Track], number: int, reque
         joint.record,
         grid=grid,
         dof_expected=mixture.dof(number, grid),
-        background=BackgroundRecord("pairs"),
+        background=BackgroundRecord("pooled"),
         lags_reason=reason,
-        contrast=None,
+        object_number=number + 1,
     )
     found = replace(
         joint,
@@ -158,6 +185,7 @@ def estimate_alone(capture: Capture, tracks: Sequence[Track], number: int, reque
         pitches_m=grid.lag_pitches_m(*camera) if camera else None,
         record=record,
         filtered_frames=None,
+        seconds=joint.seconds + time.perf_counter() - begin,
     )
     blur = request.known_blur
     return found if blur is None else apply_blur_transfer(found, (blur, blur))

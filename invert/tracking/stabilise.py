@@ -37,7 +37,8 @@ class Stabilised:
         size: number of frames in a group.
         middle_frame: number of the frame in the middle of each group, (groups,).
         travel: mean displacement from frame to frame, of each object; None if the speckle does not travel.
-        track: path of the object; None if nothing moves. Of several objects, the paths of all, which no frame can follow.
+        track: path of the object; None if none was found. The first of several objects holds the others; frames then follow none.
+        obstacle: why a speckle that travels could not be followed.
     """
 
     capture: Capture
@@ -45,11 +46,14 @@ class Stabilised:
     middle_frame: np.ndarray
     travel: Travel | None = None
     track: Track | None = None
+    obstacle: str = ""
 
     @classmethod
-    def unmoved(cls, capture: Capture, travel: Travel | None = None, track: Track | None = None) -> Stabilised:
+    def unmoved(
+        cls, capture: Capture, travel: Travel | None = None, track: Track | None = None, obstacle: str = ""
+    ) -> Stabilised:
         """Return the frames as they are."""
-        return cls(capture, 1, np.arange(float(len(capture.frames))), travel, track)
+        return cls(capture, 1, np.arange(float(len(capture.frames))), travel, track, obstacle)
 
     @property
     def objects(self) -> tuple[Track, ...]:
@@ -64,7 +68,10 @@ class Stabilised:
         pooled = "frames were pooled without subtraction of what they share"
         if self.size > 1:
             pooled = f"groups of {self.size} frames were added along the path of the speckle"
-        return [self.travel.describe()] + ([pooled] if len(self.objects) < 2 else [])
+        notes = [self.travel.describe()]
+        if len(self.travel.steps_pixels) > 1 and self.obstacle:
+            notes.append(f"all objects are shown together, because their paths were not found ({self.obstacle})")
+        return notes + ([pooled] if len(self.objects) < 2 else [])
 
 
 def follow_travel(capture: Capture, filtered: FilteredFrames | None, groups: int = MIN_GROUPS) -> Stabilised:
@@ -78,8 +85,8 @@ def follow_travel(capture: Capture, filtered: FilteredFrames | None, groups: int
         return Stabilised.unmoved(capture)
     try:
         path = track(capture)
-    except InputError:  # too dim, or too many frames for the memory
-        return Stabilised.unmoved(capture, travel)
+    except InputError as error:  # too dim, or too many frames for the memory
+        return Stabilised.unmoved(capture, travel, obstacle=str(error))
     return Stabilised.unmoved(capture, travel, path) if path.others else stabilise(capture, path, groups)
 
 

@@ -103,7 +103,7 @@ class Training:
 
     @contextmanager
     def _timed(self) -> Iterator[None]:
-        """Add the time within to that of the run."""
+        """Add the time within to that of the run; the CPU time is that of this process, without its workers."""
         begin, begin_cpu = time.perf_counter(), time.process_time()
         yield
         self.seconds += time.perf_counter() - begin

@@ -64,6 +64,7 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
         frames = min(2 * still.half_width + 1, still.frames)
     else:
         images, numbers = _at_their_angles(found, looks, numbers, moves=len(followed.objects) == 1)
+    of_objects = ["several objects move; the film shows all together"] if len(followed.objects) > 1 else []
     side = len(images[0])
     pooled = frames * len(capture.frames) / len(looks.values)
     warnings = [warning for one in found for warning in one.warnings]
@@ -73,10 +74,10 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
         confidence=np.resize([_confidence(one) for one in found], len(images)),
         frames_per_image=round(pooled),
         angle_deg=looks.turns[numbers] if looks.turns.any() else None,
-        path=followed.track,
+        path=followed.track if len(followed.objects) == 1 else None,
         pitches_m=_pitches_m(looks, side),
         interval_s=interval_s,
-        notes=tuple(dict.fromkeys([*notes, *followed.notes, *of_turn, *of_fields, *warnings])),
+        notes=tuple(dict.fromkeys([*notes, *followed.notes, *of_objects, *of_turn, *of_fields, *warnings])),
     )
 
 
