@@ -6,8 +6,9 @@ share the speckle itself, then most of its power appears in the cross-correlatio
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -15,8 +16,9 @@ import torch
 from correlograph.errors import InputError
 from correlograph.files.capture import Capture
 from invert.tracking.pursuit import find_objects
-from invert.tracking.spectra import FRAMES_FOR_POWER, Reader
-from invert.tracking.start import are_apart, share_along
+from invert.tracking.shifts import heights_at, weight_of
+from invert.tracking.spectra import FRAMES_FOR_POWER, Band, Reader
+from invert.tracking.start import Start, share_along
 from radiometry.estimation.third_moment import FilteredFrames
 
 MIN_SHARE = 0.6
@@ -71,8 +73,15 @@ def find_travel(capture: Capture) -> Travel | None:
     except InputError:
         return None
     shares = [share_along(spectra, band, one.path, 1) for one in found]
-    is_apart = all(are_apart(one.path, other.path, 1, band) for one, other in combinations(found, 2))
-    share = sum(shares) if is_apart else max(shares)  # maxima that overlap show the same light
+    share = float(np.linalg.solve(_overlap(found, band) + 1e-3 * np.eye(len(found)), shares).sum())
     steps = np.array([one.path[-1] / (len(first) - 1) for one in found])
     way = np.linalg.norm(steps, axis=1).max() * (len(capture.frames) - 1)
     return Travel(steps, share) if share > MIN_SHARE and way > band.grain_pixels else None
+
+
+def _overlap(found: Sequence[Start], band: Band) -> np.ndarray:
+    """Return the height of the maximum of each object's cross-correlation of consecutive frames at the place of each other, (k, k)."""
+    steps, weight = np.array([one.path[-1] / (len(one.path) - 1) for one in found]), weight_of(band, 0.0)
+    apart = (steps[:, None] - steps[None]).reshape(-1, 2)
+    own = np.broadcast_to(band.signal.astype(np.complex64), (len(apart), *band.signal.shape))
+    return (heights_at(own, band, weight, apart) / weight.full).reshape(len(found), len(found))
