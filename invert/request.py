@@ -54,8 +54,8 @@ class Request:
         sums_file: file (.npz) that keeps the sums over the frames of a capture above 1 GB, so that a later call continues from it.
         scheduler: address of a running Dask scheduler, whose workers add the frames of a capture above 1 GB. They need the same file
             names.
-        object_number: which object to reconstruct where several move on their own paths, 1 for the brightest. With another background
-            model than auto, all are shown together.
+        object_number: number of the object to reconstruct where several move on their own paths, 1 for the brightest. With another
+            background model than auto, all are shown together.
         progress: called with the number of steps done since the last call.
 
     Raises InputError for options out of range, or that do not belong together.

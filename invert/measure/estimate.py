@@ -199,7 +199,7 @@ def choose_grid(capture: Capture, request: Request, values_on: Callable[[PatchGr
         values_on: returns the estimate on a grid.
     """
 
-    def measured(tried: PatchGrid) -> Measurement:
+    def measure_on(tried: PatchGrid) -> Measurement:
         return read_measurement(values_on(tried))
 
     shape, geometry = (capture.frames[0].shape[0], capture.frames[0].shape[1]), capture.camera.lag_geometry
@@ -207,9 +207,9 @@ def choose_grid(capture: Capture, request: Request, values_on: Callable[[PatchGr
     size = automatic_patch_size(shape, geometry, request.pitch_m or PITCH_M, most) if patch in (None, "fit") else patch
     grid = patch_grid(shape, size, most)
     if patch == "fit":
-        grid = choose_patch_grid(grid, measured)
+        grid = choose_patch_grid(grid, measure_on)
     elif (patch, request.lags, request.pitch_m) == (None, None, None):
-        choice = choose_lags(grid, measured)
+        choice = choose_lags(grid, measure_on)
         return choice.grid, choice.reason
     return grid, "chosen by the user"
 

@@ -6,7 +6,7 @@ pairs, b_k for object k, holds no noise of the camera, and of the other objects 
     b_k = sum over l of A_kl S_l,    A_kl = sum over pairs of c_k c_l cos(2 pi f (D_k - D_l)) / sum over pairs of c_k^2
 
 with the power S_l of object l, its displacement D_l between the frames of a pair, and the share c_l of its speckle that is still common.
-These equations are solved for S. Near zero lag the objects cannot be told apart; each then gets its share of the whole r*r. The
+These equations are solved for S. Near zero lag all objects look alike; each then gets its share of the whole r*r. The
 interference of two objects, which moves at the mean of their paths, is left out; it averages to zero as they move apart.
 """
 
@@ -164,7 +164,7 @@ def estimate_alone(capture: Capture, tracks: Sequence[Track], number: int, reque
     def values_on(grid: PatchGrid) -> np.ndarray:
         whole, _ = estimate_autocorrelation(capture.frames, grid, "pooled")
         separate = mixture.separate(number, grid, whole - float(whole[_beyond(grid)].mean()))
-        return _with_floor(separate, grid, mixture.dof(number, grid))
+        return _add_floor(separate, grid, mixture.dof(number, grid))
 
     grid, reason = choose_grid(capture, request, values_on)
     camera = capture.camera.lag_geometry
@@ -197,7 +197,7 @@ def _beyond(grid: PatchGrid) -> np.ndarray:
     return lags.ring > lags.lags - lags.object_side // SIGNAL_FREE_PART
 
 
-def _with_floor(values: np.ndarray, grid: PatchGrid, dof: float) -> np.ndarray:
+def _add_floor(values: np.ndarray, grid: PatchGrid, dof: float) -> np.ndarray:
     """Return an estimate with the floor at which its noise is that of K degrees of freedom: the root of K times its standard deviation at
     the lags beyond any object."""
     beyond = values[_beyond(grid)]

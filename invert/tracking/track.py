@@ -46,8 +46,8 @@ class Track:
         interval_s: time between frames; None if unknown.
         others: tracks of further objects, the brightest first.
         bend_error_pixels: standard error of a second difference of the path by noise, (2,); zero if unknown.
-        in_common: of several objects, share of the power of the speckle that frames 1, 2, ... apart have in common by this one, (at most
-            16,).
+        in_common: share of the power of the speckle that frames 1, 2, ... apart have in common by this object, (at most 16,); empty for a
+            single object.
     """
 
     path_pixels: np.ndarray

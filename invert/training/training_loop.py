@@ -73,18 +73,18 @@ class Training:
             batch_size=None,
             sampler=steps,
             num_workers=workers,
-            collate_fn=_unchanged,
+            collate_fn=_keep,
             multiprocessing_context=started,
         )
         batches = iter(loader)
         for _ in steps:
-            with self._timed():
+            with self._count_time():
                 batch = next(batches)
             yield batch
 
     def advance(self, batch: Batch | Speckled) -> float:
         """Take one optimiser step; return the loss."""
-        with self._timed():
+        with self._count_time():
             return self._advance(batch.part(slice(self.rank, None, self.world), self.options.device))
 
     def _advance(self, batch: Batch | Speckled) -> float:
@@ -102,7 +102,7 @@ class Training:
         return float(loss.detach())
 
     @contextmanager
-    def _timed(self) -> Iterator[None]:
+    def _count_time(self) -> Iterator[None]:
         """Add the time within to that of the run; the CPU time is that of this process, without its workers."""
         begin, begin_cpu = time.perf_counter(), time.process_time()
         yield
@@ -300,7 +300,7 @@ class _Batches(Dataset):
         return self._training.draw(self._targets[step % len(self._targets)], step)
 
 
-def _unchanged(batch: Batch | Speckled) -> Batch | Speckled:
+def _keep(batch: Batch | Speckled) -> Batch | Speckled:
     return batch
 
 
