@@ -64,9 +64,10 @@ def estimate_blur(
         reconstruct: function that reconstructs a measurement; its second argument selects the seed.
     """
     undivided = read_measurement(estimate.values, estimate.quantisation)
-    # More lags are chosen where the upper frequencies hold signal, which a blur removes.
-    is_searchable = estimate.blur_pixels is None and estimate.record is not None and estimate.lag_grid.lags <= LAGS
-    if not is_searchable or not undivided.detectable or not undivided.noise.dof:
+    # More lags are chosen where the upper frequencies hold signal, which a blur removes. What is left of other objects looks like a blur.
+    record = estimate.record
+    is_searchable = record is not None and record.object_number is None and estimate.lag_grid.lags <= LAGS
+    if not is_searchable or estimate.blur_pixels is not None or not undivided.detectable or not undivided.noise.dof:
         return estimate, None
     if not (tried := possible_blurs(estimate)):
         return estimate, None

@@ -175,6 +175,7 @@ def estimate_alone(capture: Capture, tracks: Sequence[Track], number: int, reque
         dof_expected=mixture.dof(number, grid),
         background=BackgroundRecord("pooled"),
         lags_reason=reason,
+        contrast=None,  # objects that move apart lower it by themselves
         object_number=number + 1,
     )
     found = replace(
