@@ -141,7 +141,7 @@ class Mixture:
         """
         along = np.stack([self.along(one, grid) for one in range(len(self.tracks))], -1)
         # A prior of the part of each object in the whole, with a standard error of its own size, decides where the equations do not.
-        prior = np.diag([1.0 / self.dof(one, grid) for one in range(len(self.tracks))])
+        prior = np.diag([1.0 / (self.dof(one, grid) * part) for one, part in enumerate(self.light)])
         mixing, light = self.mixing(grid) + prior, self.light
         for _ in range(ROUNDS):
             found = np.linalg.solve(mixing, (along + (joint[..., None] * light) @ prior)[..., None])[..., 0]
