@@ -31,7 +31,7 @@ COMMANDS = [
 """Commands in their order, without the live view, which runs until it is interrupted (tests/live)."""
 
 SMALLER = {
-    "200000": "1024",
+    "200000": "2048",
     "--count 1000": "--count 2",
     "--sets shapes rendered": "--sets shapes --count 1 --levels 1",
     "[--json]": "--json",
