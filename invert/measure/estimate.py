@@ -256,6 +256,7 @@ def apply_blur_transfer(estimate: Estimate, blur_pixels: tuple[float, float]) ->
 
 
 def camera_transfer(camera: CameraMetadata, grid: PatchGrid) -> np.ndarray | None:
+    """Return the transfer H of pupil and pixel at the lags of a grid; None if the camera is unknown."""
     if camera.lag_geometry is None or camera.pupil_diameter_m is None or camera.pupil_distance_m is None:
         return None
     return lag_transfer(

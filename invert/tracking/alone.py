@@ -18,6 +18,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from itertools import product
 
 import numpy as np
 import torch
@@ -35,7 +36,7 @@ from radiometry.estimation.autocorrelation_estimator import (
     estimate_autocorrelation,
 )
 from radiometry.estimation.background import BackgroundRecord
-from radiometry.noise.measured_noise import SIGNAL_FREE_PART
+from radiometry.noise.measured_noise import outermost_signal_ring
 
 MIN_IN_COMMON = 0.2
 """Least speckle in common, over the most of an object, of pairs of frames that are used."""
@@ -97,14 +98,12 @@ class Mixture:
             raise InputError(
                 "frames", f"at most {memory_bytes() / 1e9:.1f} GB", found, "bin the frames, or cut out a part of them"
             )
-        rows, columns = torch.fft.fftfreq(estimator.padded[0])[:, None], torch.fft.rfftfreq(estimator.padded[1])
         earlier: deque[torch.Tensor] = deque(maxlen=int(np.flatnonzero(shares)[-1]) + 1)  # the latest first
         total, weight = torch.zeros(1), 0.0
         shown = zip(self.frames, self.tracks[number].path_pixels, strict=True)
         for frame, place in tqdm(shown, desc="pairs", total=len(self.frames), unit="frame", disable=None, leave=False):
             image = torch.from_numpy(np.asarray(frame, np.float32))
-            turn = 2.0 * math.pi * (rows * float(place[0]) + columns * float(place[1]))
-            moved = estimator.spectrum_of(image, float(image.mean()))[0] * torch.polar(torch.ones_like(turn), turn)
+            moved = estimator.move_back(estimator.spectrum_of(image, float(image.mean()))[0], place.tolist())
             partners = torch.zeros_like(moved)
             for share, other in zip(shares.tolist(), earlier, strict=False):
                 partners.add_(other, alpha=share)
@@ -115,22 +114,13 @@ class Mixture:
 
     def mixing(self, grid: PatchGrid) -> np.ndarray:
         """Return the matrix A at each lag, (side, side, objects, objects)."""
-        steps, count = np.arange(-grid.lags, grid.lags + 1), len(self.tracks)
-        found = np.zeros((len(steps), len(steps), count, count))
-        for one in range(count):
-            for other in range(count):
-                relative = self.tracks[one].path_pixels - self.tracks[other].path_pixels
-                for apart, (own, its) in enumerate(self.in_common[[one, other]].T, 1):
-                    if own * its:
-                        away = relative[apart:] - relative[:-apart]
-                        turns = [
-                            np.exp(2j * np.pi * np.outer(steps, a) / side)
-                            for a, side in zip(away.T, grid.patch_shape, strict=True)
-                        ]
-                        # The window of a patch, over the fraction of pixels with a partner, by which lags are divided.
-                        apart_in = [np.abs(away) / np.array(one_side) for one_side in (grid.patch_shape, grid.frame_shape)]
-                        seen = np.prod(np.maximum(1.0 - apart_in[0], 0.0) / np.maximum(1.0 - apart_in[1], 0.1), 1)
-                        found[:, :, one, other] += own * its * ((turns[0] * seen) @ turns[1].T).real
+        count, side = len(self.tracks), grid.lag_grid.side
+        found = np.zeros((side, side, count, count))
+        for one, other in product(range(count), repeat=2):
+            relative = self.tracks[one].path_pixels - self.tracks[other].path_pixels
+            for apart, common in enumerate(self.in_common[one] * self.in_common[other], 1):
+                if common:
+                    found[:, :, one, other] += common * _turned(relative[apart:] - relative[:-apart], grid)
         return found / np.diagonal(found, axis1=2, axis2=3)[..., None]
 
     def separate(self, number: int, grid: PatchGrid, joint: np.ndarray) -> np.ndarray:
@@ -150,25 +140,38 @@ class Mixture:
         return found[..., number]
 
 
+def _turned(away: np.ndarray, grid: PatchGrid) -> np.ndarray:
+    """Return the sum of cos(2 pi f D) over relative displacements D (pairs, 2) at the lags of a grid, as the estimator sees it."""
+    steps = np.arange(-grid.lags, grid.lags + 1)
+    rows, columns = (
+        np.exp(2j * np.pi * np.outer(steps, along) / side) for along, side in zip(away.T, grid.patch_shape, strict=True)
+    )
+    # The window of a patch, over the fraction of pixels with a partner, by which lags are divided.
+    in_patches, in_frames = (np.abs(away) / np.array(shape) for shape in (grid.patch_shape, grid.frame_shape))
+    seen = np.prod(np.maximum(1.0 - in_patches, 0.0) / np.maximum(1.0 - in_frames, 0.1), 1)
+    return ((rows * seen) @ columns.T).real
+
+
 def estimate_alone(capture: Capture, tracks: Sequence[Track], number: int, request: Request, joint: Estimate) -> Estimate:
     """Estimate r*r of one object from frames in which several move.
 
     Args:
         tracks: paths of all objects.
         number: index of the object.
-        joint: the estimate of all objects together, whose record and drawing are kept.
+        joint: the pooled estimate of all objects together, whose record and drawing are kept.
     """
     begin, mixture = time.perf_counter(), Mixture(capture.frames, tracks)
+    assert joint.record is not None
+    known = {joint.record.grid: joint.values}
 
     @cache  # the grid that is chosen has already been tried
     def values_on(grid: PatchGrid) -> np.ndarray:
-        whole, _ = estimate_autocorrelation(capture.frames, grid, "pooled")
+        whole = known[grid] if grid in known else estimate_autocorrelation(capture.frames, grid, "pooled")[0]
         separate = mixture.separate(number, grid, whole - float(whole[_beyond(grid)].mean()))
         return _add_floor(separate, grid, mixture.dof(number, grid))
 
     grid, reason = choose_grid(capture, request, values_on)
     camera = capture.camera.lag_geometry
-    assert joint.record is not None
     record = replace(
         joint.record,
         grid=grid,
@@ -194,8 +197,7 @@ def estimate_alone(capture: Capture, tracks: Sequence[Track], number: int, reque
 
 def _beyond(grid: PatchGrid) -> np.ndarray:
     """Return a mask of the lags beyond any object."""
-    lags = grid.lag_grid
-    return lags.ring > lags.lags - lags.object_side // SIGNAL_FREE_PART
+    return grid.lag_grid.ring > outermost_signal_ring(grid.lag_grid)
 
 
 def _add_floor(values: np.ndarray, grid: PatchGrid, dof: float) -> np.ndarray:

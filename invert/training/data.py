@@ -13,7 +13,7 @@ from correlograph.lags import lag_grid, lag_grid_of
 from invert.albedo.registration import normalise_peak
 from invert.network.features import Observation
 from invert.training.denoising import Draws, shift_randomly
-from radiometry.noise.measured_noise import SIGNAL_FREE_PART
+from radiometry.noise.measured_noise import outermost_signal_ring
 from radiometry.noise.model import autocorrelate_windowed, draw_estimate
 
 EMPTY_SHARE = 0.04
@@ -98,7 +98,7 @@ def make_varied_batch(targets: torch.Tensor, count: int, rng: torch.Generator) -
         excess = excess + excess.flip(-1)
         line = torch.where(chance(weak)[:, 0], line + 0.5 * excess, line)
         view[:, lags] = torch.where(chance(interpolated)[:, 0], beside, line)
-    read_from = int((grid.ring > grid.lags - grid.object_side // SIGNAL_FREE_PART).sum()) // 2
+    read_from = int((grid.ring > outermost_signal_ring(grid)).sum()) // 2
     read_error = torch.randn(2, count, generator=rng)
     read_floor, read_dof = floor * (1.0 + read_error[0] * (dof * read_from).rsqrt()), dof * (1.0 + 0.04 * read_error[1])
     return Batch(Observation.from_estimate(estimate, read_floor, read_dof), truth, signal)

@@ -67,14 +67,12 @@ class Training:
     def batches(self, targets: Sequence[torch.Tensor]) -> Iterator[Batch | Speckled]:
         """Draw the batches of the steps left, in worker processes if there are any; steps alternate between the target pools."""
         steps, workers = range(self.step, self.options.steps), self.options.workers
-        started = "fork" if workers else None  # forked processes share the targets
         loader = DataLoader(
             _Batches(self, targets),
             batch_size=None,
             sampler=steps,
             num_workers=workers,
-            collate_fn=_keep,
-            multiprocessing_context=started,
+            multiprocessing_context="fork" if workers else None,  # forked processes share the targets
         )
         batches = iter(loader)
         for _ in steps:
@@ -298,10 +296,6 @@ class _Batches(Dataset):
 
     def __getitem__(self, step: int) -> Batch | Speckled:
         return self._training.draw(self._targets[step % len(self._targets)], step)
-
-
-def _keep(batch: Batch | Speckled) -> Batch | Speckled:
-    return batch
 
 
 def _follow(average: Sequence[torch.Tensor], current: Sequence[torch.Tensor], updates: torch.Tensor | int) -> None:

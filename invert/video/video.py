@@ -53,6 +53,7 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
     capture, notes = _read(request, source)
     check_frames(capture, interval_s, MIN_FRAMES, "film")
     whole, followed = estimate_following(request, capture, MIN_FRAMES)
+    path = followed.track if len(followed.objects) == 1 else None
     looks = Looks.of(followed.capture, whole, request)
     looks, pooling, of_turn = _turn_back(looks)
     numbers, of_fields = pooling.times(MAX_IMAGES), []
@@ -63,7 +64,7 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
         images, numbers = of_one_size([one.albedo for one in found]), np.array(still.middles())
         frames = min(2 * still.half_width + 1, still.frames)
     else:
-        images, numbers = _at_their_angles(found, looks, numbers, moves=len(followed.objects) == 1)
+        images, numbers = _at_their_angles(found, looks, numbers, moves=path is not None)
     of_objects = ["several objects move; the film shows all together"] if len(followed.objects) > 1 else []
     side = len(images[0])
     pooled = frames * len(capture.frames) / len(looks.values)
@@ -74,7 +75,7 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
         confidence=np.resize([_confidence(one) for one in found], len(images)),
         frames_per_image=round(pooled),
         angle_deg=looks.turns[numbers] if looks.turns.any() else None,
-        path=followed.track if len(followed.objects) == 1 else None,
+        path=path,
         pitches_m=_pitches_m(looks, side),
         interval_s=interval_s,
         notes=tuple(dict.fromkeys([*notes, *followed.notes, *of_objects, *of_turn, *of_fields, *warnings])),

@@ -16,7 +16,7 @@ information of two frames on a mean that is almost constant over the frame. This
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from threading import local
@@ -241,9 +241,13 @@ class AutocorrelationEstimator:
             return spectrum, None
         shift = shift_between(self._first, spectrum, self.padded, number)
         self._is_pattern_shared |= shift != (0.0, 0.0)
+        return self.move_back(spectrum, shift), shift
+
+    def move_back(self, spectrum: torch.Tensor, shift: Sequence[float]) -> torch.Tensor:
+        """Return the spectrum of a padded frame moved back by a shift in pixels along rows and columns."""
         rows, columns = torch.fft.fftfreq(self.padded[0]), torch.fft.rfftfreq(self.padded[1])
         turn = 2.0 * math.pi * (rows[:, None] * shift[0] + columns[None] * shift[1]).to(self.device)
-        return spectrum * torch.polar(torch.ones_like(turn), turn), shift
+        return spectrum * torch.polar(torch.ones_like(turn), turn)
 
     def _check_copies(self, shared_power: torch.Tensor) -> None:
         power = float(self.sums.power.sum()) / self.frames

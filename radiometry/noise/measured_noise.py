@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from correlograph.lags import lag_grid_of
+from correlograph.lags import LagGrid, lag_grid_of
 
 WHOLE_FRAME_INFLATION = 2.25
 """Variance inflation of an estimate from all pixel pairs: the sum of `radiometry.noise.model.lag_correlation` is 1.5 along each axis."""
@@ -20,6 +20,12 @@ NEGLIGIBLE = 1e-6
 
 SIGNAL_FREE_PART = 8
 """No signal is assumed in the outermost rings, an eighth of the lags."""
+
+
+def outermost_signal_ring(grid: LagGrid) -> int:
+    """Return the largest ring of lags in which an object may have signal."""
+    return grid.lags - grid.object_side // SIGNAL_FREE_PART
+
 
 _APART = 6
 """Distance in lags at which noise is practically uncorrelated."""
@@ -92,7 +98,7 @@ def read_noise_level(estimate: np.ndarray, quantisation: float = 0.0) -> NoiseLe
     """
     grid = lag_grid_of(estimate)
     off_axis, rings = grid.off_axis, grid.ring
-    outermost = grid.lags - grid.object_side // SIGNAL_FREE_PART
+    outermost = outermost_signal_ring(grid)
     mean, dof = _moments(estimate[off_axis & (rings > outermost)], quantisation)
     inflation = _inflation(estimate, off_axis & (rings > outermost))
     boundary, misses = outermost, 0

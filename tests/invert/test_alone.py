@@ -7,7 +7,7 @@ import correlograph as cg
 from invert.tracking.alone import Mixture
 from invert.tracking.track import Track, track
 from radiometry.autocorrelation import autocorrelate, patch_grid
-from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator
+from radiometry.estimation.autocorrelation_estimator import estimate_autocorrelation
 from tests.invert.field.speckle import letter, travelling_frames
 
 PATCH, LAGS = 128, 63
@@ -57,10 +57,8 @@ def test_pairs_leave_no_floor(rng):
     ]
     grid = patch_grid((500, 620), PATCH, LAGS)
     found = Mixture(frames, [track_along(path, np.exp(-np.arange(1, 9) / 15.0))]).along(0, grid)
-    beyond, estimator = grid.lag_grid.ring > 50, AutocorrelationEstimator(grid, mean="pooled")
-    for frame in frames:
-        estimator.add(frame)
-    assert abs(found[beyond].mean()) < 0.03 * estimator.estimate()[beyond].mean()
+    beyond = grid.lag_grid.ring > 50
+    assert abs(found[beyond].mean()) < 0.03 * estimate_autocorrelation(frames, grid, "pooled")[0][beyond].mean()
     assert likeness(found, UPRIGHT) > 0.9
 
 
@@ -73,10 +71,7 @@ def test_each_of_two_objects_is_estimated_alone(seed):
     assert len(tracks) == 2
     assert np.linalg.norm(found.path_pixels[-1] - paths[0][-1]) < 5.0  # the brighter first
     grid = patch_grid((500, 620), PATCH, LAGS)
-    estimator = AutocorrelationEstimator(grid, mean="pooled")
-    for frame in capture.frames:
-        estimator.add(frame)
-    joint = estimator.estimate()
+    joint, _ = estimate_autocorrelation(capture.frames, grid, "pooled")
     joint = joint - joint[grid.lag_grid.ring > 50].mean()
     mixture = Mixture(capture.frames, tracks)
     separate = [mixture.separate(number, grid, joint) for number in (0, 1)]
