@@ -17,6 +17,7 @@ from torch.utils.data import DataLoader, Dataset
 from correlograph.errors import InputError
 from correlograph.files.output import save_json
 from correlograph.lags import OBJECT_SIDE
+from correlograph.workers import one_torch_thread
 from invert.network.checkpoints import NETWORKS, load_network, read_weights, save_weights
 from invert.network.despeckler import Despeckler
 from invert.network.model import CorrelographyNet, Fusion
@@ -289,13 +290,14 @@ class Training:
 
 
 class _Batches(Dataset):
-    """The batch of every step, by its number."""
+    """The batch of every step, by its number; drawn by one thread, because the last bits depend on the number of threads."""
 
     def __init__(self, training: Training, targets: Sequence[torch.Tensor]) -> None:
         self._training, self._targets = training, targets
 
     def __getitem__(self, step: int) -> Batch | Speckled:
-        return self._training.draw(self._targets[step % len(self._targets)], step)
+        with one_torch_thread():
+            return self._training.draw(self._targets[step % len(self._targets)], step)
 
 
 def _follow(average: Sequence[torch.Tensor], current: Sequence[torch.Tensor], updates: torch.Tensor | int) -> None:
