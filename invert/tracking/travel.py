@@ -1,7 +1,8 @@
 """Whether frames show speckle that travels: a moving object, or a moving camera, with the laser at rest.
 
 Frames whose laser spot was moved have independent speckle. What they share is static light, and a moving camera shifts that. If they
-share the speckle itself, then most of its power appears in the cross-correlation of consecutive frames.
+share the speckle itself, then most of its power appears in the cross-correlation of consecutive frames. An object with the part p of the
+light has the part p^2 of this power; the interference of several objects, which has the rest, may change from frame to frame.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from invert.tracking.start import Start, share_along
 from radiometry.estimation.third_moment import FilteredFrames
 
 MIN_SHARE = 0.6
-"""Share of the speckle in common above which it counts as speckle that travels; the rest could be static light."""
+"""Share of the light, squared, above which its common speckle counts as speckle that travels; the rest could be static light."""
 
 MIN_RATIO = 6.0
 """Highest cross-correlation of consecutive frames over its rms from which travel is sought; the highest of 10^5 shifts of frames that
@@ -31,8 +32,8 @@ share nothing lies below it with a probability of 0.9999."""
 
 @dataclass(frozen=True)
 class Travel:
-    """Mean displacement of the speckle from frame to frame in pixels, of each object (k, 2), and the share of its power that consecutive
-    frames have in common at these displacements.
+    """Mean displacement of the speckle from frame to frame in pixels, of each object (k, 2), and the share of the light, squared, that
+    consecutive frames have in common at these displacements; for one object, it is the share of the power of its speckle.
     """
 
     steps_pixels: np.ndarray
@@ -60,8 +61,8 @@ def may_travel(frames: FilteredFrames) -> bool:
 
 
 def find_travel(capture: Capture) -> Travel | None:
-    """Return how the speckle of a capture travels; None if consecutive frames have less than `MIN_SHARE` of it in common, or if it travels
-    by less than a grain in all."""
+    """Return how the speckle of a capture travels; None if consecutive frames have less than `MIN_SHARE` in common, or if it travels by
+    less than a grain in all."""
     first = capture.frames[:FRAMES_FOR_POWER]
     reader = Reader(first[0].shape, 1)
     band = reader.band(first)
@@ -73,7 +74,8 @@ def find_travel(capture: Capture) -> Travel | None:
     except InputError:
         return None
     shares = [share_along(spectra, band, one.path, 1) for one in found]
-    share = float(np.linalg.solve(_overlap(found, band) + 1e-3 * np.eye(len(found)), shares).sum())
+    powers = np.linalg.solve(_overlap(found, band) + 1e-3 * np.eye(len(found)), shares)
+    share = float(np.sqrt(powers.clip(0.0)).sum() ** 2)
     steps = np.array([one.path[-1] / (len(first) - 1) for one in found])
     way = np.linalg.norm(steps, axis=1).max() * (len(capture.frames) - 1)
     return Travel(steps, share) if share > MIN_SHARE and way > band.grain_pixels else None

@@ -5,7 +5,7 @@ import pytest
 
 import correlograph as cg
 from invert.tracking.travel import find_travel
-from tests.invert.field.speckle import expected_frame, letter
+from tests.invert.field.speckle import expected_frame, letter, travelling_fields
 
 SHAPE, PATCH, FRAMES = (330, 390), 128, 6
 
@@ -55,3 +55,18 @@ def test_independent_speckle_does_not_travel(seed):
     rng = np.random.default_rng(seed)
     frames = [rng.poisson(2.0 * expected_frame(letter(), SHAPE, PATCH, rng)).astype(np.float32) for _ in range(FRAMES)]
     assert find_travel(cg.Capture(frames)) is None
+
+
+def test_objects_whose_interference_changes_travel(rng):
+    """Two objects of equal light have a quarter of the power each; their interference, the other half, is new in every frame."""
+    numbers = np.arange(24.0)[:, None]
+    paths = [numbers * np.array([1.6, -0.4]), numbers * np.array([-0.9, 1.2])]
+    pair = [
+        travelling_fields(one, (420, 500), PATCH, rng, path, 60.0)
+        for one, path in zip((letter(size=22), letter(size=16).T), paths, strict=True)
+    ]
+    turns = np.exp(2j * np.pi * rng.random(24))
+    frames = [0.2 * np.abs(a + turn * b) ** 2 for a, b, turn in zip(*pair, turns, strict=True)]
+    found = find_travel(cg.Capture([rng.poisson(one).astype(np.float32) for one in frames]))
+    assert len(found.steps_pixels) == 2
+    assert 0.8 < found.share < 1.2

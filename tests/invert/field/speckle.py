@@ -35,17 +35,24 @@ def expected_frame(
 def travelling_frames(
     albedo: np.ndarray, shape: tuple[int, int], patch: int, rng: np.random.Generator, path: np.ndarray, memory: float
 ) -> list[np.ndarray]:
-    """Return the speckle (rows, columns), mean about 1, of an object whose speckle follows a path (frames, 2) in pixels. The illumination
-    changes: fields of frames k apart correlate by exp(-k / memory)."""
+    """Return the speckle (rows, columns), mean about 1, of an object whose speckle follows a path (frames, 2); see `travelling_fields`."""
+    return [np.abs(field) ** 2 for field in travelling_fields(albedo, shape, patch, rng, path, memory)]
+
+
+def travelling_fields(
+    albedo: np.ndarray, shape: tuple[int, int], patch: int, rng: np.random.Generator, path: np.ndarray, memory: float
+) -> list[np.ndarray]:
+    """Return the field (rows, columns), mean intensity about 1, of an object whose speckle follows a path (frames, 2) in pixels. The
+    illumination changes: fields of frames k apart correlate by exp(-k / memory)."""
     rows, columns = np.nonzero(albedo)
     chosen = rng.integers(0, len(rows), 30 * len(rows))
     places = np.stack((rows[chosen], columns[chosen])) + rng.random((2, len(chosen))) - 0.5
     turns = -2.0 * np.pi * (places - 0.5 * (albedo.shape[0] - 1)) / patch
     size, kept = np.sqrt(albedo[rows[chosen], columns[chosen]]), np.exp(-1.0 / memory)
-    light, frames = np.zeros(len(chosen), complex), []
+    light, fields = np.zeros(len(chosen), complex), []
     for number, place in enumerate(path):
         fresh = (rng.standard_normal(len(chosen)) + 1j * rng.standard_normal(len(chosen))) / np.sqrt(2.0)
         light = kept * light + np.sqrt(1.0 - kept**2) * fresh if number else fresh
         field = finufft.nufft2d1(turns[0], turns[1], size * light * np.exp(-1j * (place @ turns)), shape, eps=1e-6)
-        frames.append(np.abs(field) ** 2 / (size**2).sum())
-    return frames
+        fields.append(field / np.sqrt((size**2).sum()))
+    return fields
