@@ -14,7 +14,8 @@ import numpy as np
 from scipy.interpolate import interp1d
 from scipy.linalg import solveh_banded
 
-from invert.tracking.shifts import MIN_SIGNIFICANCE, derivatives, move_back, weight_of
+from invert.tracking.parts import sum_over_rows
+from invert.tracking.shifts import MIN_SIGNIFICANCE, Weight, derivatives, moments, move_back, weight_of
 from invert.tracking.spectra import Band
 from invert.tracking.start import Start, are_apart
 
@@ -110,7 +111,7 @@ def _error_of_blocks(start: Start, band: Band) -> np.ndarray:
 
 def _fading(spectra: np.ndarray, band: Band, path: np.ndarray) -> float:
     """Return `Followed.fading` from the likenesses exp(-fading k^2) of frames k = 1 and 2 apart."""
-    near, far = likeness(move_back(spectra, band, path), band)[:2]
+    near, far = likeness(spectra, band, path)[:2]
     return float(np.clip(np.log(near / max(far, 1e-3)) / 3.0, 0.0, MAX_FADING)) if near > 0.0 else 0.0
 
 
@@ -119,7 +120,9 @@ def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: in
     groups = np.array_split(np.arange(len(path)), max(2, len(path) // length))
     middles = np.array([group.mean() for group in groups])
     means = np.stack([path[group].mean(0) for group in groups])
-    sums = np.stack([move_back(spectra[group], band, path[group] - path[group].mean(0)).sum(0) for group in groups])
+    sums = spectra
+    if len(groups) < len(path):
+        sums = np.stack([move_back(spectra[group], band, path[group] - path[group].mean(0)).sum(0) for group in groups])
     of_group = replace(band, signal=band.signal * length**2, floor=band.floor * length)
     places, error, steps, of_pair, significance = _register(sums, of_group, means, -(-apart // length))
     numbers = np.arange(len(path))
@@ -145,15 +148,13 @@ def _register(
     count = len(sums)
     apart = min(apart, count - 1, MAX_REACH)
     for _ in range(ROUNDS):
-        moved = move_back(sums, band, places)
-        every = likeness(moved, band)
+        every = likeness(sums, band, places)
         alike = every[apart - 1 :]
         steps = apart + np.arange(max(reach_of(alike), min(2, apart, len(alike))))  # pairs at two distances join all groups
         pairs = sum((np.arange(count) >= step).astype(int) + (np.arange(count)[::-1] >= step) for step in steps)
         usual = max(1, int(np.median(pairs)))
         weight = weight_of(band, float(np.clip(alike[0], 0.05, 1.0)), usual)
-        cross = _cross_with_surroundings(moved, steps)
-        height, slope, curvature = derivatives(cross, band, weight, np.zeros((count, 2)))
+        height, slope, curvature = derivatives(_pull_of_surroundings(sums, band, places, steps, weight))
         inverse = np.linalg.inv(-curvature.sum(0) / pairs.sum())
         correction = _solve(slope @ inverse, steps)
         places = places + correction
@@ -168,20 +169,23 @@ def _register(
     return places, np.sqrt(variance + walked), steps, of_pair, significance
 
 
-def _cross_with_surroundings(moved: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Return the cross-spectra (n, R, C) of groups with the sums of all others at distances from steps[0] to steps[-1]."""
-    count = len(moved)
-    total = np.zeros((count + 1, *moved.shape[1:]), moved.dtype)
-    np.cumsum(moved, 0, out=total[1:])
+def _pull_of_surroundings(sums: np.ndarray, band: Band, places: np.ndarray, steps: np.ndarray, weight: Weight) -> np.ndarray:
+    """Return the moments (n, 3, 3) at zero shift of the cross-correlations of groups, moved back to their places, with the sums of all
+    others at distances from steps[0] to steps[-1]."""
+    count = len(sums)
     low, inner_low, inner_high, high = (
         np.clip(np.arange(count) + side, 0, count) for side in (-steps[-1], 1 - steps[0], steps[0], steps[-1] + 1)
     )
-    cross = total[high]  # in place from here, because new memory for so many spectra costs as much as the sums
-    cross -= total[low]
-    cross -= moved if steps[0] == 1 else total[inner_high] - total[inner_low]
-    np.conjugate(cross, out=cross)
-    cross *= moved
-    return cross
+
+    def pull(rows: slice) -> np.ndarray:
+        part, values = band.part(rows), weight.part(rows).values
+        moved = move_back(sums[:, rows], part, places)
+        total = np.zeros((count + 1, *moved.shape[1:]), moved.dtype)
+        np.cumsum(moved, 0, out=total[1:])
+        around = total[high] - total[low] - (total[inner_high] - total[inner_low])
+        return moments(around.conj() * moved * values.astype(np.float32), part, np.zeros((count, 2)))
+
+    return sum_over_rows(pull, sums)
 
 
 def _solve(slopes: np.ndarray, steps: np.ndarray) -> np.ndarray:
@@ -214,16 +218,19 @@ def reach_of(alike: np.ndarray) -> int:
     return max(1, int(faded[0]) if len(faded) else len(alike))
 
 
-def likeness(moved: np.ndarray, band: Band) -> np.ndarray:
-    """Return the share of the speckle that groups 1, 2, ... apart have in common, (at most `MAX_REACH`,)."""
+def likeness(spectra: np.ndarray, band: Band, path: np.ndarray) -> np.ndarray:
+    """Return the share of the speckle that spectra (n, R, C) 1, 2, ... apart have in common along a path (n, 2), (at most `MAX_REACH`,)."""
     weight = np.where(band.counts > 0.0, band.counts / np.maximum(band.signal + band.floor, 1e-300), 0.0)
-    full = (weight * band.signal).sum()
-    chosen = np.unique(np.linspace(0, len(moved) - 1, PAIRS).astype(int))
-    found = []
-    for step in range(1, min(MAX_REACH + 1, len(moved))):
-        first = chosen[chosen + step < len(moved)]
-        found.append(float(((moved[first].conj() * moved[first + step]).real.mean(0) * weight).sum() / full))
-    return np.array(found)
+    count = len(spectra)
+    chosen = np.unique(np.linspace(0, count - 1, PAIRS).astype(int))
+
+    def common(rows: slice) -> np.ndarray:
+        moved = move_back(spectra[:, rows], band.part(rows), path)
+        weighted = moved * weight[rows].astype(np.float32)
+        pairs = [(chosen[chosen + step < count], step) for step in range(1, min(MAX_REACH + 1, count))]
+        return np.array([np.vecdot(weighted[one], moved[one + step]).real.sum(1).mean() for one, step in pairs], np.float64)
+
+    return sum_over_rows(common, spectra) / (weight * band.signal).sum()
 
 
 def _walk_by_illumination(places: np.ndarray, alike: np.ndarray, band: Band) -> np.ndarray:

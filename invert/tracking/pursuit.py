@@ -50,9 +50,11 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
     Raises InputError if the whole capture shows no common motion.
     """
     alone, middle = find_brightest(spectra, band), max(0, len(spectra) - FRAMES_FOR_NUMBER) // 2
-    several = _drop_interference(_pursue(spectra[middle : middle + FRAMES_FOR_NUMBER], band))
+    some = np.s_[middle : middle + FRAMES_FOR_NUMBER]
+    lags = _lags_for_others(alone.path[some], spectra[some], band)
+    several = _drop_interference(_pursue(spectra[some], band, lags))
     if len(several) > 1 and len(spectra) > FRAMES_FOR_NUMBER:
-        several = _drop_interference(_pursue(spectra, band))
+        several = _drop_interference(_pursue(spectra, band, lags))
     is_one = _persists(alone, spectra, band)
     if len(several) > 1 and not (is_one and _explains(alone, several[0], spectra, band)):
         return sorted(several, key=lambda one: -one.share)
@@ -60,6 +62,17 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
         expected, remedy = "speckle that moves as a whole", "keep the laser and the camera at rest"
         raise InputError("frames", expected, "displacements that do not continue from frame to frame", remedy)
     return [alone]
+
+
+def _lags_for_others(path: np.ndarray, spectra: np.ndarray, band: Band) -> list[int]:
+    """Return the distances of frames by which further objects could be found: those larger than one at which a single object leaves too
+    little of the power for another."""
+    lags = [one for one in LAGS if 2 * one < len(spectra)]
+    enough = 1.0 / (1.0 + MIN_RELATIVE_SHARE)
+    for index, lag in enumerate(lags):
+        if share_along(spectra, band, path, lag) > enough:
+            return lags[:index]
+    return lags
 
 
 def _explains(alone: Start, first: Start, spectra: np.ndarray, band: Band) -> bool:
@@ -79,11 +92,11 @@ def _drop_interference(found: list[Start]) -> list[Start]:
     return [one for one in found if not is_between(one)]
 
 
-def _pursue(spectra: np.ndarray, band: Band) -> list[Start]:
-    """Return all objects that frames at any distance show."""
+def _pursue(spectra: np.ndarray, band: Band, lags: Iterable[int]) -> list[Start]:
+    """Return all objects that frames at some distances, the largest first, show."""
     found: list[Start] = []
     left = spectra
-    for lag in (one for one in LAGS if 2 * one < len(spectra)):
+    for lag in lags:
         while best := _most(left, band, lag, found):
             found += best
             left = subtract_light(spectra, band, found)

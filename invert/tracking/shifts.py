@@ -9,7 +9,7 @@ maximum is that of the slope of the noise over the squared curvature, which for 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.fft import irfft2, next_fast_len
@@ -49,6 +49,10 @@ class Weight:
     deviation: float
     full: float
 
+    def part(self, rows: slice) -> Weight:
+        """Return the weight of some rows of a band."""
+        return replace(self, values=self.values[rows])
+
 
 def weight_of(band: Band, common: float, frames: int = 1) -> Weight:
     """Return the weight for the cross-spectrum of a frame with the sum of a number of frames, a share of whose speckle is common."""
@@ -81,37 +85,28 @@ def move_back(spectra: np.ndarray, band: Band, pixels: np.ndarray) -> np.ndarray
 
 def heights_at(cross: np.ndarray, band: Band, weight: Weight, pixels: np.ndarray) -> np.ndarray:
     """Return weighted cross-correlations (n,) at displacements (n, 2), from cross-spectra (n, R, C)."""
-    return derivatives(cross, band, weight, pixels)[0]
-
-
-def derivatives(cross: np.ndarray, band: Band, weight: Weight, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return weighted cross-correlations (n,) at displacements (n, 2), from cross-spectra (n, R, C), their slopes (n, 2) and curvatures
-    (n, 2, 2)."""
-    return _derivatives(_apply_weight(cross, weight), band, pixels)
+    return derivatives(moments(cross * weight.values.astype(np.float32), band, pixels))[0]
 
 
 def refine(cross: np.ndarray, band: Band, weight: Weight, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the displacements (n, 2) and heights (n,) of the maxima of cross-correlations nearest to a start (n, 2), from cross-spectra
     (n, R, C), by Newton's method."""
     pixels, reach = start.astype(np.float64).copy(), band.grain_pixels
-    weighted = _apply_weight(cross, weight)
+    weighted = cross * weight.values.astype(np.float32)
     # Away from a maximum, the curvature expected there keeps the step uphill.
     usual = np.trace(weight.slope_variance) / max(weight.full, 1e-300)
     for _ in range(NEWTON_STEPS):
-        _, slope, curvature = _derivatives(weighted, band, pixels)
+        _, slope, curvature = derivatives(moments(weighted, band, pixels))
         bent = _downward(curvature, usual)
         pixels += np.clip(-np.linalg.solve(bent, slope[..., None])[..., 0], -reach, reach)
-    height, _, curvature = _derivatives(weighted, band, pixels)
+    height, _, curvature = derivatives(moments(weighted, band, pixels))
     inverse = np.linalg.inv(_downward(curvature, 1e-9 * max(weight.full, 1e-300)))
     return pixels + _window_bias(pixels, band, height, inverse), height
 
 
-def _apply_weight(cross: np.ndarray, weight: Weight) -> np.ndarray:
-    return cross * weight.values.astype(np.float32)
-
-
-def _derivatives(weighted: np.ndarray, band: Band, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return cross-correlations at displacements (n, 2), their slopes (n, 2) and curvatures (n, 2, 2)."""
+def moments(weighted: np.ndarray, band: Band, pixels: np.ndarray) -> np.ndarray:
+    """Return the sums over all frequencies of weighted cross-spectra (n, R, C), moved back by displacements (n, 2), times powers 0 to 2 of
+    the angular frequencies along rows and columns, (n, 3, 3)."""
 
     def powers(frequencies: np.ndarray, shifts: np.ndarray) -> np.ndarray:
         turns = 2.0 * np.pi * frequencies
@@ -120,8 +115,11 @@ def _derivatives(weighted: np.ndarray, band: Band, pixels: np.ndarray) -> tuple[
 
     # Dot products take a fraction of the time of a matrix product, whose threads would wait for each other.
     along = np.vecdot(powers(band.columns, -pixels[:, 1])[:, None], weighted[:, :, None])  # (n, R, 3), the first one conjugated
-    sums = powers(band.rows, pixels[:, 0]) @ along  # (n, 3, 3): powers of rows and of columns
-    sums = sums.astype(np.complex128)
+    return (powers(band.rows, pixels[:, 0]) @ along).astype(np.complex128)
+
+
+def derivatives(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return cross-correlations (n,), their slopes (n, 2) and curvatures (n, 2, 2) from `moments`."""
     slope = -np.stack([sums[:, 1, 0].imag, sums[:, 0, 1].imag], -1)
     curvature = -np.stack([sums[:, 2, 0].real, sums[:, 1, 1].real, sums[:, 1, 1].real, sums[:, 0, 2].real], -1)
     return sums[:, 0, 0].real, slope, curvature.reshape(-1, 2, 2)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from correlograph.errors import InputError
+from invert.tracking.parts import on_all_cores, sum_over_rows
 from invert.tracking.shifts import APART_GRAINS, MIN_SIGNIFICANCE, correlate, heights_at, peaks, weight_of
 from invert.tracking.spectra import Band
 
@@ -63,7 +64,12 @@ def find_brightest(spectra: np.ndarray, band: Band) -> Start:
 def share_along(spectra: np.ndarray, band: Band, path: np.ndarray, lag: int) -> float:
     """Return the share of the speckle that frames `lag` apart have in common along a path (frames, 2)."""
     steps, weight = path[lag:] - path[:-lag], weight_of(band, 0.0)
-    alike = heights_at(spectra[:-lag].conj() * spectra[lag:], band, weight, steps)
+
+    def heights(rows: slice) -> np.ndarray:
+        cross = spectra[:-lag, rows].conj() * spectra[lag:, rows]
+        return heights_at(cross, band.part(rows), weight.part(rows), steps)
+
+    alike = sum_over_rows(heights, spectra)
     overlap = np.prod(1.0 - np.abs(steps) / np.array(band.shape), axis=1).mean()
     return float(alike.mean() / (weight.full * max(overlap, 0.1)))
 
@@ -83,12 +89,17 @@ def paths_at(spectra: np.ndarray, band: Band, lag: int, length: int) -> tuple[li
     """Return the objects by the displacement of frames that are `lag` apart, in blocks of `length` pairs, the brightest first, and whether
     nearly all blocks show one."""
     pairs, weight = len(spectra) - lag, weight_of(band, 0.0)
-    blocks, found = np.array_split(np.arange(pairs), max(1, pairs // length)), []
-    for block in blocks:
-        first, later = spectra[block[0] : block[-1] + 1], spectra[block[0] + lag : block[-1] + lag + 1]
-        total, deviation = (first.conj() * later).sum(0), weight.deviation * len(block) ** 0.5
-        own = np.maximum((np.abs(first) ** 2).sum(0) - len(block) * band.floor, 0.0)
-        found.append((*peaks(total, own, band, weight, deviation, MAX_PEAKS), len(block)))
+    blocks = np.array_split(np.arange(pairs), max(1, pairs // length))
+
+    def peaks_of(block: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+        total, own = np.zeros(band.signal.shape, np.complex64), np.full(band.signal.shape, -len(block) * band.floor, np.float32)
+        for first, later in zip(spectra[block], spectra[block + lag], strict=True):
+            total += first.conj() * later
+            own += first.real**2 + first.imag**2
+        found = peaks(total, np.maximum(own, 0.0), band, weight, weight.deviation * len(block) ** 0.5, MAX_PEAKS)
+        return *found, len(block)
+
+    found = on_all_cores(peaks_of, blocks)
     middles = np.array([block.mean() + 0.5 * lag for block in blocks])
     starts = []
     for chain in _chains(found, MAX_JUMP_GRAINS * band.grain_pixels):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,10 +15,10 @@ from correlograph.errors import InputError, check_positive, memory_bytes
 from correlograph.files.capture import Capture
 from correlograph.files.figures import figure_as_html
 from invert.tracking.follow import Followed, follow, likeness
+from invert.tracking.parts import on_all_cores
 from invert.tracking.pursuit import find_objects
 from invert.tracking.separation import isolate
-from invert.tracking.shifts import move_back
-from invert.tracking.spectra import Reader
+from invert.tracking.spectra import Band, Reader
 from invert.tracking.start import Start
 from invert.tracking.tables import check_frames, save_table
 from invert.tracking.vibration import find_vibrations
@@ -213,17 +214,28 @@ def track(
     if needed > memory_bytes():
         most = int(memory_bytes() / (band.signal.size * BYTES_PER_COEFFICIENT))
         raise InputError("frames", f"at most {most} in this memory", len(capture.frames), "track them in parts")
-    frames = tqdm(capture.frames, desc="frames", unit="frame", disable=None, leave=False)
-    spectra = np.stack([reader.spectra(frame, band) for frame in frames])
+    spectra = _spectra(capture.frames, reader, band)
     starts, tracks = find_objects(spectra, band), []
     for start, (own, its_band) in zip(starts, isolate(spectra, band, starts), strict=True):
         others = [one for one in starts if one is not start]
         followed = follow(own, its_band, start, others).for_open_shutter(_open_share(capture, interval_s))
         found = _track_of(start, followed, binning, lever, interval_s)
         if others:
-            found = replace(found, in_common=likeness(move_back(own, its_band, followed.path), band))
+            found = replace(found, in_common=likeness(own, band, followed.path))
         tracks.append(found)
     return replace(tracks[0], others=tuple(tracks[1:]))
+
+
+def _spectra(frames: Sequence[np.ndarray], reader: Reader, band: Band) -> np.ndarray:
+    """Return the spectra of frames in a band, (n, R, C)."""
+    with tqdm(total=len(frames), desc="frames", unit="frame", disable=None, leave=False) as bar:
+
+        def read(number: int) -> np.ndarray:
+            found = reader.spectra(frames[number], band)
+            bar.update()
+            return found
+
+        return np.stack(on_all_cores(read, range(len(frames))))
 
 
 def _open_share(capture: Capture, interval_s: float | None) -> float:
