@@ -5,12 +5,25 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import detrend
+from numpy.polynomial import legendre
+from scipy.stats import chi2
+from scipy.stats import f as f_distribution
 
 FALSE_ALARM = 0.01
 """Probability that a path without vibration shows one."""
 
 MAX_VIBRATIONS = 5
+LOBE = 1
+"""Frequencies on each side of a maximum that the window gives a part of its power."""
+
+BENDS = 7
+"""Degree of the polynomial that is subtracted from a path; it has fewer periods than any vibration that is sought."""
+
+SHARED_BY_WINDOW = 35.0 / 18.0
+"""Factor by which the window raises the variance of a mean of neighbouring powers: 1 + 2 (2/3)^2 + 2 (1/6)^2."""
+
+LEAST_SIDE = 4
+"""Least number of frequencies on each side with which a maximum is compared."""
 
 
 @dataclass(frozen=True)
@@ -25,26 +38,42 @@ class Vibration:
 def find_vibrations(path: np.ndarray) -> list[Vibration]:
     """Return the vibrations of a path (frames, 2), the strongest first.
 
-    The sum of the powers of both axes is compared with the median of its neighbours.
+    A vibration stands above both its sides: the spectrum of a curved path, and that of errors that add up along it, falls with frequency.
     """
     frames = len(path)
-    if frames < 16:
+    if frames // 2 - 2 <= 2 * (LEAST_SIDE + LOBE):  # too few frequencies
         return []
     window = np.hanning(frames + 2)[1:-1]
-    spectrum = np.fft.rfft(detrend(path, axis=0) * window[:, None], axis=0)[2:-1]
-    power = (np.abs(spectrum) ** 2).sum(1)
-    half = max(8, len(power) // 16)
-    noise = np.array([np.median(power[max(0, one - half) : one + half + 1]) for one in range(len(power))])
-    # Sum of two exponential powers: a Gamma variable of shape 2, with median 1.678 in units of the mean of one.
-    ratio = power / np.maximum(noise / 1.678, 1e-300)
-    chance = np.minimum(1.0, len(power) * (1.0 + ratio) * np.exp(-np.minimum(ratio, 700.0)))
-    found = []
-    for place in np.argsort(-ratio):
-        if chance[place] > FALSE_ALARM or len(found) == MAX_VIBRATIONS:
+    times = np.linspace(-1.0, 1.0, frames)
+    bent = legendre.legval(times, legendre.legfit(times, path, BENDS)).T
+    spectrum = np.fft.rfft((path - bent) * window[:, None], axis=0)[2:-1]
+    power, free, found = np.abs(spectrum) ** 2, np.ones(len(spectrum), bool), []
+    while len(found) < MAX_VIBRATIONS:
+        chance = len(power) * np.array([_chance(power, free, place) for place in range(len(power))])
+        place = int(chance.argmin())
+        if chance[place] > FALSE_ALARM:
             break
-        if all(abs(place - other) > 3 for other, _ in found):
-            found.append((place, chance[place]))
-    return [
-        Vibration((place + 2) / frames, tuple((2.0 * np.abs(spectrum[place]) / window.sum()).tolist()), float(rate))
-        for place, rate in found
-    ]
+        amplitude = 2.0 * np.abs(spectrum[place]) / window.sum()
+        found.append(Vibration((place + 2) / frames, (float(amplitude[0]), float(amplitude[1])), float(chance[place])))
+        free[max(0, place - 2 * LOBE) : place + 2 * LOBE + 1] = False
+    return found
+
+
+def _chance(power: np.ndarray, free: np.ndarray, place: int) -> float:
+    """Return the probability that noise exceeds the larger mean of the two sides of a frequency by as much as the power there; 1 if a side
+    is too short. The axes are independent: their probabilities are combined by Fisher's method.
+
+    Args:
+        power: (frequencies, 2). free: frequencies that belong to no vibration found before.
+    """
+    reach = max(2 * LEAST_SIDE, len(power) // 16)
+    below, above = (
+        np.s_[max(0, place - LOBE - reach) : max(0, place - LOBE)],
+        np.s_[place + LOBE + 1 : place + LOBE + 1 + reach],
+    )
+    sides = [power[one][free[one]] for one in (below, above)]
+    if not free[place] or min(len(one) for one in sides) < LEAST_SIDE:
+        return 1.0
+    noise, count = np.max([one.mean(0) for one in sides], 0), sum(len(one) for one in sides)
+    each = f_distribution.sf(power[place] / np.maximum(noise, 1e-300), 2, 2 * count / SHARED_BY_WINDOW)
+    return float(chi2.sf(-2.0 * np.log(np.maximum(each, 1e-300)).sum(), 4))

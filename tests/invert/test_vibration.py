@@ -1,0 +1,42 @@
+"""Vibrations in a path: found with frequency and amplitude, and hardly ever where there is none."""
+
+import numpy as np
+import pytest
+
+from invert.tracking.vibration import FALSE_ALARM, find_vibrations
+
+PATHS = 300
+
+
+def paths(kind, frames, rng):
+    """Yield paths without vibration."""
+    times = np.linspace(0.0, 1.0, frames)
+    for _ in range(PATHS):
+        noise = rng.standard_normal((frames, 2)) * (1.0, 0.3)
+        if kind == "walk":  # errors that add up along the path
+            yield np.cumsum(noise, 0)
+        elif kind == "curve":
+            turns = rng.uniform(0.0, 2.0 * np.pi, 2)
+            yield 200.0 * np.stack([np.sin(turns[0] * times), np.cos(turns[1] * times)], 1) + 0.3 * noise
+        else:
+            yield noise
+
+
+@pytest.mark.parametrize("frames", [8, 31, 40, 130])
+@pytest.mark.parametrize("kind", ["white", "walk", "curve"])
+def test_false_alarms_are_as_rare_as_stated(kind, frames, rng):
+    """Their number exceeds this limit with a probability of a thousandth at the stated rate of 1 %."""
+    assert sum(bool(find_vibrations(one)) for one in paths(kind, frames, rng)) <= 10
+    assert FALSE_ALARM == 0.01
+
+
+def test_two_vibrations_of_a_curved_path(rng):
+    numbers = np.arange(120.0)
+    path = np.stack([0.02 * numbers**2, -3.0 * numbers], 1) + 0.2 * rng.standard_normal((120, 2))
+    path += np.outer(np.sin(2.0 * np.pi * 0.3 * numbers), [1.0, 0.2]) + np.outer(
+        np.cos(2.0 * np.pi * 0.15 * numbers), [0.0, 0.6]
+    )
+    first, second = find_vibrations(path)
+    assert (first.periods_per_frame, second.periods_per_frame) == pytest.approx((0.3, 0.15), abs=0.005)
+    assert first.amplitude_pixels == pytest.approx((1.0, 0.2), abs=0.12)
+    assert second.amplitude_pixels == pytest.approx((0.0, 0.6), abs=0.12)
