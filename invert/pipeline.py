@@ -86,10 +86,11 @@ def fulfil(request: Request, source: Source) -> Result:
     shown, notes = read_prepared(request, source)
     seconds = {"read": time.perf_counter() - begin}
     if isinstance(shown, Estimate):
-        capture, estimate = None, shown
+        capture, estimate, path = None, shown, None
     else:
         estimate, followed = estimate_following(request, shown)
         estimate, capture, of_objects = _choose_object(request, estimate, followed)
+        path = followed.objects[request.object_number - 1] if followed.objects else None
         notes += followed.notes + of_objects + describe_files(shown)
     seconds["autocorrelation"] = estimate.seconds
 
@@ -110,7 +111,7 @@ def fulfil(request: Request, source: Source) -> Result:
     seconds["retrieval"] = time.perf_counter() - begin
 
     settings = MethodSettings(request.method.name, request.quality.name, request.seed)
-    result = Result(estimate, measurement, found, settings, seconds, test, doubts, hypotheses)
+    result = Result(estimate, measurement, found, settings, seconds, test, doubts, hypotheses, track=path)
     if isinstance(shown, Capture):
         warnings += stray_light_of(shown)
     if capture is not None:

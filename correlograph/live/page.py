@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import logging
 import secrets
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ REFRESH_MS = 500
 SHOWN_PIXELS = 480
 """Largest side of an image on the page."""
 
-PICTURES = ("frame", "histogram and contrast", "autocorrelation", "reconstruction")
+PICTURES = ("frame", "histogram and contrast", "autocorrelation", "reconstruction", "path")
 MIN_SILENCE_S = 3.0
 """Time without a frame after which the page states it."""
 
@@ -79,10 +80,11 @@ def _build(pn: Any, acquisition: Acquisition, folder: Path) -> Any:
     restart = pn.widgets.Button(name="Restart the estimate")
     balanced = pn.widgets.Button(name="Reconstruct with quality balanced")
     save = pn.widgets.Button(name="Save the frames", button_type="primary")
+    save_film = pn.widgets.Button(name="Save the film")
 
-    def on_save(event: object) -> None:
+    def write(what: Callable[[Path], Path]) -> None:
         try:
-            message.object = f"saved: `{acquisition.session.save(folder)}`"
+            message.object = f"saved: `{what(folder)}`"
         except InputError as problem:
             message.object = f"not saved: {problem}"
 
@@ -92,7 +94,8 @@ def _build(pn: Any, acquisition: Acquisition, folder: Path) -> Any:
 
     restart.on_click(on_restart)
     balanced.on_click(lambda event: acquisition.request("balanced"))
-    save.on_click(on_save)
+    save.on_click(lambda event: write(acquisition.session.save))
+    save_film.on_click(lambda event: write(acquisition.save_film))
 
     def refresh() -> None:
         values.object = table(acquisition)
@@ -102,11 +105,13 @@ def _build(pn: Any, acquisition: Acquisition, folder: Path) -> Any:
             found = pictures(acquisition)
             for name, image in images.items():
                 image.object = found.get(name)
+            columns["path"].visible = "path" in found
 
+    columns = {name: pn.Column(f"### {name}", image) for name, image in images.items()}
     refresh()
     pn.state.add_periodic_callback(refresh, REFRESH_MS)
-    columns = [pn.Column(f"### {name}", image) for name, image in images.items()]
-    return pn.Column("# correlograph live", pn.Row(*columns), pn.Row(restart, balanced, save), message, values)
+    buttons = pn.Row(restart, balanced, save, save_film)
+    return pn.Column("# correlograph live", pn.Row(*columns.values()), buttons, message, values)
 
 
 def pictures(acquisition: Acquisition) -> dict[str, bytes]:
@@ -120,6 +125,8 @@ def pictures(acquisition: Acquisition) -> dict[str, bytes]:
         found["autocorrelation"] = png(np.sqrt(np.clip(estimate.values - np.median(estimate.values), 0.0, None)), "magma")
     if result is not None:
         found["reconstruction"] = draw_albedo(result)
+    if acquisition.film.path is not None:
+        found["path"] = _as_png(acquisition.film.path.plot())
     return found
 
 

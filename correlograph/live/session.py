@@ -14,21 +14,23 @@ from threading import Lock
 import numpy as np
 
 from correlograph.errors import InputError
-from correlograph.files.capture import CameraMetadata
+from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.captured_frames import check_frame
 from correlograph.files.corrections import Corrections
 from correlograph.files.exr_frames import FrameHeader, can_write_frames, write_frame
 from correlograph.files.manifest import record_temporary
 from correlograph.files.output import output_folder, save_array, sole_writer
+from correlograph.live.film import Look
 from correlograph.progress import Progress, no_progress
 from correlograph.version import version
 from invert.measure.estimate import Estimate, estimate_of
 from invert.measure.spectrum import estimate_noise, read_measurement
-from invert.output.result import Result
 from invert.pipeline import reconstruct
+from invert.tracking.travel import find_travel, may_travel
 from radiometry.autocorrelation import PatchGrid, automatic_patch_size, patch_grid
 from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator
 from radiometry.estimation.photon_transfer import PhotonTransfer, combine, photon_transfer
+from radiometry.estimation.third_moment import MAX_FRAMES
 from radiometry.noise.detection import DETECTION_LIMIT
 
 SHARP_ERROR = 0.7
@@ -36,6 +38,9 @@ SHARP_ERROR = 0.7
 
 KEPT_BYTES = 2**27
 """Memory for the latest frames, which can be saved."""
+
+FOLLOWED_FRAMES = 64
+"""Number of the latest frames that are added along the path of a moving object, at most."""
 
 TREND_FRAMES = 200
 """Number of the latest frames whose contrast is kept."""
@@ -112,11 +117,15 @@ class LiveSession:
         self._shape: tuple[int, ...] = ()
         self._estimators: list[AutocorrelationEstimator] = []
         self._gains: deque[PhotonTransfer] = deque(maxlen=16)
-        self._kept: deque[np.ndarray] = deque()
+        self._kept: deque[tuple[int, np.ndarray]] = deque()
         self._frame: FrameReport | None = None
 
-    def add(self, frame: np.ndarray) -> None:
-        """Add a frame (H, W). Raises InputError for one that cannot be speckle, and for another size than that of the frames before."""
+    def add(self, frame: np.ndarray, number: int | None = None) -> None:
+        """Add a frame (H, W). Raises InputError for one that cannot be speckle, and for another size than that of the frames before.
+
+        Args:
+            number: its number among the frames of the camera; by default, the next.
+        """
         image = np.asarray(frame, np.float32)
         with self._lock:
             if self._estimators and image.shape != self._shape:
@@ -134,8 +143,9 @@ class LiveSession:
             self._forget_oldest()
             self._frame = self._measure(light, image)
             self.contrasts.append(self._frame.contrast)
-            self._kept.append(_compact(image))
-            while len(self._kept) > 1 and sum(kept.nbytes for kept in self._kept) > KEPT_BYTES:
+            following = self._kept[-1][0] + 1 if self._kept else 0
+            self._kept.append((following if number is None else number, _compact(image)))
+            while len(self._kept) > 1 and sum(kept.nbytes for _, kept in self._kept) > KEPT_BYTES:
                 self._kept.popleft()
 
     @property
@@ -195,13 +205,12 @@ class LiveSession:
                 estimator.estimate(),
                 self.camera,
                 f"{estimator.frames} live frames",
-                self._kept[-1].astype(np.float32),
+                self._kept[-1][1].astype(np.float32),
             )
 
-    def report(self, estimate: Estimate) -> LiveReport:
-        """Return the state that belongs to an estimate of this session."""
+    def report(self, estimate: Estimate, frames: int) -> LiveReport:
+        """Return the state that belongs to an estimate from a number of frames of this session."""
         measurement = read_measurement(estimate.values, estimate.quantisation, estimate.transfer)
-        frames = estimate.record.frames if estimate.record else 0
         error = estimate_noise(measurement) if measurement.detectable else None
         assert self._frame is not None
         return LiveReport(
@@ -215,10 +224,20 @@ class LiveSession:
             None if error is None else _further_frames(frames, error / SHARP_ERROR),
         )
 
-    @staticmethod
-    def reconstruct(estimate: Estimate, quality: str, progress: Progress = no_progress) -> Result:
-        """Reconstruct the object from an estimate of this session, as `correlograph.reconstruct` does."""
-        return reconstruct(estimate, quality=quality, progress=progress)
+    def reconstruct(self, estimate: Estimate, quality: str, progress: Progress = no_progress) -> Look:
+        """Reconstruct the object from an estimate of this session, as `correlograph.reconstruct` does; if the speckle travels, because the
+        object moves while the laser is at rest, from the latest frames, along its path."""
+        assert estimate.record is not None
+        with self._lock:
+            latest = list(self._kept)[-FOLLOWED_FRAMES:]
+        if estimate.filtered_frames is not None and may_travel(estimate.filtered_frames):
+            numbers, frames = np.array([number for number, _ in latest]), [image for _, image in latest]
+            if find_travel(Capture(frames[-MAX_FRAMES:])) is not None:
+                of_frames = {"lags": estimate.record.grid.lags, "corrections": self.corrections}
+                capture = Capture(frames, self.camera)
+                return Look(reconstruct(capture, quality=quality, progress=progress, **of_frames), numbers)
+        numbers = np.arange(latest[-1][0] + 1 - estimate.record.frames, latest[-1][0] + 1)
+        return Look(reconstruct(estimate, quality=quality, progress=progress), numbers)
 
     def save(self, folder: Path) -> Path:
         """Write the kept frames into a new folder that `invert` reads, and return it.
@@ -226,14 +245,12 @@ class LiveSession:
         They are EXR files with metadata if the camera is known and OpenEXR is installed, and otherwise one file frames.npy.
         """
         with self._lock:
-            frames = list(self._kept)
+            frames = [image for _, image in self._kept]
         if not frames:
             raise InputError("frames", "frames to save", "none so far", "wait for the camera")
         parent = output_folder(folder)
         with sole_writer(parent):
-            number = 1
-            while (target := parent / f"capture_{number:03d}").exists():
-                number += 1
+            target = new_folder(parent, "capture")
             staging = parent / f".{target.name}.partial"
             record_temporary(staging)
             staging.mkdir()
@@ -273,11 +290,22 @@ class LiveSession:
         )
 
 
+def new_folder(parent: Path, kind: str) -> Path:
+    """Return the path of the next folder of a kind, such as capture_003, which does not exist yet."""
+    number = 1
+    while (target := parent / f"{kind}_{number:03d}").exists():
+        number += 1
+    return target
+
+
 def _compact(image: np.ndarray) -> np.ndarray:
-    """Return a frame as 16-bit integers if it consists of such numbers, with half of the memory."""
-    with np.errstate(invalid="ignore"):
-        integers = image.astype(np.uint16)
-    return integers if (integers == image).all() else image
+    """Return a frame as integers of 8 or 16 bits if it consists of such numbers, with a quarter or half of the memory."""
+    for kind in (np.uint8, np.uint16):
+        with np.errstate(invalid="ignore"):
+            integers = image.astype(kind)
+        if (integers == image).all():
+            return integers
+    return image
 
 
 def _gain(image: np.ndarray) -> PhotonTransfer:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from pathlib import Path
 from threading import Condition, Event, Thread
 
 import numpy as np
 
 from correlograph.errors import InputError
-from correlograph.live.session import LiveReport, LiveSession
+from correlograph.files.output import output_folder
+from correlograph.live.film import LiveFilm
+from correlograph.live.session import LiveReport, LiveSession, new_folder
 from correlograph.live.sources import Frames
 from invert.measure.estimate import Estimate
 from invert.output.result import Result
@@ -30,6 +33,7 @@ class Acquisition:
 
     Attributes:
         report, result: the latest; None before.
+        film: the reconstructions so far.
         received, dropped: frames of the source, and how many of them were never added.
         skipped: frames that the session refused, with the reason.
         pending_quality: of the reconstruction that was asked for and is not complete; empty if there is none.
@@ -42,12 +46,13 @@ class Acquisition:
         self.report: LiveReport | None = None
         self.estimate: Estimate | None = None
         self.result: Result | None = None
+        self.film = LiveFilm()
         self.latest: np.ndarray | None = None
         self.received = self.dropped = 0
         self.skipped: list[str] = []
         self.problem = ""
         self.finished = Event()
-        self._waiting: deque[np.ndarray] = deque()
+        self._waiting: deque[tuple[int, np.ndarray]] = deque()
         self._arrived = Condition()
         self._abandoned = Event()
         self.pending_quality = ""
@@ -76,6 +81,7 @@ class Acquisition:
         """Forget all frames, and what was found in them."""
         self._restarts += 1
         self.session.restart()
+        self.film = LiveFilm()
         self.report = self.estimate = self.result = None
 
     def join(self, timeout_s: float = 60.0) -> None:
@@ -84,6 +90,11 @@ class Acquisition:
         """
         for thread in self._threads[1:]:
             thread.join(timeout_s)
+
+    def save_film(self, folder: Path) -> Path:
+        """Write the film so far into a new folder, and return it. Raises InputError without an image."""
+        rate = self.frames_per_s
+        return self.film.film(1.0 / rate if rate > 0.0 else None).save(new_folder(output_folder(folder), "film"))
 
     def request(self, quality: str) -> None:
         """Ask for one reconstruction of another quality; the ones after it are `fast` again."""
@@ -114,7 +125,7 @@ class Acquisition:
             self.received += 1
             self._times.append(time.monotonic())
             with self._arrived:
-                self._waiting.append(frame)
+                self._waiting.append((self.received - 1, frame))
                 if len(self._waiting) > WAITING:
                     self._waiting.popleft()
                     self.dropped += 1
@@ -127,9 +138,9 @@ class Acquisition:
                 self._arrived.wait_for(lambda: self._waiting or self.finished.is_set())
                 if not self._waiting:
                     return
-                frame = self._waiting.popleft()
+                number, frame = self._waiting.popleft()
             try:
-                self.session.add(frame)
+                self.session.add(frame, number)
             except InputError as problem:
                 self.skipped.append(str(problem))
                 continue
@@ -143,16 +154,21 @@ class Acquisition:
             is_new = estimate is not None and estimate.record is not None and estimate.record.frames != seen
             if estimate is not None and estimate.record is not None and (is_new or requested):
                 seen = estimate.record.frames
-                report = self.session.report(estimate)
+                report = self.session.report(estimate, seen)
                 if restarts == self._restarts:
                     self.estimate, self.report = estimate, report
                 try:
-                    result = self.session.reconstruct(estimate, requested or "fast", self._go_on)
+                    look = self.session.reconstruct(estimate, requested or "fast", self._go_on)
                 except _AbandonedError:
                     return
                 if restarts != self._restarts:
                     continue
-                self.pending_quality, self.result = "" if requested else self.pending_quality, result
+                self.pending_quality, self.result = "" if requested else self.pending_quality, look.result
+                if look.result.object_found:
+                    self.film.add(look)
+                if look.result.track is not None:
+                    self.estimate = look.result.estimate
+                    self.report = self.session.report(self.estimate, len(look.numbers))
                 if self.until is not None and self.result.confidence >= self.until:
                     self.stop()
             elif all_added:

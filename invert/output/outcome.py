@@ -17,6 +17,7 @@ from invert.measure.estimate import Estimate
 from invert.measure.spectrum import Measurement
 from invert.methods import Reconstruction
 from invert.output.truth import Comparison, Truth, compare_fine
+from invert.tracking.track import Track
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,7 @@ class Outcome:
         warnings: the doubts that were raised, which lower the confidence, and observations about the frames.
         notes: limits set by the frames: the light that a detection would need, and where the confidence is calibrated.
         fields: field of each frame and the fine albedo, if they were retrieved and accepted; otherwise None.
+        track: path of the object, if frames follow it; None for one that is loaded from a folder, where result.json holds its numbers.
     """
 
     estimate: Estimate
@@ -54,6 +56,7 @@ class Outcome:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     fields: FieldReconstruction | None = None
+    track: Track | None = None
 
     @property
     def albedo(self) -> np.ndarray:
@@ -125,9 +128,10 @@ class Outcome:
         return Comparison(*aligned_pearson(self.albedo, on_lags), on_lags)
 
     def settings_as_dict(self) -> dict[str, Any]:
-        """Return method, quality, seed, warnings, notes, speckle test, doubts and hypotheses for JSON."""
+        """Return method, quality, seed, warnings, notes, speckle test, doubts, hypotheses and track for JSON."""
         test = None if self.speckle_test is None else self.speckle_test.as_dict()
         said = {"warnings": list(self.warnings), "notes": list(self.notes)}
         doubts = [one.as_dict() for one in self.doubts]
         hypotheses = {one.value: probability for one, probability in self.hypotheses.items()}
-        return asdict(self.settings) | said | {"speckle_test": test, "doubts": doubts, "hypotheses": hypotheses}
+        track = None if self.track is None else self.track.as_dict()
+        return asdict(self.settings) | said | {"speckle_test": test, "doubts": doubts, "hypotheses": hypotheses, "track": track}
