@@ -89,8 +89,8 @@ def fulfil(request: Request, source: Source) -> Result:
         capture, estimate, path = None, shown, None
     else:
         estimate, followed = estimate_following(request, shown)
-        estimate, capture, of_objects = _choose_object(request, estimate, followed)
-        path = followed.objects[request.object_number - 1] if followed.objects else None
+        estimate, capture, of_objects = choose_object(request, estimate, followed)
+        path = followed.path_of(request.object_number)
         notes += followed.notes + of_objects + describe_files(shown)
     seconds["autocorrelation"] = estimate.seconds
 
@@ -154,7 +154,7 @@ def estimate_following(request: Request, capture: Capture, groups: int = MIN_GRO
     return estimate, followed
 
 
-def _choose_object(request: Request, estimate: Estimate, followed: Stabilised) -> tuple[Estimate, Capture | None, list[str]]:
+def choose_object(request: Request, estimate: Estimate, followed: Stabilised) -> tuple[Estimate, Capture | None, list[str]]:
     """Return the estimate of the object that was asked for, the frames that show it alone, or None, and a note, if several objects move.
 
     Raises InputError if there is no such object.

@@ -60,6 +60,10 @@ class Stabilised:
         """Path of each object, the brightest first."""
         return () if self.track is None else (self.track, *self.track.others)
 
+    def path_of(self, number: int) -> Track | None:
+        """Return the path of an object, 1 for the brightest; None if none was found to move."""
+        return self.objects[number - 1] if self.objects else None
+
     @property
     def notes(self) -> list[str]:
         """Notes for a result."""

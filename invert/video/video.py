@@ -12,11 +12,12 @@ from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.captured_frames import describe_files
 from invert.output.result import Result
-from invert.pipeline import estimate_following, fulfil, read_prepared
+from invert.pipeline import choose_object, estimate_following, fulfil, read_prepared
 from invert.request import Request
 from invert.sources import Source, read_source
 from invert.tracking.rotation import rotation_of, signal_of
 from invert.tracking.tables import check_frames
+from invert.tracking.track import Track
 from invert.video.film import Film
 from invert.video.fine import of_one_size, with_fields
 from invert.video.looks import Looks
@@ -36,7 +37,7 @@ def film(source: Source, *, interval_s: float | None = None, **options: Any) -> 
     """Reconstruct what an object looks like at each time.
 
     Frames are added along the path of the speckle, if the laser is at rest; turned back, if the object rotates about the line of sight; and
-    pooled by as many patterns as the change of the object shows.
+    pooled by as many patterns as the change of the object shows. If several objects move, the film shows one, which changes its place only.
 
     Args:
         source: a capture; frame files in order, or a folder of them; or frames (n, H, W).
@@ -53,7 +54,11 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
     capture, notes = _read(request, source)
     check_frames(capture, interval_s, MIN_FRAMES, "film")
     whole, followed = estimate_following(request, capture, MIN_FRAMES)
-    path = followed.track if len(followed.objects) == 1 else None
+    chosen, _, of_objects = choose_object(request, whole, followed)
+    path = followed.path_of(request.object_number)
+    if path is not None and len(followed.objects) > 1:
+        alone = fulfil(request.for_estimate(), chosen)
+        return _film_of_one(alone, path, interval_s, [*notes, *followed.notes, *of_objects])
     looks = Looks.of(followed.capture, whole, request)
     looks, pooling, of_turn = _turn_back(looks)
     numbers, of_fields = pooling.times(MAX_IMAGES), []
@@ -65,7 +70,6 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
         frames = min(2 * still.half_width + 1, still.frames)
     else:
         images, numbers = _at_their_angles(found, looks, numbers, moves=path is not None)
-    of_objects = ["several objects move; the film shows all together"] if len(followed.objects) > 1 else []
     side = len(images[0])
     pooled = frames * len(capture.frames) / len(looks.values)
     warnings = [warning for one in found for warning in one.warnings]
@@ -78,7 +82,25 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
         path=path,
         pitches_m=_pitches_m(looks, side),
         interval_s=interval_s,
-        notes=tuple(dict.fromkeys([*notes, *followed.notes, *of_objects, *of_turn, *of_fields, *warnings])),
+        notes=tuple(dict.fromkeys([*notes, *followed.notes, *of_turn, *of_fields, *warnings])),
+    )
+
+
+def _film_of_one(alone: Result, path: Track, interval_s: float | None, notes: list[str]) -> Film:
+    """Return the film of one of several objects: its image, to which all frames contribute, along its path."""
+    if not alone.object_found:
+        raise InputError("frames", "light of a hidden object", "none at any time", "add light or frames")
+    count = len(path.path_pixels)
+    numbers = spread(count, MAX_IMAGES)
+    return Film(
+        albedos=np.repeat(alone.albedo[None], len(numbers), 0),
+        middle_frame=numbers.astype(float),
+        confidence=np.full(len(numbers), alone.confidence),
+        frames_per_image=count,
+        path=path,
+        pitches_m=alone.pitches_m,
+        interval_s=interval_s,
+        notes=tuple(dict.fromkeys([*notes, *alone.notes, *alone.warnings])),
     )
 
 
@@ -88,8 +110,6 @@ def _read(request: Request, source: Source) -> tuple[Capture, list[str]]:
     shown = read_source(source, request.camera or CameraMetadata(), request.autocorrelation)
     if not isinstance(shown, Capture):
         raise InputError("source", "frames", "an autocorrelation", "provide frames in order")
-    if request.object_number > 1:
-        raise InputError("object_number", "1 for a film, which shows all objects", request.object_number, "omit it")
     if request.mean_model == "published":
         raise InputError("mean_model", "auto, pooled or fixed for a film", request.mean_model, "select another")
     if request.blur_pixels == "auto" and request.method.weights is None:

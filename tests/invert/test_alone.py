@@ -84,18 +84,23 @@ def test_each_of_two_objects_is_estimated_alone(seed):
 
 @pytest.mark.slow
 def test_the_pipeline_reconstructs_the_object_that_was_asked_for():
-    capture, _ = moving_pair(np.random.default_rng(5))
+    capture, paths = moving_pair(np.random.default_rng(5))
     options = {"quality": "fast", "patch": PATCH, "lags": LAGS}
     both = [cg.reconstruct(capture, object_number=number, **options) for number in (1, 2)]
-    for result, truth, other in zip(both, (UPRIGHT, WIDE), (WIDE, UPRIGHT), strict=True):
+    for result, path, truth, other in zip(both, paths, (UPRIGHT, WIDE), (WIDE, UPRIGHT), strict=True):
         assert any("2 objects move" in note for note in result.notes)
         own = cg.aligned_pearson(result.albedo, truth.astype(np.float32))[0]
         assert own > 0.65
         assert own > cg.aligned_pearson(result.albedo, other.astype(np.float32))[0] + 0.1
+        assert result.track.step_pixels == pytest.approx(np.diff(path, axis=0).mean(0), abs=0.3)
     with pytest.raises(cg.InputError, match="object_number"):
         cg.reconstruct(capture, object_number=3, **options)
     with pytest.raises(cg.InputError, match="object_number"):
-        cg.film(capture, object_number=2)
+        cg.film(capture, object_number=3)
+    film = cg.film(capture, object_number=2, **options)
+    np.testing.assert_array_equal(film.albedos[-1], both[1].albedo)
+    np.testing.assert_array_equal(film.path.path_pixels, both[1].track.path_pixels)
+    assert film.frames_per_image == len(capture.frames)
 
 
 @pytest.mark.parametrize(
