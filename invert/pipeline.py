@@ -99,7 +99,7 @@ def fulfil(request: Request, source: Source) -> Result:
     test = speckle_test(estimate, measurement, found.albedo) if found.object_found else None
     likelihood = partial(likelihood_before_division, estimate)
     doubts = find_doubts(found, test, likelihood, estimate.record)
-    hypotheses = weigh_hypotheses(measurement, estimate.record, test)
+    hypotheses = weigh_hypotheses(measurement, estimate.record, test, None if path is None else path.significance)
     of_object = object_probability(hypotheses)
     found = lower_confidence(found, doubts, of_object)
     warnings = [one.advice for one in doubts if one.is_raised] + describe_frames(estimate.record, measurement)

@@ -1,8 +1,8 @@
-"""Probabilities of the explanations of frames: no object, texture instead of speckle, a sharp object, or a blurred one.
+"""Probabilities of the explanations of frames: no object, texture instead of speckle, a moving object, a sharp one, or a blurred one.
 
 Each number decides one question, by Bayes' rule with stated probabilities before it is known. The significance of the signal decides
-whether there is any light of an object; the third moment of a single frame, whether that light is speckle; the contrast of the speckle and
-the search for a blur, whether the frames are blurred.
+whether there is any light of an object; the third moment of a single frame, whether that light is speckle; the significance of a common
+motion, whether the object moves while the laser is at rest; the contrast of the speckle and the search for a blur, whether it is blurred.
 """
 
 from __future__ import annotations
@@ -26,6 +26,9 @@ PRIOR_NO_OBJECT = 0.5
 MAX_SIGNIFICANCE = 1e3
 """The significance of an object lies between 1 and this before it is known, on a logarithmic scale."""
 
+SHIFTS = 10**6
+"""Number of independent displacements of frames, at most: the highest cross-correlation of noise is that of so many normal variables."""
+
 PRIOR_TEXTURE, PRIOR_WITH_WAVES = 0.05, 0.5
 """Probability, before its third moment is known, that the signal of a single frame comes from texture of the relay wall or of the
 sensor; the second number holds if periodic waves were found."""
@@ -44,33 +47,38 @@ class Hypothesis(Enum):
 
     NO_OBJECT = "no object"
     TEXTURE = "texture"
+    MOVING_OBJECT = "moving object"
     OBJECT = "object"
     BLURRED_OBJECT = "blurred object"
 
 
 def weigh_hypotheses(
-    measurement: Measurement, record: EstimateRecord | None, test: SpeckleTest | None
+    measurement: Measurement, record: EstimateRecord | None, test: SpeckleTest | None, motion: float | None = None
 ) -> dict[Hypothesis, float]:
     """Return the probability of each hypothesis; they add up to 1.
 
     Args:
         record: origin of the estimate; None for a published one, which cannot show texture or blur.
+        motion: significance of the motion of the speckle; None if none was found.
     """
-    none = no_object_probability(measurement.detection)
+    none = noise_probability(measurement.detection, TRIALS)
     texture = 0.0 if record is None else texture_probability(test, record)
     blur = 0.0 if record is None else blur_probability(record.contrast, record.blur_found_pixels is not None)
     speckle = (1.0 - none) * (1.0 - texture)
+    moving = 0.0 if motion is None else speckle * (1.0 - noise_probability(motion, SHIFTS))
+    speckle -= moving
     return {
         Hypothesis.NO_OBJECT: none,
         Hypothesis.TEXTURE: (1.0 - none) * texture,
+        Hypothesis.MOVING_OBJECT: moving,
         Hypothesis.OBJECT: speckle * (1.0 - blur),
         Hypothesis.BLURRED_OBJECT: speckle * blur,
     }
 
 
 def object_probability(hypotheses: dict[Hypothesis, float]) -> float:
-    """Return the probability of an object, sharp or blurred."""
-    return hypotheses[Hypothesis.OBJECT] + hypotheses[Hypothesis.BLURRED_OBJECT]
+    """Return the probability of an object, at rest or moving, sharp or blurred."""
+    return 1.0 - hypotheses[Hypothesis.NO_OBJECT] - hypotheses[Hypothesis.TEXTURE]
 
 
 def describe(hypotheses: dict[Hypothesis, float]) -> str:
@@ -79,17 +87,17 @@ def describe(hypotheses: dict[Hypothesis, float]) -> str:
     return "probabilities: " + ", ".join(f"{one.value} {probability:.3g}" for one, probability in ranked if probability > 1e-3)
 
 
-def no_object_probability(significance: float) -> float:
+def noise_probability(significance: float, trials: int) -> float:
     """Return the probability that a signal of some significance is noise.
 
-    It is the highest of `TRIALS` normal variables without an object, and that of the object, plus one normal variable, otherwise.
+    It is the highest of a number of normal variables without an object, and that of the object, plus one normal variable, otherwise.
     """
     if significance > 30.0:
         return 0.0
     significance = max(significance, 1.0)  # less is no evidence of an object, although the highest of several rarely is so low
     possible = np.geomspace(1.0, MAX_SIGNIFICANCE, 400)
     of_object = float(norm.pdf(significance, possible).mean())
-    of_noise = float(TRIALS * norm.pdf(significance) * norm.cdf(significance) ** (TRIALS - 1))
+    of_noise = float(trials * norm.pdf(significance) * norm.cdf(significance) ** (trials - 1))
     odds = PRIOR_NO_OBJECT * of_noise, (1.0 - PRIOR_NO_OBJECT) * of_object
     return odds[0] / sum(odds)
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import correlograph as cg
+from invert.assess.hypotheses import Hypothesis
 from invert.tracking.alone import Mixture
 from invert.tracking.track import Track, track
 from radiometry.autocorrelation import autocorrelate, patch_grid
@@ -89,6 +90,7 @@ def test_the_pipeline_reconstructs_the_object_that_was_asked_for():
     both = [cg.reconstruct(capture, object_number=number, **options) for number in (1, 2)]
     for result, path, truth, other in zip(both, paths, (UPRIGHT, WIDE), (WIDE, UPRIGHT), strict=True):
         assert any("2 objects move" in note for note in result.notes)
+        assert result.hypotheses[Hypothesis.MOVING_OBJECT] > 0.99
         own = cg.aligned_pearson(result.albedo, truth.astype(np.float32))[0]
         assert own > 0.65
         assert own > cg.aligned_pearson(result.albedo, other.astype(np.float32))[0] + 0.1

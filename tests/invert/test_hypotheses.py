@@ -14,7 +14,7 @@ from invert.assess.hypotheses import (
     Hypothesis,
     blur_probability,
     describe,
-    no_object_probability,
+    noise_probability,
     object_probability,
     texture_probability,
     weigh_hypotheses,
@@ -40,12 +40,12 @@ def test_the_probability_of_no_object_is_that_of_bayes():
     seen = np.where(is_noise, noise.max(0), bright + noise[0])
     for significance in (1.05, 1.5, 2.5, 3.5):
         near = np.abs(seen - significance) < 0.05
-        assert is_share(no_object_probability(significance), is_noise[near])
-    assert no_object_probability(-50.0) == no_object_probability(0.0) == no_object_probability(1.0)
-    assert no_object_probability(math.inf) == 0.0
-    falling = [no_object_probability(significance) for significance in np.linspace(1.0, 12.0, 60)]
+        assert is_share(noise_probability(significance, TRIALS), is_noise[near])
+    assert noise_probability(-50.0, TRIALS) == noise_probability(0.0, TRIALS) == noise_probability(1.0, TRIALS)
+    assert noise_probability(math.inf, TRIALS) == 0.0
+    falling = [noise_probability(significance, TRIALS) for significance in np.linspace(1.0, 12.0, 60)]
     assert np.all(np.diff(falling) < 0.0)
-    assert no_object_probability(6.0) < 1e-5
+    assert noise_probability(6.0, TRIALS) < 1e-5
 
 
 @pytest.mark.slow
@@ -116,3 +116,13 @@ def test_a_published_estimate_has_two_explanations(rng):
     measurement = read_measurement(np.abs(rng.standard_normal((127, 127))).astype(np.float32))
     found = weigh_hypotheses(measurement, None, None)
     assert found[Hypothesis.TEXTURE] == found[Hypothesis.BLURRED_OBJECT] == 0.0
+
+
+@pytest.mark.parametrize(("significance", "least", "most"), [(6.0, 0.5, 0.95), (8.0, 0.9999, 1.0), (None, 0.0, 0.0)])
+def test_motion_is_as_probable_as_it_is_significant(significance, least, most, rng):
+    """At six standard deviations, one in a million displacements of noise may have reached it."""
+    measurement = replace(read_measurement(np.abs(rng.standard_normal((127, 127))).astype(np.float32)), detection=50.0)
+    found = weigh_hypotheses(measurement, None, None, significance)
+    assert sum(found.values()) == pytest.approx(1.0)
+    assert least <= found[Hypothesis.MOVING_OBJECT] <= most
+    assert object_probability(found) == pytest.approx(1.0)
