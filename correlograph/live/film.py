@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from threading import Lock
 
 import numpy as np
 
@@ -11,22 +12,29 @@ from invert.output.result import Result
 from invert.tracking.track import Track
 from invert.video.film import Film
 from invert.video.sequence import register_sequence
+from invert.video.video import MAX_IMAGES
 
-MAX_IMAGES = 128
-"""Number of images at which every second one is left out, and every second one that follows."""
+MAX_PATH = 4096
+"""Number of the latest frames whose path is kept."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """A reconstruction, and the numbers of the frames that it is from, in order."""
+    """A reconstruction and the numbers of the frames that follow an object, in order, or, if none moves, that of the latest frame."""
 
     result: Result
     numbers: np.ndarray
 
     @property
     def middle(self) -> float:
-        """Number of the frame at whose time it is: the middle of frames that follow an object, otherwise the latest."""
-        return float(self.numbers.mean() if self.result.track is not None else self.numbers[-1])
+        """Number of the frame at whose time it is."""
+        return float(self.numbers.mean())
+
+    @property
+    def frames(self) -> int:
+        """Number of frames that it is from."""
+        record = self.result.estimate.record
+        return len(self.numbers) if self.result.track is not None or record is None else record.frames
 
 
 @dataclass(frozen=True)
@@ -41,66 +49,75 @@ class _Image:
 
 
 class LiveFilm:
-    """Reconstructions so far, and the path through all of them."""
+    """Reconstructions so far, and the path through all of them. Images may be added while another thread asks for the film."""
 
     def __init__(self) -> None:
+        self.path: Track | None = None
+        self._lock = Lock()
         self._images: list[_Image] = []
         self._every, self._passed = 1, 0
         self._numbers = np.zeros(0)
         self._pitches_m: tuple[float, float] | None = None
-        self.path: Track | None = None
 
     def add(self, look: Look) -> None:
-        """Add a reconstruction that shows an object."""
+        """Add a reconstruction that shows an object. With `MAX_IMAGES` images, every second one is left out, and of those that follow."""
         result = look.result
-        if result.track is not None:
-            self._extend(result.track, look.numbers)
-        self._pitches_m = result.pitches_m
-        self._passed += 1
-        if self._images and self._passed < self._every:
-            return
-        self._passed = 0
         remarks = (*result.notes, *result.warnings)
-        self._images.append(_Image(result.albedo, result.confidence, look.middle, len(look.numbers), remarks))
-        if len(self._images) >= MAX_IMAGES:
-            del self._images[1::2]  # the latest among them, which has passed
-            self._passed, self._every = self._every, 2 * self._every
+        image = _Image(result.albedo, result.confidence, look.middle, look.frames, remarks)
+        with self._lock:
+            if result.track is not None:
+                self._extend(replace(result.track, others=()), look.numbers)
+            self._pitches_m = result.pitches_m
+            self._passed += 1
+            if self._images and self._passed < self._every:
+                return
+            self._images.append(image)
+            self._passed = 0
+            if len(self._images) >= MAX_IMAGES:
+                del self._images[1::2]  # the latest among them, which has passed
+                self._passed, self._every = self._every, 2 * self._every
 
     def _extend(self, track: Track, numbers: np.ndarray) -> None:
-        """Continue the path by one that overlaps with it. Without an overlap, path and film begin again."""
-        if self.path is None or numbers[0] > self._numbers[-1]:
+        """Continue the path by one that agrees with it where they overlap; otherwise, begin it again."""
+        if self.path is None or not (seen := numbers <= self._numbers[-1]).any():
             self.path, self._numbers = track, numbers
-            self._images, self._every, self._passed = [], 1, 0
             return
-        known, seen = self.path, numbers <= self._numbers[-1]
-        there = np.stack([np.interp(numbers[seen], self._numbers, axis) for axis in known.path_pixels.T], 1)
-        moved = track.path_pixels + (there - track.path_pixels[seen]).mean(0)
+        there, error = (
+            np.stack([np.interp(numbers[seen], self._numbers, axis) for axis in one.T], 1)
+            for one in (self.path.path_pixels, self.path.error_pixels)
+        )
+        away = there - track.path_pixels[seen]
+        if (
+            np.abs(away - away.mean(0)) > 1.0 + 5.0 * (error + track.error_pixels[seen])
+        ).any():  # another object is the brightest
+            self.path, self._numbers = track, numbers
+            return
         # From the last known position on, the errors of both add up.
         added = np.sqrt(np.maximum(track.error_pixels[~seen] ** 2 - track.error_pixels[seen][-1] ** 2, 0.0))
-        self._numbers = np.concatenate([self._numbers, numbers[~seen]])
-        self.path = replace(
-            track,
-            path_pixels=np.concatenate([known.path_pixels, moved[~seen]]),
-            error_pixels=np.concatenate([known.error_pixels, np.hypot(added, known.error_pixels[-1])]),
-        )
+        moved = (track.path_pixels + away.mean(0))[~seen]
+        path = np.concatenate([self.path.path_pixels, moved])[-MAX_PATH:]
+        errors = np.concatenate([self.path.error_pixels, np.hypot(added, self.path.error_pixels[-1])])[-MAX_PATH:]
+        self._numbers = np.concatenate([self._numbers, numbers[~seen]])[-MAX_PATH:]
+        self.path = replace(track, path_pixels=path - path[0], error_pixels=errors)
 
     def film(self, interval_s: float | None) -> Film:
-        """Return the film so far; its frames are numbered from the first of the path. Raises InputError without an image.
+        """Return the film so far. With a path, frames are numbered from its first, and images before it have no place. Raises InputError
+        without an image.
 
         Args:
             interval_s: time between two frames; None if unknown.
         """
-        if not self._images:
+        with self._lock:
+            images, numbers, path, first = list(self._images), self._numbers, self.path, 0.0
+        if not images:
             raise InputError("images", "reconstructions that show an object", "none so far", "wait for one")
-        first, path = 0.0, None
-        if self.path is not None:
-            first, every = self._numbers[0], np.arange(self._numbers[0], self._numbers[-1] + 1)
+        if path is not None:
+            first, every = numbers[0], np.arange(numbers[0], numbers[-1] + 1)
             places, errors = (
-                np.stack([np.interp(every, self._numbers, axis) for axis in one.T], 1)
-                for one in (self.path.path_pixels, self.path.error_pixels)
+                np.stack([np.interp(every, numbers, axis) for axis in one.T], 1)
+                for one in (path.path_pixels, path.error_pixels)
             )
-            path = replace(self.path, path_pixels=places, error_pixels=errors, interval_s=interval_s)
-        images = self._images
+            path = replace(path, path_pixels=places, error_pixels=errors, interval_s=interval_s)
         return Film(
             albedos=register_sequence(np.stack([one.albedo for one in images])),
             middle_frame=np.array([one.middle - first for one in images]),

@@ -24,9 +24,10 @@ from correlograph.live.film import Look
 from correlograph.progress import Progress, no_progress
 from correlograph.version import version
 from invert.measure.estimate import Estimate, estimate_of
+from invert.measure.preparation import prepare
 from invert.measure.spectrum import estimate_noise, read_measurement
 from invert.pipeline import reconstruct
-from invert.tracking.travel import find_travel, may_travel
+from invert.tracking.travel import find_travel, may_travel, quick_spectra
 from radiometry.autocorrelation import PatchGrid, automatic_patch_size, patch_grid
 from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator
 from radiometry.estimation.photon_transfer import PhotonTransfer, combine, photon_transfer
@@ -224,20 +225,27 @@ class LiveSession:
             None if error is None else _further_frames(frames, error / SHARP_ERROR),
         )
 
-    def reconstruct(self, estimate: Estimate, quality: str, progress: Progress = no_progress) -> Look:
-        """Reconstruct the object from an estimate of this session, as `correlograph.reconstruct` does; if the speckle travels, because the
-        object moves while the laser is at rest, from the latest frames, along its path."""
-        assert estimate.record is not None
+    def reconstruct(self, estimate: Estimate, quality: str, progress: Progress = no_progress) -> Look | None:
+        """Reconstruct the object from an estimate of this session, as `correlograph.reconstruct` does; if it moves while the laser is at
+        rest, from the latest frames, along the path of their speckle. Return None if the session has been restarted."""
         with self._lock:
             latest = list(self._kept)[-FOLLOWED_FRAMES:]
-        if estimate.filtered_frames is not None and may_travel(estimate.filtered_frames):
-            numbers, frames = np.array([number for number, _ in latest]), [image for _, image in latest]
-            if find_travel(Capture(frames[-MAX_FRAMES:])) is not None:
-                of_frames = {"lags": estimate.record.grid.lags, "corrections": self.corrections}
-                capture = Capture(frames, self.camera)
-                return Look(reconstruct(capture, quality=quality, progress=progress, **of_frames), numbers)
-        numbers = np.arange(latest[-1][0] + 1 - estimate.record.frames, latest[-1][0] + 1)
-        return Look(reconstruct(estimate, quality=quality, progress=progress), numbers)
+        if not latest or estimate.record is None:
+            return None
+        numbers, frames = zip(*latest, strict=True)
+        grid = estimate.record.grid
+        if may_travel(quick_spectra(frames[-MAX_FRAMES:], grid)):
+            capture = prepare(Capture(frames, self.camera, tuple(map(str, numbers))), self.corrections)[0]
+            progress(0)  # the work may end here
+            if find_travel(capture) is not None:
+                progress(0)
+                patch = (
+                    grid.size if self.camera.lag_geometry is None else None
+                )  # an eighth of frames whose edges are cut off varies
+                found = reconstruct(capture, quality=quality, progress=progress, lags=grid.lags, patch=patch)
+                if found.track is not None:
+                    return Look(found, np.array(capture.names, int))
+        return Look(reconstruct(estimate, quality=quality, progress=progress), np.array(numbers[-1:]))
 
     def save(self, folder: Path) -> Path:
         """Write the kept frames into a new folder that `invert` reads, and return it.

@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 from collections import deque
 from pathlib import Path
-from threading import Condition, Event, Thread
+from threading import Condition, Event, Lock, Thread
 
 import numpy as np
 
 from correlograph.errors import InputError
 from correlograph.files.output import output_folder
-from correlograph.live.film import LiveFilm
+from correlograph.live.film import LiveFilm, Look
 from correlograph.live.session import LiveReport, LiveSession, new_folder
 from correlograph.live.sources import Frames
 from invert.measure.estimate import Estimate
@@ -57,6 +57,8 @@ class Acquisition:
         self._abandoned = Event()
         self.pending_quality = ""
         self._restarts = 0
+        self._state = Lock()  # held while what was found is replaced
+        self._first_s = 0.0
         self._threads: list[Thread] = []
         self._times: deque[float] = deque(maxlen=32)
 
@@ -79,10 +81,11 @@ class Acquisition:
 
     def restart(self) -> None:
         """Forget all frames, and what was found in them."""
-        self._restarts += 1
-        self.session.restart()
-        self.film = LiveFilm()
-        self.report = self.estimate = self.result = None
+        with self._state:
+            self._restarts += 1
+            self.session.restart()
+            self.film = LiveFilm()
+            self.report = self.estimate = self.result = None
 
     def join(self, timeout_s: float = 60.0) -> None:
         """Wait until the frames that were read are added and the last reconstruction is complete. The thread that reads the
@@ -93,8 +96,9 @@ class Acquisition:
 
     def save_film(self, folder: Path) -> Path:
         """Write the film so far into a new folder, and return it. Raises InputError without an image."""
-        rate = self.frames_per_s
-        return self.film.film(1.0 / rate if rate > 0.0 else None).save(new_folder(output_folder(folder), "film"))
+        lasts_s = self._times[-1] - self._first_s if self._times else 0.0
+        interval_s = lasts_s / (self.received - 1) if self.received > 1 and lasts_s > 0.0 else None
+        return self.film.film(interval_s).save(new_folder(output_folder(folder), "film"))
 
     def request(self, quality: str) -> None:
         """Ask for one reconstruction of another quality; the ones after it are `fast` again."""
@@ -124,6 +128,7 @@ class Acquisition:
                 return
             self.received += 1
             self._times.append(time.monotonic())
+            self._first_s = self._times[-1] if self.received == 1 else self._first_s
             with self._arrived:
                 self._waiting.append((self.received - 1, frame))
                 if len(self._waiting) > WAITING:
@@ -154,26 +159,34 @@ class Acquisition:
             is_new = estimate is not None and estimate.record is not None and estimate.record.frames != seen
             if estimate is not None and estimate.record is not None and (is_new or requested):
                 seen = estimate.record.frames
-                report = self.session.report(estimate, seen)
-                if restarts == self._restarts:
-                    self.estimate, self.report = estimate, report
+                if self.result is None or self.result.track is None:
+                    self._show(restarts, estimate, seen)
                 try:
                     look = self.session.reconstruct(estimate, requested or "fast", self._go_on)
                 except _AbandonedError:
                     return
-                if restarts != self._restarts:
+                if look is None or not self._show(restarts, look.result.estimate, look.frames, look):
                     continue
-                self.pending_quality, self.result = "" if requested else self.pending_quality, look.result
-                if look.result.object_found:
-                    self.film.add(look)
-                if look.result.track is not None:
-                    self.estimate = look.result.estimate
-                    self.report = self.session.report(self.estimate, len(look.numbers))
-                if self.until is not None and self.result.confidence >= self.until:
+                if requested:
+                    self.pending_quality = ""
+                if self.until is not None and look.result.confidence >= self.until:
                     self.stop()
             elif all_added:
                 return
             time.sleep(max(0.05, INTERVAL_S - (time.monotonic() - begin)))
+
+    def _show(self, restarts: int, estimate: Estimate, frames: int, look: Look | None = None) -> bool:
+        """Show an estimate from a number of frames, and what was reconstructed from it; return False if a restart has overtaken it."""
+        report = self.session.report(estimate, frames)
+        with self._state:
+            if restarts != self._restarts:
+                return False
+            self.estimate, self.report = estimate, report
+            if look is not None:
+                self.result = look.result
+                if look.result.object_found:
+                    self.film.add(look)
+        return True
 
     def _go_on(self, steps: int = 1) -> None:
         """Progress of a reconstruction: end it if the process ends."""

@@ -42,7 +42,8 @@ class Outcome:
         warnings: the doubts that were raised, which lower the confidence, and observations about the frames.
         notes: limits set by the frames: the light that a detection would need, and where the confidence is calibrated.
         fields: field of each frame and the fine albedo, if they were retrieved and accepted; otherwise None.
-        track: path of the object, if frames follow it; None for one that is loaded from a folder, where result.json holds its numbers.
+        track: path of the object, if it moves while the laser is at rest; None for one that is loaded from a folder, whose result.json
+            holds its numbers.
     """
 
     estimate: Estimate

@@ -61,8 +61,8 @@ class Stabilised:
         return () if self.track is None else (self.track, *self.track.others)
 
     def path_of(self, number: int) -> Track | None:
-        """Return the path of an object, 1 for the brightest; None if none was found to move."""
-        return self.objects[number - 1] if self.objects else None
+        """Return the path of an object alone, 1 for the brightest; None if none was found to move."""
+        return replace(self.objects[number - 1], others=()) if self.objects else None
 
     @property
     def notes(self) -> list[str]:
@@ -85,7 +85,7 @@ def follow_travel(capture: Capture, filtered: FilteredFrames | None, groups: int
         filtered: band-limited frames of an estimate from the capture.
         groups: minimum number of groups that are left.
     """
-    if filtered is None or not may_travel(filtered) or (travel := find_travel(capture)) is None:
+    if filtered is None or not may_travel(filtered.spectra) or (travel := find_travel(capture)) is None:
         return Stabilised.unmoved(capture)
     try:
         path = track(capture)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import torch
 from scipy.linalg import solve_banded
 from tqdm import tqdm
 
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
 
 BYTES_PER_COEFFICIENT = 84
 """Measured memory per frame and coefficient of its spectrum, with two objects."""
+
+BYTES_PER_THREAD = 110
+"""Measured memory of a search in one block of frames, per coefficient."""
 
 TRACK_FILES = ("track.csv", "track.png", "track.json")
 
@@ -210,9 +214,9 @@ def track(
     if band is None:
         expected, remedy = "speckle that moves as a whole", "add light, or bin less"
         raise InputError("frames", expected, "no speckle above the noise", remedy)
-    needed = len(capture.frames) * band.signal.size * BYTES_PER_COEFFICIENT
-    if needed > memory_bytes():
-        most = int(memory_bytes() / (band.signal.size * BYTES_PER_COEFFICIENT))
+    left = memory_bytes() - torch.get_num_threads() * band.signal.size * BYTES_PER_THREAD
+    most = max(0, int(left / (band.signal.size * BYTES_PER_COEFFICIENT)))
+    if len(capture.frames) > most:
         raise InputError("frames", f"at most {most} in this memory", len(capture.frames), "track them in parts")
     spectra = _spectra(capture.frames, reader, band)
     starts, tracks = find_objects(spectra, band), []

@@ -16,11 +16,13 @@ import torch
 
 from correlograph.errors import InputError
 from correlograph.files.capture import Capture
+from invert.tracking.parts import on_all_cores
 from invert.tracking.pursuit import find_objects
 from invert.tracking.shifts import heights_at, weight_of
 from invert.tracking.spectra import FRAMES_FOR_POWER, Band, Reader
 from invert.tracking.start import Start, share_along
-from radiometry.estimation.third_moment import FilteredFrames
+from radiometry.autocorrelation import PatchGrid
+from radiometry.estimation.third_moment import narrow
 
 MIN_SHARE = 0.6
 """Share of the light, squared, above which its common speckle counts as speckle that travels; the rest could be static light."""
@@ -48,9 +50,14 @@ class Travel:
         )
 
 
-def may_travel(frames: FilteredFrames) -> bool:
-    """Return whether the first frames have a pattern in common, at any shift; from spectra at hand, without a transform of each frame."""
-    spectra = frames.spectra
+def quick_spectra(frames: Sequence[np.ndarray], grid: PatchGrid) -> list[torch.Tensor]:
+    """Return the spectra of frames, binned by two, at the lags of a grid."""
+    reader, patch = Reader((frames[0].shape[0], frames[0].shape[1]), 2), (grid.patch_shape[0] // 2, grid.patch_shape[1] // 2)
+    return on_all_cores(lambda frame: narrow(torch.from_numpy(reader.whole(frame)), reader.shape, patch, grid.lags), frames)
+
+
+def may_travel(spectra: Sequence[torch.Tensor]) -> bool:
+    """Return whether frames have a pattern in common, at any shift, from their spectra at the lags (`narrow`)."""
     if len(spectra) < 2:
         return False
     cross = torch.stack([one.conj() * other for one, other in pairwise(spectra)]).sum(0)

@@ -41,7 +41,7 @@ def find_vibrations(path: np.ndarray) -> list[Vibration]:
     A vibration stands above both its sides: the spectrum of a curved path, and that of errors that add up along it, falls with frequency.
     """
     frames = len(path)
-    if frames // 2 - 2 <= 2 * (LEAST_SIDE + LOBE):  # too few frequencies
+    if frames < 2 * BENDS:
         return []
     window = np.hanning(frames + 2)[1:-1]
     times = np.linspace(-1.0, 1.0, frames)
@@ -50,9 +50,9 @@ def find_vibrations(path: np.ndarray) -> list[Vibration]:
     power, free, found = np.abs(spectrum) ** 2, np.ones(len(spectrum), bool), []
     while len(found) < MAX_VIBRATIONS:
         chance = len(power) * np.array([_chance(power, free, place) for place in range(len(power))])
-        place = int(chance.argmin())
-        if chance[place] > FALSE_ALARM:
+        if chance.min() > FALSE_ALARM:
             break
+        place = int(np.where(chance <= FALSE_ALARM, power.sum(1), 0.0).argmax())
         amplitude = 2.0 * np.abs(spectrum[place]) / window.sum()
         found.append(Vibration((place + 2) / frames, (float(amplitude[0]), float(amplitude[1])), float(chance[place])))
         free[max(0, place - 2 * LOBE) : place + 2 * LOBE + 1] = False
@@ -60,20 +60,22 @@ def find_vibrations(path: np.ndarray) -> list[Vibration]:
 
 
 def _chance(power: np.ndarray, free: np.ndarray, place: int) -> float:
-    """Return the probability that noise exceeds the larger mean of the two sides of a frequency by as much as the power there; 1 if a side
-    is too short. The axes are independent: their probabilities are combined by Fisher's method.
+    """Return the probability that noise exceeds its level by as much as the power at a frequency; 1 if too few lie below it.
+
+    The level is the larger of those below and above, from medians, which other vibrations hardly raise; at the highest frequencies, it is
+    that below. The axes are independent: their probabilities are combined by Fisher's method.
 
     Args:
         power: (frequencies, 2). free: frequencies that belong to no vibration found before.
     """
-    reach = max(2 * LEAST_SIDE, len(power) // 16)
-    below, above = (
-        np.s_[max(0, place - LOBE - reach) : max(0, place - LOBE)],
-        np.s_[place + LOBE + 1 : place + LOBE + 1 + reach],
-    )
-    sides = [power[one][free[one]] for one in (below, above)]
-    if not free[place] or min(len(one) for one in sides) < LEAST_SIDE:
+    reach = max(3 * LEAST_SIDE, len(power) // 16)
+    sides = np.s_[max(0, place - LOBE - reach) : max(0, place - LOBE)], np.s_[place + LOBE + 1 : place + LOBE + 1 + reach]
+    below, above = (power[one][free[one]] for one in sides)
+    if not free[place] or len(below) < LEAST_SIDE:
         return 1.0
-    noise, count = np.max([one.mean(0) for one in sides], 0), sum(len(one) for one in sides)
+    used = [below, above] if len(above) >= LEAST_SIDE else [below]
+    noise, count = np.max([np.median(one, 0) for one in used], 0) / np.log(2.0), sum(len(one) for one in used)
+    if len(used) == 1:  # a median varies as much as the mean of half as many
+        count *= np.log(2.0) ** 2
     each = f_distribution.sf(power[place] / np.maximum(noise, 1e-300), 2, 2 * count / SHARED_BY_WINDOW)
     return float(chi2.sf(-2.0 * np.log(np.maximum(each, 1e-300)).sum(), 4))

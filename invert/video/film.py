@@ -127,7 +127,7 @@ class Film:
         if self.path is not None:
             numbers = np.arange(len(self.path.path_pixels))
             for axis, values in zip(("row_pixels", "column_pixels"), self.path.path_pixels.T, strict=True):
-                table[axis] = np.interp(self.middle_frame, numbers, values)
+                table[axis] = np.interp(self.middle_frame, numbers, values, left=np.nan)  # before the path
         return table
 
     def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:

@@ -56,6 +56,7 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
     whole, followed = estimate_following(request, capture, MIN_FRAMES)
     chosen, _, of_objects = choose_object(request, whole, followed)
     path = followed.path_of(request.object_number)
+    path = path and replace(path, interval_s=interval_s)
     if path is not None and len(followed.objects) > 1:
         alone = fulfil(request.for_estimate(), chosen)
         return _film_of_one(alone, path, interval_s, [*notes, *followed.notes, *of_objects])

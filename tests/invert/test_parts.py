@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 import torch
 
+import correlograph as cg
 from invert.tracking import parts
 from invert.tracking.parts import on_all_cores, sum_over_rows
+from invert.tracking.track import track
+from tests.invert.field.speckle import letter, travelling_frames
 
 
 @pytest.mark.parametrize("part_bytes", [1, 3000, 10**9])
@@ -24,6 +27,16 @@ def test_the_number_of_cores_changes_nothing(rng, monkeypatch):
         monkeypatch.setattr(torch, "get_num_threads", lambda cores=cores: cores)
         totals.append(sum_over_rows(lambda part: (spectra[:, part] ** 3).sum((1, 2)), spectra))
     np.testing.assert_array_equal(*totals)
+
+
+def test_a_path_is_the_same_on_any_number_of_cores(rng, monkeypatch):
+    path = np.arange(12)[:, None] * np.array([2.0, -1.0])
+    frames = [rng.poisson(0.5 * one) for one in travelling_frames(letter(), (300, 340), 128, rng, path, 60.0)]
+    found = []
+    for cores in (1, 3):
+        monkeypatch.setattr(torch, "get_num_threads", lambda cores=cores: cores)
+        found.append(track(cg.Capture(frames)).path_pixels)
+    np.testing.assert_array_equal(*found)
 
 
 def test_results_keep_their_order_and_errors_arrive(monkeypatch):

@@ -22,7 +22,7 @@ def paths(kind, frames, rng):
             yield noise
 
 
-@pytest.mark.parametrize("frames", [8, 31, 40, 130])
+@pytest.mark.parametrize("frames", [24, 31, 40, 130])
 @pytest.mark.parametrize("kind", ["white", "walk", "curve"])
 def test_false_alarms_are_as_rare_as_stated(kind, frames, rng):
     """Their number exceeds this limit with a probability of a thousandth at the stated rate of 1 %."""
@@ -40,3 +40,21 @@ def test_two_vibrations_of_a_curved_path(rng):
     assert (first.periods_per_frame, second.periods_per_frame) == pytest.approx((0.3, 0.15), abs=0.005)
     assert first.amplitude_pixels == pytest.approx((1.0, 0.2), abs=0.12)
     assert second.amplitude_pixels == pytest.approx((0.0, 0.6), abs=0.12)
+
+
+@pytest.mark.parametrize(
+    ("frames", "periods"), [(120, (0.25, 0.3)), (60, (0.2, 0.28)), (40, (0.42,)), (120, (0.47,)), (24, (0.3,))]
+)
+def test_neighbours_and_high_frequencies_are_found(frames, periods, rng):
+    numbers = np.arange(frames)
+    path = 0.05 * rng.standard_normal((frames, 2)) + sum(
+        np.outer(np.sin(2.0 * np.pi * one * numbers), [1, 0.5]) for one in periods
+    )
+    found = sorted(one.periods_per_frame for one in find_vibrations(path))
+    assert found == pytest.approx(periods, abs=0.6 / frames)
+
+
+@pytest.mark.parametrize("frames", [1, 3, 13, 14, 20])
+def test_a_short_path_has_none_or_some(frames, rng):
+    """With so few frames there is hardly anything to compare with."""
+    assert len(find_vibrations(rng.standard_normal((frames, 2)))) <= 1
