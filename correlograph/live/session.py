@@ -21,6 +21,7 @@ from correlograph.files.exr_frames import FrameHeader, can_write_frames, write_f
 from correlograph.files.manifest import record_temporary
 from correlograph.files.output import output_folder, save_array, sole_writer
 from correlograph.live.film import Look
+from correlograph.live.frame_report import FrameReport, measure_frame
 from correlograph.progress import Progress, no_progress
 from correlograph.version import version
 from invert.measure.estimate import Estimate, estimate_of
@@ -30,7 +31,7 @@ from invert.pipeline import reconstruct
 from invert.tracking.travel import find_travel, may_travel, quick_spectra
 from radiometry.autocorrelation import PatchGrid, automatic_patch_size, patch_grid
 from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator
-from radiometry.estimation.photon_transfer import PhotonTransfer, combine, photon_transfer
+from radiometry.estimation.photon_transfer import PhotonTransfer
 from radiometry.estimation.third_moment import MAX_FRAMES
 from radiometry.noise.detection import DETECTION_LIMIT
 
@@ -45,29 +46,6 @@ FOLLOWED_FRAMES = 64
 
 TREND_FRAMES = 200
 """Number of the latest frames whose contrast is kept."""
-
-FIELD = 512
-"""Side in pixels of the middle of a frame in which grain and gain are measured."""
-
-
-@dataclass(frozen=True)
-class FrameReport:
-    """Values measured on one frame.
-
-    Attributes:
-        mean: in frame units.
-        photoelectrons: mean photoelectrons per pixel, by the gain that the slope of variance over mean reveals; None while
-            the gain is uncertain.
-        contrast: standard deviation of the speckle over its mean, from the covariance of neighbouring pixels.
-        grain_pixels: full width at half maximum of the speckle's covariance, in pixels.
-        saturated: fraction of the pixels that equal the maximum of the frame; 0 if it is at most 0.001.
-    """
-
-    mean: float
-    photoelectrons: float | None
-    contrast: float
-    grain_pixels: float
-    saturated: float
 
 
 @dataclass(frozen=True)
@@ -142,7 +120,7 @@ class LiveSession:
             for estimator in self._estimators:
                 estimator.add(light)
             self._forget_oldest()
-            self._frame = self._measure(light, image)
+            self._frame = measure_frame(light, image, self._gains)
             self.contrasts.append(self._frame.contrast)
             following = self._kept[-1][0] + 1 if self._kept else 0
             self._kept.append((following if number is None else number, _compact(image)))
@@ -177,23 +155,6 @@ class LiveSession:
             del self._estimators[0]
         if len(self._estimators) == 1 and self._estimators[0].frames >= max(1, self.forget // 2):
             self._estimators.append(self._new_estimator())
-
-    def _measure(self, image: np.ndarray, raw: np.ndarray) -> FrameReport:
-        """Measure a corrected frame; whether pixels are saturated shows in the frame as it arrived."""
-        top, left = (max(0, (side - FIELD) // 2) for side in image.shape)
-        middle = image[top : top + FIELD, left : left + FIELD]
-        self._gains.append(_gain(middle))
-        found = combine(self._gains)
-        mean, highest = float(image.mean()), float(raw.max())
-        at_top = float((raw >= highest).mean()) if highest > 0.0 else 0.0
-        line = covariance_line(middle)
-        return FrameReport(
-            mean,
-            mean / found.gain if found.gain > 3.0 * found.error else None,
-            math.sqrt(max(0.0, line[1])) / mean if mean > 0.0 else 0.0,
-            grain_width(line),
-            at_top if at_top > 1e-3 else 0.0,
-        )
 
     def estimate(self) -> Estimate | None:
         """Return the present estimate; None without frames."""
@@ -314,32 +275,6 @@ def _compact(image: np.ndarray) -> np.ndarray:
         if (integers == image).all():
             return integers
     return image
-
-
-def _gain(image: np.ndarray) -> PhotonTransfer:
-    import torch
-
-    return photon_transfer(torch.from_numpy(np.ascontiguousarray(image)))
-
-
-def covariance_line(image: np.ndarray) -> np.ndarray:
-    """Return the covariance of a frame (H, W) at 0, 1, 2 ... pixels, averaged over both axes. Noise that is independent
-    between pixels affects only the value at 0 pixels.
-    """
-    spectrum = np.abs(np.fft.rfft2(image - image.mean())) ** 2
-    covariance = np.fft.irfft2(spectrum, image.shape) / image.size
-    half = min(image.shape) // 2
-    return 0.5 * (covariance[0, :half] + covariance[:half, 0])
-
-
-def grain_width(line: np.ndarray) -> float:
-    """Return the width at half maximum, in pixels, at which a covariance (`covariance_line`) falls to half of its value at
-    one pixel. The value at 0 is ignored, because it contains noise.
-    """
-    if line[1] <= 0.0:
-        return 1.0
-    below = np.nonzero(line[1:] < 0.5 * line[1])[0]
-    return 2.0 * float(below[0] + 1) if len(below) else float(len(line))
 
 
 def _further_frames(frames: int, missing: float) -> int | None:

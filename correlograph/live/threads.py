@@ -158,8 +158,8 @@ class Acquisition:
             estimate, requested = self.session.estimate() if self.session.frames else None, self.pending_quality
             is_new = estimate is not None and estimate.record is not None and estimate.record.frames != seen
             if estimate is not None and estimate.record is not None and (is_new or requested):
-                seen = estimate.record.frames
-                if self.result is None or self.result.track is None:
+                seen, shown = estimate.record.frames, self.result
+                if shown is None or shown.track is None:
                     self._show(restarts, estimate, seen)
                 try:
                     look = self.session.reconstruct(estimate, requested or "fast", self._go_on)

@@ -2,7 +2,9 @@
 
 spectra.py   spectra of frames in the band of their speckle
 shifts.py    displacements from cross-spectra, with standard errors
+parts.py     work on spectra in parts, on all cores
 start.py     objects and their approximate paths
+pursuit.py   all objects of a capture
 follow.py    exact path of an object, frame by frame
 separation.py  spectra of one object without the patterns of others
 vibration.py periodic motion in a path

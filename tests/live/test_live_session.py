@@ -14,8 +14,9 @@ import tifffile
 import correlograph as cg
 from correlograph.errors import InputError
 from correlograph.lags import lag_grid
+from correlograph.live.frame_report import covariance_line, grain_width
 from correlograph.live.page import PICTURES, _result_rows, pictures, table
-from correlograph.live.session import LiveSession, covariance_line, grain_width
+from correlograph.live.session import LiveSession
 from correlograph.live.sources import GrowingFiles
 from correlograph.live.threads import WAITING, Acquisition
 from invert.assess.speckle_test import SpeckleTest
