@@ -170,8 +170,14 @@ class LiveSession:
                 self._kept[-1][1].astype(np.float32),
             )
 
-    def report(self, estimate: Estimate, frames: int) -> LiveReport:
-        """Return the state that belongs to an estimate from a number of frames of this session."""
+    def report(self, estimate: Estimate, frames: int | None = None) -> LiveReport:
+        """Return the state that belongs to an estimate of this session.
+
+        Args:
+            frames: number of frames that it is from; by default, what its record says, which counts groups along a path.
+        """
+        if frames is None:
+            frames = estimate.record.frames if estimate.record else 0
         measurement = read_measurement(estimate.values, estimate.quantisation, estimate.transfer)
         error = estimate_noise(measurement) if measurement.detectable else None
         assert self._frame is not None

@@ -56,7 +56,7 @@ def test_the_estimate_is_that_of_the_same_frames_in_a_capture():
     capture = cg.Capture(frames, CAMERA, ("a", "b", "c"))
     size = live.record.grid.size
     np.testing.assert_array_equal(live.values, estimate_from_frames(capture, Request(patch=size, lags=63)).values)
-    report = session.report(live, 3)
+    report = session.report(live)
     assert report.frames == 3
     assert report.detection > 6.0
     assert report.detected_in_frames == 0
