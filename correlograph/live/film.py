@@ -55,7 +55,7 @@ class LiveFilm:
         self.path: Track | None = None
         self._lock = Lock()
         self._images: list[_Image] = []
-        self._every, self._passed = 1, 0
+        self._every, self._seen = 1, 0
         self._numbers = np.zeros(0)
         self._pitches_m: tuple[float, float] | None = None
 
@@ -68,37 +68,34 @@ class LiveFilm:
             if result.track is not None:
                 self._extend(replace(result.track, others=()), look.numbers)
             self._pitches_m = result.pitches_m
-            self._passed += 1
-            if self._images and self._passed < self._every:
-                return
-            self._images.append(image)
-            self._passed = 0
+            if self._seen % self._every == 0:
+                self._images.append(image)
+            self._seen += 1
             if len(self._images) >= MAX_IMAGES:
-                del self._images[1::2]  # the latest among them, which has passed
-                self._passed, self._every = self._every, 2 * self._every
+                del self._images[1::2]
+                self._every *= 2
 
     def _extend(self, track: Track, numbers: np.ndarray) -> None:
-        """Continue the path by one that agrees with it where they overlap; otherwise, begin it again."""
-        if self.path is None or not (seen := numbers <= self._numbers[-1]).any():
-            self.path, self._numbers = track, numbers
-            return
-        there, error = (
-            np.stack([np.interp(numbers[seen], self._numbers, axis) for axis in one.T], 1)
-            for one in (self.path.path_pixels, self.path.error_pixels)
-        )
-        away = there - track.path_pixels[seen]
-        if (
-            np.abs(away - away.mean(0)) > 1.0 + 5.0 * (error + track.error_pixels[seen])
-        ).any():  # another object is the brightest
+        """Continue the path by one that agrees with it where they overlap. Otherwise, as where another object has become the brightest, it
+        begins again."""
+        known, seen = self.path, numbers <= (self._numbers[-1] if len(self._numbers) else -1)
+        if known is None or not seen.any() or (away := self._away(track, numbers, seen)) is None:
             self.path, self._numbers = track, numbers
             return
         # From the last known position on, the errors of both add up.
         added = np.sqrt(np.maximum(track.error_pixels[~seen] ** 2 - track.error_pixels[seen][-1] ** 2, 0.0))
-        moved = (track.path_pixels + away.mean(0))[~seen]
-        path = np.concatenate([self.path.path_pixels, moved])[-MAX_PATH:]
-        errors = np.concatenate([self.path.error_pixels, np.hypot(added, self.path.error_pixels[-1])])[-MAX_PATH:]
+        path = np.concatenate([known.path_pixels, track.path_pixels[~seen] + away])[-MAX_PATH:]
+        errors = np.concatenate([known.error_pixels, np.hypot(added, known.error_pixels[-1])])[-MAX_PATH:]
         self._numbers = np.concatenate([self._numbers, numbers[~seen]])[-MAX_PATH:]
         self.path = replace(track, path_pixels=path - path[0], error_pixels=errors)
+
+    def _away(self, track: Track, numbers: np.ndarray, seen: np.ndarray) -> np.ndarray | None:
+        """Return how far the start of a path lies from that of this one, (2,), by the frames that both have seen; None if they disagree."""
+        assert self.path is not None
+        there, error = (_at(numbers[seen], self._numbers, one) for one in (self.path.path_pixels, self.path.error_pixels))
+        away = there - track.path_pixels[seen]
+        limit = 1.0 + 5.0 * (error + track.error_pixels[seen])
+        return None if (np.abs(away - away.mean(0)) > limit).any() else away.mean(0)
 
     def film(self, interval_s: float | None) -> Film:
         """Return the film so far. With a path, frames are numbered from its first, and images before it have no place. Raises InputError
@@ -113,10 +110,7 @@ class LiveFilm:
             raise InputError("images", "reconstructions that show an object", "none so far", "wait for one")
         if path is not None:
             first, every = numbers[0], np.arange(numbers[0], numbers[-1] + 1)
-            places, errors = (
-                np.stack([np.interp(every, numbers, axis) for axis in one.T], 1)
-                for one in (path.path_pixels, path.error_pixels)
-            )
+            places, errors = (_at(every, numbers, one) for one in (path.path_pixels, path.error_pixels))
             path = replace(path, path_pixels=places, error_pixels=errors, interval_s=interval_s)
         return Film(
             albedos=register_sequence(np.stack([one.albedo for one in images])),
@@ -128,3 +122,8 @@ class LiveFilm:
             interval_s=interval_s,
             notes=tuple(dict.fromkeys(remark for one in images for remark in one.remarks)),
         )
+
+
+def _at(wanted: np.ndarray, numbers: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return values (frames, 2), known at some frames, at those wanted, by linear interpolation."""
+    return np.stack([np.interp(wanted, numbers, axis) for axis in values.T], 1)

@@ -206,9 +206,8 @@ class LiveSession:
             progress(0)  # the work may end here
             if find_travel(capture) is not None:
                 progress(0)
-                patch = (
-                    grid.size if self.camera.lag_geometry is None else None
-                )  # an eighth of frames whose edges are cut off varies
+                # Without a camera, patches are an eighth of the frame, which is smaller where edges are cut off.
+                patch = grid.size if self.camera.lag_geometry is None else None
                 found = reconstruct(capture, quality=quality, progress=progress, lags=grid.lags, patch=patch)
                 if found.track is not None:
                     return Look(found, np.array(capture.names, int))

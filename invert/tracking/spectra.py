@@ -6,7 +6,7 @@ shift towards zero. The window falls to zero at the edges like a cosine.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -146,3 +146,13 @@ class Reader:
         """Return the spectrum of a frame in a band, complex64 (R, C)."""
         kept = np.round(band.rows * self.shape[0]).astype(int)
         return self.whole(frame)[kept][:, : len(band.columns)]
+
+    def all_spectra(self, frames: Sequence[np.ndarray], band: Band, advance: Callable[[], object] = lambda: None) -> np.ndarray:
+        """Return the spectra of frames in a band, (n, R, C); `advance` is called after each."""
+
+        def read(number: int) -> np.ndarray:
+            found = self.spectra(frames[number], band)
+            advance()
+            return found
+
+        return np.stack(on_all_cores(read, range(len(frames))))

@@ -93,7 +93,8 @@ def paths_at(spectra: np.ndarray, band: Band, lag: int, length: int) -> tuple[li
 
     def peaks_of(block: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         total, own = np.zeros(band.signal.shape, np.complex64), np.full(band.signal.shape, -len(block) * band.floor, np.float32)
-        for first, later in zip(spectra[block], spectra[block + lag], strict=True):
+        for number in block:
+            first, later = spectra[number], spectra[number + lag]
             total += first.conj() * later
             own += first.real**2 + first.imag**2
         found = peaks(total, np.maximum(own, 0.0), band, weight, weight.deviation * len(block) ** 0.5, MAX_PEAKS)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,10 +15,9 @@ from correlograph.errors import InputError, check_positive, memory_bytes
 from correlograph.files.capture import Capture
 from correlograph.files.figures import figure_as_html
 from invert.tracking.follow import Followed, follow, likeness
-from invert.tracking.parts import on_all_cores
 from invert.tracking.pursuit import find_objects
 from invert.tracking.separation import isolate
-from invert.tracking.spectra import Band, Reader
+from invert.tracking.spectra import Reader
 from invert.tracking.start import Start
 from invert.tracking.tables import check_frames, save_table
 from invert.tracking.vibration import find_vibrations
@@ -218,7 +216,8 @@ def track(
     most = max(0, int(left / (band.signal.size * BYTES_PER_COEFFICIENT)))
     if len(capture.frames) > most:
         raise InputError("frames", f"at most {most} in this memory", len(capture.frames), "track them in parts")
-    spectra = _spectra(capture.frames, reader, band)
+    with tqdm(total=len(capture.frames), desc="frames", unit="frame", disable=None, leave=False) as bar:
+        spectra = reader.all_spectra(capture.frames, band, bar.update)
     starts, tracks = find_objects(spectra, band), []
     for start, (own, its_band) in zip(starts, isolate(spectra, band, starts), strict=True):
         others = [one for one in starts if one is not start]
@@ -228,18 +227,6 @@ def track(
             found = replace(found, in_common=likeness(own, band, followed.path))
         tracks.append(found)
     return replace(tracks[0], others=tuple(tracks[1:]))
-
-
-def _spectra(frames: Sequence[np.ndarray], reader: Reader, band: Band) -> np.ndarray:
-    """Return the spectra of frames in a band, (n, R, C)."""
-    with tqdm(total=len(frames), desc="frames", unit="frame", disable=None, leave=False) as bar:
-
-        def read(number: int) -> np.ndarray:
-            found = reader.spectra(frames[number], band)
-            bar.update()
-            return found
-
-        return np.stack(on_all_cores(read, range(len(frames))))
 
 
 def _open_share(capture: Capture, interval_s: float | None) -> float:

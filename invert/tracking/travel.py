@@ -75,7 +75,7 @@ def find_travel(capture: Capture) -> Travel | None:
     band = reader.band(first)
     if band is None or len(first) < 2:
         return None
-    spectra = np.stack([reader.spectra(frame, band) for frame in first])
+    spectra = reader.all_spectra(first, band)
     try:
         found = find_objects(spectra, band)
     except InputError:

@@ -23,7 +23,7 @@ SHARED_BY_WINDOW = 35.0 / 18.0
 """Factor by which the window raises the variance of a mean of neighbouring powers: 1 + 2 (2/3)^2 + 2 (1/6)^2."""
 
 LEAST_SIDE = 4
-"""Least number of frequencies on each side with which a maximum is compared."""
+"""Least number of frequencies on a side with which a maximum is compared."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,8 @@ class Vibration:
 def find_vibrations(path: np.ndarray) -> list[Vibration]:
     """Return the vibrations of a path (frames, 2), the strongest first.
 
-    A vibration stands above both its sides: the spectrum of a curved path, and that of errors that add up along it, falls with frequency.
+    A vibration stands above its neighbours on both sides: the spectrum of a curved path, and that of errors that add up along it, falls
+    with frequency.
     """
     frames = len(path)
     if frames < 2 * BENDS:
