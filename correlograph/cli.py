@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from correlograph.command import ArgumentParser, exit_at_once, run_command
+from correlograph.command import ArgumentParser, run_command
 from correlograph.version import version
 
 COMMANDS = {
@@ -70,8 +70,7 @@ def dispatch(argv: Sequence[str] | None = None) -> None:
     arguments = sys.argv[1:] if argv is None else list(argv)
     first = arguments[:1] if arguments and not arguments[0].startswith("-") else arguments
     command = _build_parser().parse_args(first).command
-    with exit_at_once():
-        module = import_module(COMMANDS[command][0])
+    module = import_module(COMMANDS[command][0])
     module.main(arguments[1:])
 
 

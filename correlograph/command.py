@@ -9,9 +9,9 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from importlib import import_module
+from types import FrameType
 from typing import Any, NoReturn
 
 from correlograph.errors import MAX_FOUND_CHARS, InputError, missing_package
@@ -37,6 +37,10 @@ class ArgumentParser(argparse.ArgumentParser):
 
 GRACE_S = 20.0
 """Seconds that an interrupted command has for its clean-up."""
+
+
+RETRY_S = 0.05
+"""Seconds after which an interruption is tried again that found a library partly loaded, in which an exception can abort."""
 
 
 QUIET_TRACKER = "ignore::UserWarning:multiprocessing.resource_tracker"
@@ -73,10 +77,15 @@ def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str
     warnings.filterwarnings("ignore", module="astropy|tifffile|PIL|zarr|h5py")  # damaged files are named in one line of our own
     os.environ["PYTHONWARNINGS"] = ",".join(filter(None, (os.environ.get("PYTHONWARNINGS"), QUIET_TRACKER)))
 
-    def interrupt(number: int, _: Any) -> NoReturn:
-        arrived.append(Interrupted(number))
-        arrived[0].leave_in(GRACE_S)
-        raise arrived[0]
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if not arrived:
+            arrived.append(Interrupted(number))
+            arrived[0].leave_in(GRACE_S)
+        if not _is_loading(frame):
+            raise arrived[0]
+        again = threading.Timer(RETRY_S, lambda: signal.getsignal(number) is interrupt and signal.raise_signal(number))
+        again.daemon = True
+        again.start()
 
     main_thread = threading.current_thread() is threading.main_thread()
     before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)} if main_thread else {}
@@ -102,7 +111,7 @@ def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str
     except BaseException:
         if not arrived:
             raise
-        _leave("interrupted", 130, arrived)  # a partly loaded library may raise any exception
+        _leave("interrupted", 130, arrived)  # a library that was interrupted may raise any exception
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -124,32 +133,16 @@ def _open_closed_streams() -> None:
             stream.reconfigure(errors="backslashreplace")  # for names that the terminal cannot show
 
 
-@contextmanager
-def exit_at_once() -> Iterator[None]:
-    """End an interrupted command immediately while libraries load, because a partly loaded library may abort."""
-
-    def leave(number: int, _: Any) -> NoReturn:
-        os.write(2, b"interrupted\n")
-        os._exit(128 + number)
-
-    is_main_thread = threading.current_thread() is threading.main_thread()
-    before = {number: signal.signal(number, leave) for number in (signal.SIGINT, signal.SIGTERM)} if is_main_thread else {}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+def _is_loading(frame: FrameType | None) -> bool:
+    """Return whether an import is in progress in this frame or in one that called it."""
+    while frame is not None and not frame.f_code.co_filename.startswith("<frozen importlib"):
+        frame = frame.f_back
+    return frame is not None
 
 
 def run_module(name: str, argv: Sequence[str] | None = None) -> NoReturn:
     """Import a command's module and run its `main`; an interruption during the import also ends in one line."""
-
-    def main(arguments: Sequence[str] | None) -> None:
-        with exit_at_once():
-            module = import_module(name)
-        module.main(arguments)
-
-    run_command(main, argv)
+    run_command(lambda arguments: import_module(name).main(arguments), argv)
 
 
 def _leave(line: str, code: int, arrived: Sequence[Interrupted]) -> NoReturn:

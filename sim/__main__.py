@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Sequence
 
-from correlograph.command import ArgumentParser, exit_at_once, run_command
+from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError, check_device
 from correlograph.lags import LAGS
 from correlograph.ranges import FRAMES, LAG_COUNT, PATCH, SEED, SI
@@ -90,8 +90,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     with stage("loading"):
         from sim import activate
 
-        with exit_at_once():
-            activate()
+        activate()
     from sim.backend.variant import log_to_standard_error
     from sim.effects import parse_effects
     from sim.plan import Settings

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from correlograph.command import ArgumentParser, exit_at_once, run_command
+from correlograph.command import ArgumentParser, run_command
 from correlograph.commands.camera_choice import add_options, compare
 from correlograph.errors import InputError
 from correlograph.ranges import SEED, SI, Range
@@ -64,11 +64,9 @@ def main(argv: Sequence[str] | None = None) -> None:
         )
     if options.moving and (options.budget_s is None or options.check):
         raise InputError("--moving", "--budget-s SECONDS, without --check", "another aim", "give --budget-s alone")
+    import sim  # noqa: F401 - loads Mitsuba
     from correlograph.files.manifest import claim
     from correlograph.files.output import output_folder
-
-    with exit_at_once():
-        import sim  # noqa: F401 - loads Mitsuba
     from sim.backend.variant import log_to_standard_error
     from sim.plan import check
     from sim.scene_file import load_scene, parse_definitions

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from correlograph.command import ArgumentParser, exit_at_once, run_command
+from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError
 from correlograph.ranges import FRAMES, SAMPLES, SEED
 
@@ -26,8 +26,7 @@ def parser() -> ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> None:
     """Load the scene, compute the account, print it."""
     options = parser().parse_args(argv)
-    with exit_at_once():
-        import sim  # noqa: F401 - loads Mitsuba
+    import sim  # noqa: F401 - loads Mitsuba
     from sim.backend.variant import log_to_standard_error
     from sim.scene_file import load_scene, parse_definitions
     from sim.scene_reader import read_geometry

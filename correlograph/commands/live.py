@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from correlograph.command import ArgumentParser, exit_at_once, run_command
+from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError
 from correlograph.progress import stage
 from correlograph.ranges import CONFIDENCE, SEED, SI, WAVELENGTH, Range
@@ -98,8 +98,7 @@ def open_source(options: Any) -> tuple[Frames, float | None]:
         camera.check_complete()
         return GrowingFiles(Path(options.source), camera), options.exposure_s
     with stage("reading the scene"):
-        with exit_at_once():
-            import sim
+        import sim
         from sim.recording import Recording
         from sim.scene_file import parse_definitions
 

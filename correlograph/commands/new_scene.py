@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 
-from correlograph.command import ArgumentParser, exit_at_once, run_command
+from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import SI_MAX, InputError
 from correlograph.ranges import SI, Range
 from scenes.corner import MAX_ANGLE_DEG, Corner
@@ -69,7 +69,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         raise InputError("picture", "a picture of the object", f"no {options.picture}", "check the path")
     from correlograph.progress import stage
 
-    with stage("loading"), exit_at_once():
+    with stage("loading"):
         import sim
     import numpy as np
     from PIL import Image

@@ -260,6 +260,26 @@ command.run_command(main, [])
     assert (done.returncode, done.stderr) == (143, "interrupted\n")
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_waits_until_a_library_has_loaded(tmp_path, number):
+    """An exception within the import of a compiled library can abort the process."""
+    (tmp_path / "library.py").write_text(
+        f"import os, time\nos.kill(os.getpid(), {number:d})\ntime.sleep(0.2)\nprint('loaded')\n"
+    )
+    program = """
+import time
+from correlograph.command import run_command
+def main(argv):
+    import library
+    time.sleep(60)
+run_command(main, [])
+"""
+    paths = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[2])])
+    settings = {"capture_output": True, "text": True, "check": False, "timeout": 30}
+    done = subprocess.run([sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": paths}, **settings)
+    assert (done.returncode, done.stdout, done.stderr) == (128 + number, "loaded\n", "interrupted\n")
+
+
 def test_training_stores_that_are_not_there_are_one_line(tmp_path):
     with pytest.raises(InputError, match="warm starts"):
         load_warm_starts([str(tmp_path / "none.zarr")])
