@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.interpolate import interp1d
 from scipy.linalg import solveh_banded
+from scipy.special import erf
 
 from invert.tracking.parts import sum_over_rows
 from invert.tracking.shifts import MIN_SIGNIFICANCE, Weight, derivatives, moments, move_back, weight_of
@@ -27,9 +28,6 @@ MAX_REACH = 16
 
 MIN_LIKENESS = 0.6
 """Share of the common speckle of neighbours that groups must still have in common."""
-
-WALK = 6.0
-"""See `_walk_by_illumination`; measured on rendered frames of 0.1 to 1.4 megapixels (docs/tracking.md)."""
 
 PAIRS = 48
 """Pairs of groups from which a likeness is measured."""
@@ -51,7 +49,7 @@ class Followed:
 
     Attributes:
         path: position of its speckle in each frame from the first, (frames, 2) pixels.
-        error: standard error of each position, (frames, 2).
+        error: standard error of each position of the speckle, (frames, 2).
         frames_per_group: number of frames that were registered together.
         reach: largest distance of groups that were compared; 0 for an approximate path.
         significance: median significance of a group in its surroundings.
@@ -164,7 +162,7 @@ def _register(
     variance = of_pair / pairs[:, None]
     # Over distances beyond the reach, errors add up like resistances of a chain in which each member is joined to its neighbours.
     walked = np.arange(count)[:, None] / np.sum(steps**2.0) * of_pair
-    walked = walked + _walk_by_illumination(places, every, band)
+    walked = walked + _walk_by_change(places, every, band)
     significance = float(np.median(height)) / weight.deviation
     return places, np.sqrt(variance + walked), steps, of_pair, significance
 
@@ -233,16 +231,28 @@ def likeness(spectra: np.ndarray, band: Band, path: np.ndarray) -> np.ndarray:
     return sum_over_rows(common, spectra) / (weight * band.signal).sum()
 
 
-def _walk_by_illumination(places: np.ndarray, alike: np.ndarray, band: Band) -> np.ndarray:
-    """Return the variance of positions (n, 1) by the speckle of the illumination: after each way over which the likeness falls to
-    `MIN_LIKENESS`, the pattern has become another one, and its maximum has moved by `WALK` grains over the root of the number of grains."""
-    last = np.clip(alike[-1] / alike[0], 1e-6, 1.0 - 1e-6)
-    far = np.flatnonzero(alike < MIN_LIKENESS * alike[0])
-    steps = far[0] + 1.0 if len(far) else len(alike) * (np.log(MIN_LIKENESS) / np.log(last)) ** 0.5
+def _walk_by_change(places: np.ndarray, alike: np.ndarray, band: Band) -> np.ndarray:
+    """Return the variance of positions (n, 2) by the change of the illumination on the object, whose likeness falls like exp(-x^2).
+
+    The object has as many cells as it has coefficients. On its way, the field g of each changes by dg, and its phase by Im(g* dg). The mean
+    slope of these phases across the object, summed along the path, has the variance (sqrt(pi) x erf(x) + exp(-x^2) - 1) / 2 over the
+    cells and their mean square distance.
+
+    Besides, each way of the likeness c = `MIN_LIKENESS` replaces the pattern by another one. The Cramer-Rao bound of the displacement of
+    two patterns whose coefficients are independent has the variance (1 - c^2) / c^2 over the sum of the squares of the angular
+    frequencies, of those above the noise.
+    """
+    faded = np.flatnonzero(alike < MIN_LIKENESS * alike[0])
+    steps = faded[0] + 1.0 if len(faded) else float(len(alike))
+    left = MIN_LIKENESS if len(faded) else float(np.clip(alike[-1] / alike[0], MIN_LIKENESS, 1.0 - 1e-6))
     ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
     travelled = np.concatenate([[0.0], np.cumsum(ways)]) / max(steps * float(ways.mean()), 1e-9)
-    grains = np.prod(band.shape) / (2.0 * np.pi * band.grain_pixels**2)
-    return (travelled * (WALK * band.grain_pixels) ** 2 / grains)[:, None]
+    x = travelled[:, None] * np.log(1.0 / left) ** 0.5
+    phase = 0.5 * (np.pi**0.5 * x * erf(x) + np.exp(-(x**2)) - 1.0) / (band.cells * (2.0 * np.pi * band.object_widths) ** 2)
+    clear = band.counts * (band.signal / (band.signal + band.floor)) ** 2
+    information = np.array([(clear * (2.0 * np.pi * turn) ** 2).sum() for turn in (band.rows[:, None], band.columns)])
+    replaced = x / np.log(1.0 / MIN_LIKENESS) ** 0.5 * (1.0 / MIN_LIKENESS**2 - 1.0) / information
+    return band.noise_gain * (phase + replaced)
 
 
 def _interpolate(at: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -68,6 +68,19 @@ class Band:
         return float(1.0 / (2.0 * np.pi * max(square, 1e-12) ** 0.5))
 
     @cached_property
+    def object_widths(self) -> np.ndarray:
+        """Rms width of the object (rows, columns) in cycles per pixel, (2,): the spectrum of the speckle is the autocorrelation of its
+        albedo, whose mean square is twice that of the albedo."""
+        power = self.counts * self.signal
+        squares = np.array([(power * self.rows[:, None] ** 2).sum(), (power * self.columns**2).sum()])
+        return (0.5 * squares / power.sum()) ** 0.5
+
+    @cached_property
+    def cells(self) -> float:
+        """Area of the object, int(w)^2 / int(w^2) of its albedo w, in coefficients of the spectrum."""
+        return float((self.counts * self.signal).sum() / self.signal.max())
+
+    @cached_property
     def noise_gain(self) -> float:
         """Factor by which the window raises the variance of sums over frequencies, whose noise it correlates."""
         windows = [tukey(side, TAPER) for side in self.shape]

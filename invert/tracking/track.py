@@ -14,12 +14,12 @@ from tqdm import tqdm
 from correlograph.errors import InputError, check_positive, memory_bytes
 from correlograph.files.capture import Capture
 from correlograph.files.figures import figure_as_html
-from invert.tracking.follow import Followed, follow, likeness
+from invert.tracking.follow import follow, likeness
 from invert.tracking.pursuit import find_objects
 from invert.tracking.separation import isolate
 from invert.tracking.spectra import Reader
-from invert.tracking.start import Start
 from invert.tracking.tables import check_frames, save_table
+from invert.tracking.to_object import metres_per_pixel, stretch_by_illumination
 from invert.tracking.vibration import find_vibrations
 
 if TYPE_CHECKING:
@@ -40,12 +40,14 @@ class Track:
 
     Attributes:
         path_pixels: position of the speckle in each frame in camera pixels (rows, columns), (frames, 2), from the first frame.
-        error_pixels: standard error of each position, (frames, 2).
+        error_pixels: standard error of each position of the speckle, (frames, 2). What the illumination adds is in `error_m`.
         significance: significance of the common motion, in standard deviations.
         share: share of the power of the speckle that frames have in common by this object: consecutive ones, or, of several objects,
             those 2 to 16 apart by which it was found.
         frames_per_position: number of frames that were registered together, for lack of light.
         metres_per_pixel: displacement of the object (rows, columns) per pixel of its speckle, (2, 2); None if its geometry is unknown.
+        stretch: standard deviation of what the illumination adds to a displacement of the speckle, in pixels (rows, columns) per metre
+            of the object's displacement, (2,); None if the geometry is unknown.
         interval_s: time between frames; None if unknown.
         others: tracks of further objects, the brightest first.
         bend_error_pixels: standard error of a second difference of the path by noise, (2,); zero if unknown.
@@ -59,6 +61,7 @@ class Track:
     share: float
     frames_per_position: int = 1
     metres_per_pixel: np.ndarray | None = None
+    stretch: np.ndarray | None = None
     interval_s: float | None = None
     others: tuple[Track, ...] = ()
     bend_error_pixels: np.ndarray = field(default_factory=lambda: np.zeros(2))
@@ -95,11 +98,29 @@ class Track:
         return None if self.metres_per_pixel is None else self.path_pixels @ self.metres_per_pixel.T
 
     @property
+    def error_m(self) -> np.ndarray | None:
+        """Standard error of each position of the object in metres, (frames, 2): that of its speckle and, in proportion to the distance from
+        the first frame, what the speckle of the illumination adds (`to_object.py`)."""
+        path = self.path_m
+        if path is None or self.metres_per_pixel is None or self.stretch is None:
+            return None
+        by_illumination = np.linalg.norm(path, axis=1)[:, None] * self.stretch
+        return np.sqrt((self.error_pixels**2 + by_illumination**2) @ (self.metres_per_pixel**2).T)
+
+    @property
     def velocity_m_s(self) -> np.ndarray | None:
         """Mean velocity of the object (2,)."""
         if self.metres_per_pixel is None or self.interval_s is None:
             return None
         return self.metres_per_pixel @ self.step_pixels / self.interval_s
+
+    @property
+    def velocity_error_m_s(self) -> np.ndarray | None:
+        """Standard error of the mean velocity of the object, (2,)."""
+        error = self.error_m
+        if error is None or self.interval_s is None:
+            return None
+        return error[-1] / ((len(error) - 1) * self.interval_s)
 
     @property
     def vibrations(self) -> list[dict[str, Any]]:
@@ -149,7 +170,7 @@ class Track:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the numbers for JSON, without the path."""
-        speed, lever = self.velocity_m_s, self.metres_per_pixel
+        speed, speed_error, lever = self.velocity_m_s, self.velocity_error_m_s, self.metres_per_pixel
         return {
             "frames": len(self.path_pixels),
             "step_pixels": self.step_pixels.tolist(),
@@ -160,6 +181,7 @@ class Track:
             "metres_per_pixel": None if lever is None else lever.tolist(),
             "interval_s": self.interval_s,
             "velocity_m_s": None if speed is None else speed.tolist(),
+            "velocity_error_m_s": None if speed_error is None else speed_error.tolist(),
             "vibrations": self.vibrations,
             "others": [one.as_dict() for one in self.others],
         }
@@ -174,7 +196,7 @@ class Track:
             suffix = "" if number == 1 else f"_{number}"
             named = {"pixels": one.path_pixels, "error_pixels": one.error_pixels}
             if one.path_m is not None:
-                named["m"] = one.path_m
+                named |= {"m": one.path_m, "error_m": one.error_m}
             for unit, values in named.items():
                 table |= {f"{axis}_{unit}{suffix}": values[:, index] for index, axis in enumerate(("row", "column"))}
         return table
@@ -206,7 +228,7 @@ def track(
     if source_distance_m is not None:
         check_positive("source_distance_m", source_distance_m)
     check_frames(capture, interval_s, 3, "path")
-    lever = None if source_distance_m is None else metres_per_pixel(capture, source_distance_m, source_angle_deg)
+    lever = None if source_distance_m is None else metres_per_pixel(capture.camera, source_distance_m, source_angle_deg)
     reader = Reader(capture.frames[0].shape, binning)
     band = reader.band(capture.frames)
     if band is None:
@@ -222,10 +244,18 @@ def track(
     for start, (own, its_band) in zip(starts, isolate(spectra, band, starts), strict=True):
         others = [one for one in starts if one is not start]
         followed = follow(own, its_band, start, others).for_open_shutter(_open_share(capture, interval_s))
-        found = _track_of(start, followed, binning, lever, interval_s)
-        if others:
-            found = replace(found, in_common=likeness(own, band, followed.path))
-        tracks.append(found)
+        found = Track(
+            followed.path * binning,
+            followed.error * binning,
+            start.significance,
+            start.share,
+            frames_per_position=followed.frames_per_group,
+            metres_per_pixel=lever,
+            stretch=None if lever is None else stretch_by_illumination(band, capture.camera, binning),
+            interval_s=interval_s,
+            bend_error_pixels=followed.bend_error * binning,
+        )
+        tracks.append(replace(found, in_common=likeness(own, band, followed.path)) if others else found)
     return replace(tracks[0], others=tuple(tracks[1:]))
 
 
@@ -233,23 +263,3 @@ def _open_share(capture: Capture, interval_s: float | None) -> float:
     """Return the share of the interval between frames in which the shutter is open; 0 if it is unknown."""
     exposure_s = capture.headers[0].exposure_s if capture.headers else capture.file_metadata.exposure_s
     return 0.0 if exposure_s is None or interval_s is None else min(exposure_s / interval_s, 1.0)
-
-
-def _track_of(start: Start, found: Followed, binning: int, lever: np.ndarray | None, interval_s: float | None) -> Track:
-    told = (start.significance, start.share, found.frames_per_group, lever, interval_s)
-    return Track(found.path * binning, found.error * binning, *told, bend_error_pixels=found.bend_error * binning)
-
-
-def metres_per_pixel(capture: Capture, source_distance_m: float, source_angle_deg: tuple[float, float]) -> np.ndarray:
-    """Return the displacement of the object per pixel of its speckle, (2, 2): the inverse of (1 + P z / d1) / pitch, where P keeps what
-    lies across the light from the spot. Raises InputError without the metadata of the camera, and for angles beyond 80 degrees."""
-    known = capture.camera.lag_geometry
-    if known is None:
-        raise InputError("camera", "wavelength, pixel pitch and distance", "none", "give them with the frames")
-    if not np.abs(source_angle_deg).max() <= 80.0:
-        raise InputError("source_angle_deg", "two angles of at most 80 degrees", source_angle_deg, "correct them")
-    _, distance, pitches = known
-    tangent = np.tan(np.radians(source_angle_deg))
-    across = tangent / np.sqrt(1.0 + tangent @ tangent)
-    travel = np.eye(2) + distance / source_distance_m * (np.eye(2) - np.outer(across, across))
-    return np.linalg.inv(travel / np.array(pitches)[:, None])
