@@ -8,6 +8,7 @@ pursuit.py   all objects of a capture
 follow.py    exact path of an object, frame by frame
 separation.py  spectra of one object without the patterns of others
 vibration.py periodic motion in a path
+to_object.py displacements of the object from those of its speckle
 track.py     the whole: frames -> Track
 rings.py     turn and scale of autocorrelations
 rotation.py  rotation and distance: frames -> Rotation
