@@ -4,7 +4,8 @@ One letter of 1 cm, or several of 3 to 5 mm, move at 0.01 to 20 mm/s along curve
 30 to 2000 times per second with 0.003 to 0.3 photoelectrons per pixel; the laser is at rest. Errors are those of the path after its
 mean difference to the truth is removed. Each is compared with 2 um, and with the Cramer-Rao bound for a frame whose patterns are known
 (Knapp and Carter, doi:10.1109/TASSP.1976.1162830) while the illumination, of which no frame tells, is random (a bound with random
-parameters: Van Trees, Detection, Estimation, and Modulation Theory I, 2.4.3). No tracker can reach it, because the patterns are measured.
+parameters: Van Trees, Detection, Estimation, and Modulation Theory I, 2.4.3). On average,
+no tracker reaches it, because the patterns are measured; single paths may lie below.
 
 `--images` also reconstructs each object that was found, and compares it with its letter; and what all objects together show.
 """
@@ -26,7 +27,7 @@ from correlograph.files.images import read_image
 from correlograph.files.output import save_json
 from invert.tracking.shifts import weight_of
 from invert.tracking.spectra import Reader
-from invert.tracking.to_object import ROUND_SPOT
+from invert.tracking.to_object import slope_variance
 from scenes import scene_path
 from sim.frame import Simulation
 from sim.geometry import Geometry
@@ -162,9 +163,7 @@ def bounds_m(geometry: Geometry, capture: cg.Capture, truths: list[np.ndarray]) 
         inverse = np.linalg.inv(curvature)
         of_pattern = to_metres @ inverse @ (weight.slope_variance / band.noise_gain) @ inverse @ to_metres.T
         mine = samples.part == number
-        places = samples.coordinates_m[mine] - np.average(samples.coordinates_m[mine], 0, power[mine])
-        squares = power[mine, None] * places**2
-        slope = ROUND_SPOT * (power[mine, None] * squares).sum(0) / squares.sum(0) ** 2 / np.prod(geometry.object_pitch_m)
+        slope = slope_variance(power[mine], samples.coordinates_m[mine], np.prod(geometry.object_pitch_m))
         moved = to_metres**2 @ (
             slope * (geometry.wavelength_m * geometry.distance_m / (2.0 * np.pi * np.array(geometry.seen_pitch_m))) ** 2
         )

@@ -54,6 +54,7 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(number)
         self.exit_code = 128 + number
         self.told = False
+        self.waits = False  # until a library has loaded
 
     def leave_in(self, seconds: float) -> None:
         """End the process after this number of seconds, even if a call of a library has not returned."""
@@ -83,9 +84,20 @@ def run_command(main: Callable[[Sequence[str] | None], None], argv: Sequence[str
             arrived[0].leave_in(GRACE_S)
         if not _is_loading(frame):
             raise arrived[0]
-        again = threading.Timer(RETRY_S, lambda: signal.getsignal(number) is interrupt and signal.raise_signal(number))
-        again.daemon = True
-        again.start()
+        if not arrived[0].waits:
+            arrived[0].waits = True
+            again = threading.Timer(RETRY_S, retry, [number])
+            again.daemon = True
+            again.start()
+
+    def retry(number: int) -> None:
+        arrived[0].waits = False
+        if signal.getsignal(number) is not interrupt:
+            return
+        if hasattr(signal, "pthread_kill"):  # wakes the main thread, which may wait
+            signal.pthread_kill(threading.main_thread().ident, number)
+        else:
+            signal.raise_signal(number)
 
     main_thread = threading.current_thread() is threading.main_thread()
     before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)} if main_thread else {}

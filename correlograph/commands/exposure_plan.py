@@ -64,7 +64,6 @@ def main(argv: Sequence[str] | None = None) -> None:
         )
     if options.moving and (options.budget_s is None or options.check):
         raise InputError("--moving", "--budget-s SECONDS, without --check", "another aim", "give --budget-s alone")
-    import sim  # noqa: F401 - loads Mitsuba
     from correlograph.files.manifest import claim
     from correlograph.files.output import output_folder
     from sim.backend.variant import log_to_standard_error

@@ -26,7 +26,6 @@ def parser() -> ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> None:
     """Load the scene, compute the account, print it."""
     options = parser().parse_args(argv)
-    import sim  # noqa: F401 - loads Mitsuba
     from sim.backend.variant import log_to_standard_error
     from sim.scene_file import load_scene, parse_definitions
     from sim.scene_reader import read_geometry

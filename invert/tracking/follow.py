@@ -13,11 +13,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.interpolate import interp1d
 from scipy.linalg import solveh_banded
+from scipy.ndimage import uniform_filter
 from scipy.special import erf
 
 from invert.tracking.parts import sum_over_rows
 from invert.tracking.shifts import MIN_SIGNIFICANCE, Weight, derivatives, moments, move_back, weight_of
-from invert.tracking.spectra import Band
+from invert.tracking.spectra import SMOOTHING, Band
 from invert.tracking.start import Start, are_apart
 
 MIN_GROUP_SIGNIFICANCE = 5.0
@@ -231,6 +232,15 @@ def likeness(spectra: np.ndarray, band: Band, path: np.ndarray) -> np.ndarray:
     return sum_over_rows(common, spectra) / (weight * band.signal).sum()
 
 
+def power_in_common(spectra: np.ndarray, band: Band, path: np.ndarray, step: int) -> np.ndarray:
+    """Return the smoothed power that spectra (n, R, C) some frames apart have in common along a path (n, 2), (R, C): that of one object.
+    Others have moved on."""
+    moved = move_back(spectra, band, path)
+    return np.maximum(
+        uniform_filter(np.vecdot(moved[:-step], moved[step:], axis=0).real / (len(path) - step), SMOOTHING[0]), 0.0
+    )
+
+
 def _walk_by_change(places: np.ndarray, alike: np.ndarray, band: Band) -> np.ndarray:
     """Return the variance of positions (n, 2) by the change of the illumination on the object, whose likeness falls like exp(-x^2).
 
@@ -243,13 +253,13 @@ def _walk_by_change(places: np.ndarray, alike: np.ndarray, band: Band) -> np.nda
     frequencies, of those above the noise.
     """
     faded = np.flatnonzero(alike < MIN_LIKENESS * alike[0])
-    steps = faded[0] + 1.0 if len(faded) else float(len(alike))
-    left = MIN_LIKENESS if len(faded) else float(np.clip(alike[-1] / alike[0], MIN_LIKENESS, 1.0 - 1e-6))
+    far = int(faded[0]) if len(faded) else len(alike) - 1
+    fallen = float(np.clip(alike[far] / alike[0], 1e-3, 1.0))
+    per_step = (np.log(1.0 / fallen) / max((far + 1.0) ** 2 - 1.0, 1.0)) ** 0.5  # between frames 1 and far + 1 apart
     ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    travelled = np.concatenate([[0.0], np.cumsum(ways)]) / max(steps * float(ways.mean()), 1e-9)
-    x = travelled[:, None] * np.log(1.0 / left) ** 0.5
+    x = per_step * np.concatenate([[0.0], np.cumsum(ways)])[:, None] / max(float(ways.mean()), 1e-9)
     phase = 0.5 * (np.pi**0.5 * x * erf(x) + np.exp(-(x**2)) - 1.0) / (band.cells * (2.0 * np.pi * band.object_widths) ** 2)
-    clear = band.counts * (band.signal / (band.signal + band.floor)) ** 2
+    clear = band.counts * (band.signal / np.maximum(band.signal + band.floor, 1e-300)) ** 2
     information = np.array([(clear * (2.0 * np.pi * turn) ** 2).sum() for turn in (band.rows[:, None], band.columns)])
     replaced = x / np.log(1.0 / MIN_LIKENESS) ** 0.5 * (1.0 / MIN_LIKENESS**2 - 1.0) / information
     return band.noise_gain * (phase + replaced)

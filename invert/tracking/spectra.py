@@ -73,7 +73,7 @@ class Band:
         albedo, whose mean square is twice that of the albedo."""
         power = self.counts * self.signal
         squares = np.array([(power * self.rows[:, None] ** 2).sum(), (power * self.columns**2).sum()])
-        return (0.5 * squares / power.sum()) ** 0.5
+        return np.maximum(0.5 * squares / power.sum(), 1e-12) ** 0.5
 
     @cached_property
     def cells(self) -> float:

@@ -2,10 +2,10 @@
 
 The speckle of the illumination is a lens: it stretches, shears and turns the path of an object's speckle.
 
-The illumination g of an object that moves by d becomes g (1 + i J / |g|^2) with J = Im(g* grad g) d. Where J rises across the object, the
-speckle on the wall moves by more than d (1 + z / d1) says. J has the mean 0, so that no frame tells by how much, but its variance is known:
-the integral of its covariance over the object is C |d|^2, with C = pi for an evenly lit round spot of any size, because smaller grains are
-steeper. The phase that grows across the object as J does has the slope
+The illumination g of an object that moves by d becomes g (1 + i J / |g|^2) with J = Im(g* grad g) d. Where J rises or falls across the
+object, the speckle on the wall moves by more or less than d (1 + z / d1). J has the mean 0, so that no frame tells by how much, but its
+variance is known: the integral of its covariance over the object is C |d|^2, with C = pi for an evenly lit round spot of any size, because
+smaller grains are steeper. The phase that grows across the object as J does has the slope
 
     q = int w e J / int w e^2,    var q = C |d|^2 int w^2 e^2 / (int w e^2)^2,
 
@@ -50,6 +50,17 @@ def stretch_by_illumination(band: Band, camera: CameraMetadata, binning: int) ->
     per_pixel = np.prod(pitches) ** 0.5 / (wavelength * distance)  # cycles per metre of the object
     area = band.cells / np.prod(band.shape)
     return binning**2 * per_pixel * (ROUND_SPOT / area) ** 0.5 / (2.0 * np.pi * band.object_widths)
+
+
+def slope_variance(albedo: np.ndarray, places_m: np.ndarray, cell_m2: float) -> np.ndarray:
+    """Return var q / |d|^2, (2,), in radians per metre of the object and per metre of its way.
+
+    Args:
+        albedo: (n,), of cells of an area `cell_m2` at places_m (n, 2).
+    """
+    away = places_m - np.average(places_m, 0, albedo)
+    squares = albedo[:, None] * away**2
+    return ROUND_SPOT * (albedo[:, None] * squares).sum(0) / (squares.sum(0) ** 2 * cell_m2)
 
 
 def _geometry(camera: CameraMetadata) -> tuple[float, float, tuple[float, float]]:

@@ -14,7 +14,7 @@ from tqdm import tqdm
 from correlograph.errors import InputError, check_positive, memory_bytes
 from correlograph.files.capture import Capture
 from correlograph.files.figures import figure_as_html
-from invert.tracking.follow import follow, likeness
+from invert.tracking.follow import follow, likeness, power_in_common
 from invert.tracking.pursuit import find_objects
 from invert.tracking.separation import isolate
 from invert.tracking.spectra import Reader
@@ -46,13 +46,13 @@ class Track:
             those 2 to 16 apart by which it was found.
         frames_per_position: number of frames that were registered together, for lack of light.
         metres_per_pixel: displacement of the object (rows, columns) per pixel of its speckle, (2, 2); None if its geometry is unknown.
-        stretch: standard deviation of what the illumination adds to a displacement of the speckle, in pixels (rows, columns) per metre
-            of the object's displacement, (2,); None if the geometry is unknown.
         interval_s: time between frames; None if unknown.
         others: tracks of further objects, the brightest first.
         bend_error_pixels: standard error of a second difference of the path by noise, (2,); zero if unknown.
         in_common: share of the power of the speckle that frames 1, 2, ... apart have in common by this object, (at most 16,); empty for a
             single object.
+        stretch: standard deviation of what the illumination adds to a displacement of the speckle, in pixels (rows, columns) per metre
+            of the object's displacement, (2,); None if the geometry is unknown.
     """
 
     path_pixels: np.ndarray
@@ -61,11 +61,11 @@ class Track:
     share: float
     frames_per_position: int = 1
     metres_per_pixel: np.ndarray | None = None
-    stretch: np.ndarray | None = None
     interval_s: float | None = None
     others: tuple[Track, ...] = ()
     bend_error_pixels: np.ndarray = field(default_factory=lambda: np.zeros(2))
     in_common: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    stretch: np.ndarray | None = None
 
     @property
     def smooth_path_pixels(self) -> np.ndarray:
@@ -100,7 +100,8 @@ class Track:
     @property
     def error_m(self) -> np.ndarray | None:
         """Standard error of each position of the object in metres, (frames, 2): that of its speckle and, in proportion to the distance from
-        the first frame, what the speckle of the illumination adds (`to_object.py`)."""
+        the first frame, what the speckle of the illumination adds (`to_object.py`). It is too large for ways beyond the width of the
+        object's strokes."""
         path = self.path_m
         if path is None or self.metres_per_pixel is None or self.stretch is None:
             return None
@@ -195,8 +196,8 @@ class Track:
         for number, one in enumerate((self, *self.others), 1):
             suffix = "" if number == 1 else f"_{number}"
             named = {"pixels": one.path_pixels, "error_pixels": one.error_pixels}
-            if one.path_m is not None:
-                named |= {"m": one.path_m, "error_m": one.error_m}
+            in_metres = {"m": one.path_m, "error_m": one.error_m}
+            named |= {unit: values for unit, values in in_metres.items() if values is not None}
             for unit, values in named.items():
                 table |= {f"{axis}_{unit}{suffix}": values[:, index] for index, axis in enumerate(("row", "column"))}
         return table
@@ -244,6 +245,8 @@ def track(
     for start, (own, its_band) in zip(starts, isolate(spectra, band, starts), strict=True):
         others = [one for one in starts if one is not start]
         followed = follow(own, its_band, start, others).for_open_shutter(_open_share(capture, interval_s))
+        if others:
+            its_band = replace(its_band, signal=power_in_common(own, its_band, followed.path, start.lag))
         found = Track(
             followed.path * binning,
             followed.error * binning,
@@ -251,11 +254,12 @@ def track(
             start.share,
             frames_per_position=followed.frames_per_group,
             metres_per_pixel=lever,
-            stretch=None if lever is None else stretch_by_illumination(band, capture.camera, binning),
             interval_s=interval_s,
             bend_error_pixels=followed.bend_error * binning,
+            in_common=likeness(own, band, followed.path) if others else np.zeros(0),
+            stretch=None if lever is None else stretch_by_illumination(its_band, capture.camera, binning),
         )
-        tracks.append(replace(found, in_common=likeness(own, band, followed.path)) if others else found)
+        tracks.append(found)
     return replace(tracks[0], others=tuple(tracks[1:]))
 
 

@@ -276,8 +276,10 @@ run_command(main, [])
 """
     paths = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[2])])
     settings = {"capture_output": True, "text": True, "check": False, "timeout": 30}
+    begin = time.monotonic()
     done = subprocess.run([sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": paths}, **settings)
     assert (done.returncode, done.stdout, done.stderr) == (128 + number, "loaded\n", "interrupted\n")
+    assert time.monotonic() - begin < 10.0  # not only after `GRACE_S`, although the command sleeps
 
 
 def test_training_stores_that_are_not_there_are_one_line(tmp_path):

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from correlograph.errors import InputError
-from correlograph.files.capture import CameraMetadata
+from correlograph.files.capture import CameraMetadata, Capture
 from invert.tracking.spectra import Band
-from invert.tracking.to_object import ROUND_SPOT, metres_per_pixel, stretch_by_illumination
+from invert.tracking.to_object import ROUND_SPOT, metres_per_pixel, slope_variance, stretch_by_illumination
+from invert.tracking.track import track
+from tests.invert.field.speckle import letter, travelling_frames
 
 PITCH_M = 5e-5
 WAVELENGTH_M, SOURCE_M, SPOT_M = 532e-9, 0.5, 1.5e-3
@@ -21,7 +23,7 @@ def strokes() -> np.ndarray:
     return albedo
 
 
-def illumination(rng: np.random.Generator, shape: tuple[int, int], shift_m: np.ndarray, source: np.ndarray) -> np.ndarray:
+def illumination(shape: tuple[int, int], shift_m: np.ndarray, source: np.ndarray) -> np.ndarray:
     """Field of a round rough spot on a grid that has moved by `shift_m`."""
     seats = (np.arange(len(source)) / (len(source) - 1) - 0.5) * SPOT_M
     turns = [
@@ -52,18 +54,11 @@ def test_the_phase_of_a_small_way_has_the_slope_of_the_closed_form(rng):
         source = disc * np.exp(2j * np.pi * rng.random(disc.shape))
         angle = rng.uniform(0.0, 2.0 * np.pi)
         way = WAVELENGTH_M * SOURCE_M / SPOT_M / 8.0 * np.array([np.cos(angle), np.sin(angle)])
-        before, after = (illumination(rng, albedo.shape, shift, source) for shift in (np.zeros(2), way))
+        before, after = (illumination(albedo.shape, shift, source) for shift in (np.zeros(2), way))
         drawn.append(slope_of(albedo * before.conj() * after) / np.linalg.norm(way))
-    places = [
-        PITCH_M * (np.arange(side) - (np.arange(side) * albedo.sum(1 - axis)).sum() / albedo.sum())
-        for axis, side in enumerate(albedo.shape)
-    ]
-    for axis, place in enumerate(places):
-        square = place[:, None] ** 2 if axis == 0 else place**2
-        expected = ROUND_SPOT * (albedo**2 * square).sum() / (albedo * square).sum() ** 2 / PITCH_M**2
-        assert np.mean(np.square(drawn)[:, axis]) == pytest.approx(
-            expected, rel=0.35
-        )  # chi^2 of 160: 11 % of standard deviation
+    rows, columns = np.indices(albedo.shape).reshape(2, -1)
+    expected = slope_variance(albedo.ravel(), PITCH_M * np.stack([rows, columns], 1), PITCH_M**2)
+    np.testing.assert_allclose(np.mean(np.square(drawn), 0), expected, rtol=0.35)  # chi^2 of 160: 11 % of standard deviation
 
 
 @pytest.mark.parametrize("binning", [1, 3])
@@ -94,3 +89,25 @@ def test_the_spectrum_of_the_speckle_gives_the_stretch(binning):
 def test_a_camera_without_scale_is_refused():
     with pytest.raises(InputError, match="wavelength"):
         metres_per_pixel(CameraMetadata(), 0.5, (0.0, 0.0))
+
+
+def test_each_of_two_objects_has_its_own_stretch():
+    """A letter and a narrow bar move differently: the spectrum of their speckle together belongs to neither."""
+    rng, shape, patch = np.random.default_rng(8), (520, 640), 128
+    bar = np.zeros((24, 24))
+    bar[9:14, 2:20] = 1.0
+    albedos, numbers = (letter(), bar), np.arange(32)[:, None]
+    paths = [numbers * np.array([1.1, -0.4]), numbers * np.array([-0.9, 0.8])]
+    seen = [travelling_frames(one, shape, patch, rng, path, 40.0) for one, path in zip(albedos, paths, strict=True)]
+    frames = [rng.poisson(0.5 * (0.55 * a + 0.45 * b)).astype(np.float32) for a, b in zip(*seen, strict=True)]
+    camera = CameraMetadata(WAVELENGTH_M, 7e-6, 1.0)
+    found = track(Capture(frames, camera=camera), source_distance_m=SOURCE_M)
+    tracks = sorted((found, *found.others), key=lambda one: -one.step_pixels[0])
+    assert len(tracks) == 2
+    cell_m = WAVELENGTH_M / (7e-6 * patch)
+    for one, albedo in zip(tracks, albedos, strict=True):
+        rows, columns = np.indices(albedo.shape).reshape(2, -1)
+        slope = slope_variance(albedo.ravel(), cell_m * np.stack([rows, columns], 1), cell_m**2) ** 0.5
+        np.testing.assert_allclose(one.stretch, slope * WAVELENGTH_M / (2.0 * np.pi * 7e-6), rtol=0.5)
+        error = np.hypot(one.error_pixels, np.linalg.norm(one.path_m, axis=1)[:, None] * one.stretch)
+        np.testing.assert_allclose(one.error_m, error * one.metres_per_pixel[0, 0])

@@ -70,7 +70,6 @@ def test_standard_errors_are_honest(lab, light):
             capture, source_distance_m=lab.source_distance_m, source_angle_deg=SOURCE_ANGLE_DEG, interval_s=exposure_s
         )
         deviations.append((found.velocity_m_s - truth_m_s) / found.velocity_error_m_s)
-    print(np.round(deviations, 2).tolist(), np.mean(np.square(deviations)))
     assert 0.26 < np.mean(np.square(deviations)) < 2.4  # chi^2 of 12 degrees of freedom, 99.5 % each side
 
 
