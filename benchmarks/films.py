@@ -34,17 +34,18 @@ SIDE = 128
 """Cells of the object along each side."""
 
 SIDE_M = 12e-3
+TURN_DEG = 120.0
 HALF_WIDTHS = (1, 2, 4, 8, 16)
 TIMES = 4
 """Number of times at which windows are judged."""
 
 
 def rotating_letter(time_s: float) -> np.ndarray:
-    """Return an R that turns by 120 degrees in 4 s, (SIDE, SIDE)."""
+    """Return an R that turns by `TURN_DEG` in 4 s, (SIDE, SIDE)."""
     upright = Image.fromarray(letter("R")).resize((88, 88))
     page = Image.new("L", (SIDE, SIDE))
     page.paste(upright, (20, 20))
-    return np.asarray(page.rotate(120.0 * time_s / LASTS_S, Image.Resampling.BICUBIC), np.float32) / 255.0
+    return np.asarray(page.rotate(TURN_DEG * time_s / LASTS_S, Image.Resampling.BICUBIC), np.float32) / 255.0
 
 
 def walking_figure(time_s: float) -> np.ndarray:
@@ -114,6 +115,13 @@ def window_scores(
     return scores
 
 
+def rotation_errors_deg(capture: cg.Capture) -> np.ndarray:
+    """Return the errors of the angles of the rotating letter about their mean, one of each group of frames."""
+    found = cg.track_rotation(capture, interval_s=LASTS_S / FRAMES)
+    errors = found.angle_deg - TURN_DEG * found.middle_frame / FRAMES
+    return errors - errors.mean()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", "--output", type=Path, required=True)
@@ -145,6 +153,12 @@ def main() -> None:
             "best_window_least": round(min(windows[best]), 3),
             "notes": found.notes,
         }
+        if object_at is rotating_letter:
+            errors = rotation_errors_deg(capture)
+            rows[name] |= {
+                "angle_rms_deg": round(float(errors.std()), 3),
+                "angle_largest_deg": round(float(np.abs(errors).max()), 3),
+            }
         print(name, json.dumps(rows[name]), flush=True)
     save_json(options.output / "films.json", rows)
 
