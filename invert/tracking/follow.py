@@ -95,7 +95,7 @@ def follow(spectra: np.ndarray, band: Band, start: Start, others: Sequence[Start
     is_lost = bool(others) and np.abs(best.path - start.path).max() > MAX_CORRECTION * band.grain_pixels
     if best.significance < MIN_GROUP_SIGNIFICANCE or is_lost:
         best = Followed(start.path, _error_of_blocks(start, band), start.frames_per_block, 0, best.significance)
-    return best if others else replace(best, fading=_fading(spectra, band, best.path))
+    return best if others else replace(best, fading=min(_fading(likeness(spectra, band, best.path)[:2]), MAX_FADING))
 
 
 def _error_of_blocks(start: Start, band: Band) -> np.ndarray:
@@ -108,10 +108,11 @@ def _error_of_blocks(start: Start, band: Band) -> np.ndarray:
     return np.stack([error, error], 1)
 
 
-def _fading(spectra: np.ndarray, band: Band, path: np.ndarray) -> float:
-    """Return `Followed.fading` from the likenesses exp(-fading k^2) of frames k = 1 and 2 apart."""
-    near, far = likeness(spectra, band, path)[:2]
-    return float(np.clip(np.log(near / max(far, 1e-3)) / 3.0, 0.0, MAX_FADING)) if near > 0.0 else 0.0
+def _fading(alike: np.ndarray) -> float:
+    """Return the fading from the first and the last of the likenesses exp(-fading k^2) of frames k = 1, 2, ... apart."""
+    if len(alike) < 2 or alike[0] <= 0.0:
+        return 0.0
+    return float(np.log(1.0 / np.clip(alike[-1] / alike[0], 1e-3, 1.0)) / (len(alike) ** 2 - 1.0))
 
 
 def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: int, apart: int) -> Followed:
@@ -253,11 +254,9 @@ def _walk_by_change(places: np.ndarray, alike: np.ndarray, band: Band) -> np.nda
     frequencies, of those above the noise.
     """
     faded = np.flatnonzero(alike < MIN_LIKENESS * alike[0])
-    far = int(faded[0]) if len(faded) else len(alike) - 1
-    fallen = float(np.clip(alike[far] / alike[0], 1e-3, 1.0))
-    per_step = (np.log(1.0 / fallen) / max((far + 1.0) ** 2 - 1.0, 1.0)) ** 0.5  # between frames 1 and far + 1 apart
+    per_frame = _fading(alike[: faded[0] + 1] if len(faded) else alike) ** 0.5
     ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    x = per_step * np.concatenate([[0.0], np.cumsum(ways)])[:, None] / max(float(ways.mean()), 1e-9)
+    x = per_frame * np.concatenate([[0.0], np.cumsum(ways)])[:, None] / max(float(ways.mean()), 1e-9)
     phase = 0.5 * (np.pi**0.5 * x * erf(x) + np.exp(-(x**2)) - 1.0) / (band.cells * (2.0 * np.pi * band.object_widths) ** 2)
     clear = band.counts * (band.signal / np.maximum(band.signal + band.floor, 1e-300)) ** 2
     information = np.array([(clear * (2.0 * np.pi * turn) ** 2).sum() for turn in (band.rows[:, None], band.columns)])

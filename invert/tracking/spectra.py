@@ -63,17 +63,20 @@ class Band:
     @cached_property
     def grain_pixels(self) -> float:
         """Width of a grain: one over the rms frequency of the speckle in cycles per pixel, over 2 pi."""
-        share = self.counts * self.signal
-        square = (share * (self.rows[:, None] ** 2 + self.columns**2)).sum() / max(share.sum(), 1e-300)
-        return float(1.0 / (2.0 * np.pi * max(square, 1e-12) ** 0.5))
+        return float(1.0 / (2.0 * np.pi * max(self._mean_squares.sum(), 1e-12) ** 0.5))
 
     @cached_property
     def object_widths(self) -> np.ndarray:
         """Rms width of the object (rows, columns) in cycles per pixel, (2,): the spectrum of the speckle is the autocorrelation of its
         albedo, whose mean square is twice that of the albedo."""
+        return np.maximum(0.5 * self._mean_squares, 1e-12) ** 0.5
+
+    @cached_property
+    def _mean_squares(self) -> np.ndarray:
+        """Mean square frequency of the speckle along rows and columns, (2,)."""
         power = self.counts * self.signal
         squares = np.array([(power * self.rows[:, None] ** 2).sum(), (power * self.columns**2).sum()])
-        return np.maximum(0.5 * squares / power.sum(), 1e-12) ** 0.5
+        return squares / max(power.sum(), 1e-300)
 
     @cached_property
     def cells(self) -> float:

@@ -245,8 +245,10 @@ def track(
     for start, (own, its_band) in zip(starts, isolate(spectra, band, starts), strict=True):
         others = [one for one in starts if one is not start]
         followed = follow(own, its_band, start, others).for_open_shutter(_open_share(capture, interval_s))
-        if others:
-            its_band = replace(its_band, signal=power_in_common(own, its_band, followed.path, start.lag))
+        stretch = None
+        if lever is not None:
+            power = power_in_common(own, band, followed.path, start.lag) if others else band.signal
+            stretch = stretch_by_illumination(replace(band, signal=power), capture.camera, binning)
         found = Track(
             followed.path * binning,
             followed.error * binning,
@@ -257,7 +259,7 @@ def track(
             interval_s=interval_s,
             bend_error_pixels=followed.bend_error * binning,
             in_common=likeness(own, band, followed.path) if others else np.zeros(0),
-            stretch=None if lever is None else stretch_by_illumination(its_band, capture.camera, binning),
+            stretch=stretch,
         )
         tracks.append(found)
     return replace(tracks[0], others=tuple(tracks[1:]))

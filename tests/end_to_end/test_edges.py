@@ -2,7 +2,6 @@
 
 import os
 import re
-import signal
 import subprocess
 import sys
 import time
@@ -198,21 +197,6 @@ def test_mixed_captures_of_a_killed_run_are_refused(tmp_path, command):
     assert command(invert, tmp_path / "a", "-o", tmp_path / "out", "--quality", "fast")[0] == 0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("after_s", [0.3, 0.8, 1.5, 2.5, 4.0, 6.0])
-def test_an_interrupt_is_one_line_and_leaves_nothing_behind(tmp_path, number, after_s):
-    arguments = [sys.executable, "-m", "sim", str(SCENE), "-o", str(tmp_path / "out"), "--frames", "40"]
-    process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ})
-    time.sleep(after_s)
-    process.send_signal(number)
-    _, err = process.communicate(timeout=60)
-    assert process.returncode in (128 + number, -number)  # -number: before the interpreter had begun with our code
-    assert "Traceback" not in err or "run_command(" not in err  # the command itself had not begun
-    left = contents(tmp_path / "out") if (tmp_path / "out").exists() else {}
-    assert not left
-
-
 @pytest.mark.parametrize("address", ["memory://x", "http://127.0.0.1:9/x", "s3://nobody/x", "foo://x", "file:///proc/x"])
 def test_addresses_that_hold_no_store_are_one_line(command, address):
     code, _, err = command(data_gen, address, "--source", "glyphs", "--count", 10, "--workers", 1)
@@ -238,48 +222,6 @@ def test_an_evaluation_of_nothing_leaves_nothing(tmp_path, command):
         code, _, err = command(evaluate, "-o", tmp_path / "out", *arguments)
         assert (code, err.count("\n")) == (2, 1)
         assert not (tmp_path / "out").exists()
-
-
-def test_an_interrupt_ends_what_waits_for_ever():
-    """A library that ignores the interrupt is ended after the grace period, without a message about its semaphore."""
-    program = """
-import multiprocessing, os, threading, time
-import correlograph.command as command
-command.GRACE_S = 1.0
-def main(argv):
-    semaphore = multiprocessing.get_context("spawn").Lock()
-    threading.Timer(0.3, os.kill, (os.getpid(), 15)).start()
-    while True:
-        try:
-            time.sleep(60)
-        except KeyboardInterrupt:
-            pass
-command.run_command(main, [])
-"""
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, timeout=30)
-    assert (done.returncode, done.stderr) == (143, "interrupted\n")
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupt_waits_until_a_library_has_loaded(tmp_path, number):
-    """An exception within the import of a compiled library can abort the process."""
-    (tmp_path / "library.py").write_text(
-        f"import os, time\nos.kill(os.getpid(), {number:d})\ntime.sleep(0.2)\nprint('loaded')\n"
-    )
-    program = """
-import time
-from correlograph.command import run_command
-def main(argv):
-    import library
-    time.sleep(60)
-run_command(main, [])
-"""
-    paths = os.pathsep.join([str(tmp_path), str(Path(__file__).parents[2])])
-    settings = {"capture_output": True, "text": True, "check": False, "timeout": 30}
-    begin = time.monotonic()
-    done = subprocess.run([sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": paths}, **settings)
-    assert (done.returncode, done.stdout, done.stderr) == (128 + number, "loaded\n", "interrupted\n")
-    assert time.monotonic() - begin < 10.0  # not only after `GRACE_S`, although the command sleeps
 
 
 def test_training_stores_that_are_not_there_are_one_line(tmp_path):
