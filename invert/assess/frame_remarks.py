@@ -26,7 +26,18 @@ def has_shifted(record: EstimateRecord | None) -> bool:
 
 
 def describe_frames(record: EstimateRecord | None, measurement: Measurement) -> list[str]:
-    """Describe the background and the sensor faults that the estimator found and corrected; nothing for a published estimate."""
+    """Describe the background and the sensor faults that the estimator found and corrected, and an object that may be too wide."""
+    return _describe_faults(record) + _describe_width(record, measurement)
+
+
+def _describe_width(record: EstimateRecord | None, measurement: Measurement) -> list[str]:
+    if not is_wider_than_lags(measurement):
+        return []
+    remedy = "take more lags" if record is None else "try --patch fit, or frames with smaller pixels"
+    return [f"the object may be wider than the lags; {remedy}"]
+
+
+def _describe_faults(record: EstimateRecord | None) -> list[str]:
     if record is None:
         return []
     found = record.background
@@ -57,6 +68,4 @@ def describe_frames(record: EstimateRecord | None, measurement: Measurement) -> 
             f"frames look blurred by {rows:.1f} rows and {columns:.1f} columns, unless the object has soft edges; the blur was "
             "deconvolved; check focus and motion, or set --blur-pixels (0 for no blur)"
         )
-    if is_wider_than_lags(measurement):
-        remarks.append("the object may be wider than the lags; try --patch fit, or frames with smaller pixels")
     return remarks

@@ -1,8 +1,10 @@
-"""Probabilities of the explanations of frames: no object, texture instead of speckle, a moving object, a sharp one, or a blurred one.
+"""Probabilities of the explanations of frames: no object, texture instead of speckle, an object that moves, one wider than the lags, a
+sharp one, or a blurred one.
 
 Each number decides one question, by Bayes' rule with stated probabilities before it is known. The significance of the signal decides
 whether there is any light of an object; the third moment of a single frame, whether that light is speckle; the significance of a common
-motion, whether the object moves while the laser is at rest; the contrast of the speckle and the search for a blur, whether it is blurred.
+motion, whether the object moves while the laser is at rest; the extent of r*r, whether the object is wider than the lags; the contrast of
+the speckle and the search for a blur, whether it is blurred.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from scipy.stats import norm
 from invert.assess.speckle_test import SpeckleTest
 from invert.measure.contrast import Contrast
 from invert.measure.estimate import EstimateRecord
+from invert.measure.patch_fit import signal_extent_lags
 from invert.measure.spectrum import Measurement
 from radiometry.noise.detection import TRIALS
 
@@ -37,6 +40,16 @@ PRIOR_BLURRED, PRIOR_OTHER_LIGHT = 0.1, 0.1
 """Probabilities, before the contrast is known, that frames are blurred, and that other light or a second polarisation lowers their
 contrast instead. Either lowers its square to any value between 0 and 1 with equal probability."""
 
+PRIOR_WIDER = 0.1
+"""Probability, before the extent of r*r is known, that the object is wider than the lags."""
+
+WIDE_EXTENT, WIDE_EXTENT_NOISE = 0.84, 1.25
+"""Extent of r*r, as a fraction of the lags, that as many objects have that are wider than these as objects that are not, if both are as
+frequent; and by how much less it is in noise, times the root of the significance. Evidence: docs/research.md, "Width and extent"."""
+
+EXTENT_SCATTER, EXTENT_SCATTER_NOISE = 0.02, 0.45
+"""Scatter of this extent as a logistic scale, and how it grows in noise. Evidence: the same."""
+
 BLUR_FOUND, BLUR_FOUND_FALSELY = 0.92, 0.01
 """Rates at which the search finds a blur of two pixels, and one in sharp frames of low contrast. Evidence: docs/research.md, "Unknown
 blur"."""
@@ -48,6 +61,7 @@ class Hypothesis(Enum):
     NO_OBJECT = "no object"
     TEXTURE = "texture"
     MOVING_OBJECT = "moving object"
+    WIDE_OBJECT = "object wider than the lags"
     OBJECT = "object"
     BLURRED_OBJECT = "blurred object"
 
@@ -67,17 +81,20 @@ def weigh_hypotheses(
     speckle = (1.0 - none) * (1.0 - texture)
     moving = 0.0 if motion is None else speckle * (1.0 - noise_probability(motion, SHIFTS))
     speckle -= moving
+    wide = speckle * wide_probability(measurement)
+    speckle -= wide
     return {
         Hypothesis.NO_OBJECT: none,
         Hypothesis.TEXTURE: (1.0 - none) * texture,
         Hypothesis.MOVING_OBJECT: moving,
+        Hypothesis.WIDE_OBJECT: wide,
         Hypothesis.OBJECT: speckle * (1.0 - blur),
         Hypothesis.BLURRED_OBJECT: speckle * blur,
     }
 
 
 def object_probability(hypotheses: dict[Hypothesis, float]) -> float:
-    """Return the probability of an object, at rest or moving, sharp or blurred."""
+    """Return the probability of an object, at rest or moving, of any width, sharp or blurred."""
     return 1.0 - hypotheses[Hypothesis.NO_OBJECT] - hypotheses[Hypothesis.TEXTURE]
 
 
@@ -117,6 +134,20 @@ def texture_probability(test: SpeckleTest | None, record: EstimateRecord) -> flo
 def texture_before(record: EstimateRecord) -> float:
     """Return the probability of texture in a single frame before its third moment is known."""
     return PRIOR_WITH_WAVES if record.background.spectral_lines else PRIOR_TEXTURE
+
+
+def wide_probability(measurement: Measurement, prior: float = PRIOR_WIDER) -> float:
+    """Return the probability that an object is wider than the lags; without a detected signal, that before.
+
+    Args:
+        prior: the probability before the extent of r*r is known.
+    """
+    log_odds = math.log(prior / (1.0 - prior))
+    if measurement.detectable:
+        noise = measurement.detection**-0.5
+        extent = signal_extent_lags(measurement) / measurement.lag_grid.object_side
+        log_odds += (extent - WIDE_EXTENT + WIDE_EXTENT_NOISE * noise) / (EXTENT_SCATTER + EXTENT_SCATTER_NOISE * noise)
+    return float(expit(log_odds))
 
 
 def blur_probability(contrast: Contrast | None, is_found: bool) -> float:

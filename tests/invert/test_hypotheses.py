@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from scipy.stats import kstest, norm
 
 import correlograph as cg
 from invert.assess.hypotheses import (
+    PRIOR_WIDER,
     Hypothesis,
     blur_probability,
     describe,
@@ -18,12 +20,15 @@ from invert.assess.hypotheses import (
     object_probability,
     texture_probability,
     weigh_hypotheses,
+    wide_probability,
 )
 from invert.assess.reliability import lower_confidence
 from invert.measure.contrast import Contrast
 from invert.measure.estimate import estimate_from_frames
-from invert.measure.spectrum import read_measurement
+from invert.measure.spectrum import Measurement, read_measurement
+from radiometry.autocorrelation import autocorrelate
 from radiometry.noise.detection import TRIALS
+from radiometry.noise.model import draw_estimate
 from tests.invert.test_doubts import FOUND, SPECKLE, raised, record
 
 
@@ -126,3 +131,30 @@ def test_motion_is_as_probable_as_it_is_significant(significance, least, most, r
     assert sum(found.values()) == pytest.approx(1.0)
     assert least <= found[Hypothesis.MOVING_OBJECT] <= most
     assert object_probability(found) == pytest.approx(1.0)
+
+
+def measured_bar(width: float, floor: float, dof: float) -> Measurement:
+    """A slanted bar, 20 lags high; floor in units of the peak."""
+    row, column = np.mgrid[:256, :256] - 128.0
+    bar = (np.abs(row + 0.3 * column) < 10.0) & (np.abs(column - 0.3 * row) < width / 2.0)
+    signal = torch.from_numpy(autocorrelate(bar.astype(np.float64))[192:319, 192:319])
+    noise = torch.Generator().manual_seed(3)
+    return read_measurement(draw_estimate(signal + floor * signal.max(), dof, noise, correlated=True).numpy())
+
+
+def test_an_object_is_as_probably_wide_as_its_correlations_reach_far():
+    narrow, wide = (wide_probability(measured_bar(width, 0.1, 3000.0)) for width in (24.0, 120.0))
+    assert narrow < 1e-6
+    assert 0.7 < wide < wide_probability(measured_bar(120.0, 0.1, 3000.0), prior=0.5)
+
+
+def test_noise_hides_how_wide_an_object_is():
+    sharp, noisy = (wide_probability(measured_bar(56.0, floor, 300.0)) for floor in (0.1, 10.0))
+    assert sharp < 0.01 < PRIOR_WIDER < noisy < 0.2
+    assert wide_probability(measured_bar(120.0, 10.0, 10.0)) == pytest.approx(PRIOR_WIDER)  # nothing is detected
+
+
+def test_a_published_estimate_that_fills_its_lags_has_a_warning():
+    found = cg.reconstruct(measured_bar(120.0, 0.1, 3000.0).values, quality="fast")
+    assert found.hypotheses[Hypothesis.WIDE_OBJECT] > 0.7
+    assert "the object may be wider than the lags; take more lags" in found.warnings
