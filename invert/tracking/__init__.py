@@ -5,8 +5,10 @@ shifts.py    displacements from cross-spectra, with standard errors
 parts.py     work on spectra in parts, on all cores
 start.py     objects and their approximate paths
 pursuit.py   all objects of a capture
-follow.py    exact path of an object, frame by frame
-separation.py  spectra of one object without the patterns of others
+separation.py  frames without the light of objects that were found
+follow.py    exact path of a single object, frame by frame
+mixture.py   power and fading of each of several objects
+joint.py     exact paths of several objects together
 vibration.py periodic motion in a path
 to_object.py displacements of the object from those of its speckle
 track.py     the whole: frames -> Track

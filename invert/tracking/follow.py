@@ -7,19 +7,17 @@ registered alone are summed in groups of two, four and so on, as they move.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.interpolate import interp1d
 from scipy.linalg import solveh_banded
-from scipy.ndimage import uniform_filter
 from scipy.special import erf
 
 from invert.tracking.parts import sum_over_rows
 from invert.tracking.shifts import MIN_SIGNIFICANCE, Weight, derivatives, moments, move_back, weight_of
-from invert.tracking.spectra import SMOOTHING, Band
-from invert.tracking.start import Start, are_apart
+from invert.tracking.spectra import Band
+from invert.tracking.start import Start
 
 MIN_GROUP_SIGNIFICANCE = 5.0
 """Median significance of a group of frames in its surroundings from which it is registered on its own."""
@@ -36,9 +34,6 @@ PAIRS = 48
 MAX_FADING = 0.3
 """Maximum of `Followed.fading`; it limits the correction for an open shutter to a tenth of the path."""
 
-MAX_CORRECTION = 6.0
-"""Radii of a grain by which an exact path may differ from the approximate one where it could change to another object."""
-
 ROUNDS = 8
 CONVERGED_GRAINS = 0.01
 """Largest change of a displacement between neighbours, in radii of a grain, at which a registration ends."""
@@ -52,19 +47,21 @@ class Followed:
         path: position of its speckle in each frame from the first, (frames, 2) pixels.
         error: standard error of each position of the speckle, (frames, 2).
         frames_per_group: number of frames that were registered together.
-        reach: largest distance of groups that were compared; 0 for an approximate path.
-        significance: median significance of a group in its surroundings.
+        significance: median significance of a group in its surroundings; 0 where none was measured.
         bend_error: standard error of a second difference of the path, (2,); zero for an approximate path.
         fading: square of the way from frame to frame over that in which the likeness of frames falls to 1 / e.
+        power: power of the speckle, (R, C), of one of several objects; None for a single one.
+        in_common: share of all power that frames 1, 2, ... apart have in common by one of several objects.
     """
 
     path: np.ndarray
     error: np.ndarray
     frames_per_group: int
-    reach: int
-    significance: float
+    significance: float = 0.0
     bend_error: np.ndarray = field(default_factory=lambda: np.zeros(2))
     fading: float = 0.0
+    power: np.ndarray | None = None
+    in_common: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def for_open_shutter(self, share: float) -> Followed:
         """Return the path for a shutter that is open for a share of the interval between frames. The end of one exposure is then closer to
@@ -73,39 +70,31 @@ class Followed:
         return replace(self, path=self.path * (1.0 + self.fading * share**2 / 3.0))
 
 
-def follow(spectra: np.ndarray, band: Band, start: Start, others: Sequence[Start] = ()) -> Followed:
-    """Return the path of an object near an approximate one, from spectra (frames, R, C).
-
-    Args:
-        others: further objects. Frames are compared that are far enough apart for all objects to have moved apart, because maxima of the
-            cross-correlation that overlap draw one another.
-
-    Where it cannot be made exact, the approximate path is returned.
-    """
-    apart = next(
-        (lag for lag in range(1, start.lag) if all(are_apart(start.path, one.path, lag, band) for one in others)), start.lag
-    )
+def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:
+    """Return the path of a single object near an approximate one, from spectra (frames, R, C); where it cannot be made exact, that one."""
     best, length, longest = None, 1, 1
     while best is None or (best.significance < MIN_GROUP_SIGNIFICANCE and length <= longest):
-        found = _follow_groups(spectra, band, start.path, length, apart)
-        longest = found.reach if length == 1 else longest
+        found, reach = _follow_groups(spectra, band, start.path, length)
+        longest = reach if length == 1 else longest
         if best is None or found.significance > best.significance:
             best = found
         length *= 2
-    is_lost = bool(others) and np.abs(best.path - start.path).max() > MAX_CORRECTION * band.grain_pixels
-    if best.significance < MIN_GROUP_SIGNIFICANCE or is_lost:
-        best = Followed(start.path, _error_of_blocks(start, band), start.frames_per_block, 0, best.significance)
-    return best if others else replace(best, fading=min(_fading(likeness(spectra, band, best.path)[:2]), MAX_FADING))
+    if best.significance < MIN_GROUP_SIGNIFICANCE:
+        return approximate(start, band)
+    return replace(best, fading=min(_fading(likeness(spectra, band, best.path)[:2]), MAX_FADING))
 
 
-def _error_of_blocks(start: Start, band: Band) -> np.ndarray:
-    """Return the error of an approximate path (n, 2): the radius of a grain, or the sum of the errors of all blocks. The displacement of a
-    block over `lag` frames is known to that radius over the least significance."""
+def approximate(start: Start, band: Band) -> Followed:
+    """Return an approximate path as it is.
+
+    Its error is the radius of a grain, or the sum of the errors of all blocks: the displacement of a block over `lag` frames is known to
+    that radius over the least significance.
+    """
     blocks = np.arange(len(start.path)) / start.frames_per_block
     of_block = start.frames_per_block / (start.lag * MIN_SIGNIFICANCE)
     error = band.grain_pixels * np.maximum(1.0, of_block * blocks**0.5)
     error[0] = 0.0
-    return np.stack([error, error], 1)
+    return Followed(start.path, np.stack([error, error], 1), start.frames_per_block)
 
 
 def _fading(alike: np.ndarray) -> float:
@@ -115,8 +104,11 @@ def _fading(alike: np.ndarray) -> float:
     return float(np.log(1.0 / np.clip(alike[-1] / alike[0], 1e-3, 1.0)) / (len(alike) ** 2 - 1.0))
 
 
-def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: int, apart: int) -> Followed:
-    """Return the path from groups of `length` frames; within a group, the approximate path gives the motion about its mean."""
+def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: int) -> tuple[Followed, int]:
+    """Return the path from groups of `length` frames, and the largest distance of groups that were compared.
+
+    Within a group, the approximate path gives the motion about its mean.
+    """
     groups = np.array_split(np.arange(len(path)), max(2, len(path) // length))
     middles = np.array([group.mean() for group in groups])
     means = np.stack([path[group].mean(0) for group in groups])
@@ -124,76 +116,71 @@ def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: in
     if len(groups) < len(path):
         sums = np.stack([move_back(spectra[group], band, path[group] - path[group].mean(0)).sum(0) for group in groups])
     of_group = replace(band, signal=band.signal * length**2, floor=band.floor * length)
-    places, error, steps, of_pair, significance = _register(sums, of_group, means, -(-apart // length))
+    places, error, reach, of_pair, significance = _register(sums, of_group, means)
     numbers = np.arange(len(path))
     found = path + np.stack([_interpolate(numbers, middles, (places - means)[:, axis]) for axis in (0, 1)], 1)
     errors = np.stack([np.interp(numbers, middles, error[:, axis]) for axis in (0, 1)], 1)
     from_first = np.hypot(errors, errors[0])
     from_first[0] = 0.0
     # Between the middles of groups, the path is straight.
-    bend_error = np.sqrt(of_pair * _bend_over_pair(steps) / (2.0 * length**3 if length > 1 else 1.0))
-    return Followed(found - found[0], from_first, length, int(steps[-1]), significance, bend_error)
+    bend_error = np.sqrt(of_pair * _bend_over_pair(reach) / (2.0 * length**3 if length > 1 else 1.0))
+    return Followed(found - found[0], from_first, length, significance, bend_error), reach
 
 
-def _register(
-    sums: np.ndarray, band: Band, places: np.ndarray, apart: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """Return positions of groups (n, 2), their standard errors, the distances of the pairs, the variance of the displacement of a pair
-    (2,), and the median significance.
+def _register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, np.ndarray, float]:
+    """Return positions of groups (n, 2), their standard errors, the largest distance of the pairs, the variance of the displacement of a
+    pair (2,), and the median significance.
 
-    All pairs from `apart` to the reach are registered together by Gauss-Newton steps on the sum of their cross-correlations. All pairs have
+    All pairs within the reach are registered together by Gauss-Newton steps on the sum of their cross-correlations. All pairs have
     the same curvature, so that what the noise of a pair moves its two members by cancels beyond them; own curvatures would add it up twice
     along the path.
     """
     count = len(sums)
-    apart = min(apart, count - 1, MAX_REACH)
+    numbers = np.arange(count)
     for _ in range(ROUNDS):
-        every = likeness(sums, band, places)
-        alike = every[apart - 1 :]
-        steps = apart + np.arange(max(reach_of(alike), min(2, apart, len(alike))))  # pairs at two distances join all groups
-        pairs = sum((np.arange(count) >= step).astype(int) + (np.arange(count)[::-1] >= step) for step in steps)
+        alike = likeness(sums, band, places)
+        reach = reach_of(alike)
+        pairs = np.minimum(numbers, reach) + np.minimum(numbers[::-1], reach)
         usual = max(1, int(np.median(pairs)))
         weight = weight_of(band, float(np.clip(alike[0], 0.05, 1.0)), usual)
-        height, slope, curvature = derivatives(_pull_of_surroundings(sums, band, places, steps, weight))
+        height, slope, curvature = derivatives(_pull_of_surroundings(sums, band, places, reach, weight))
         inverse = np.linalg.inv(-curvature.sum(0) / pairs.sum())
-        correction = _solve(slope @ inverse, steps)
+        correction = _solve(slope @ inverse, reach)
         places = places + correction
         if np.abs(np.diff(correction, axis=0)).max() < CONVERGED_GRAINS * band.grain_pixels:
             break
     of_pair = np.diag(inverse @ weight.slope_variance @ inverse) / usual
     variance = of_pair / pairs[:, None]
     # Over distances beyond the reach, errors add up like resistances of a chain in which each member is joined to its neighbours.
-    walked = np.arange(count)[:, None] / np.sum(steps**2.0) * of_pair
-    walked = walked + _walk_by_change(places, every, band)
+    walked = numbers[:, None] / np.sum(np.arange(1.0, reach + 1.0) ** 2) * of_pair
+    walked = walked + _walk_by_change(places, alike, band)
     significance = float(np.median(height)) / weight.deviation
-    return places, np.sqrt(variance + walked), steps, of_pair, significance
+    return places, np.sqrt(variance + walked), reach, of_pair, significance
 
 
-def _pull_of_surroundings(sums: np.ndarray, band: Band, places: np.ndarray, steps: np.ndarray, weight: Weight) -> np.ndarray:
+def _pull_of_surroundings(sums: np.ndarray, band: Band, places: np.ndarray, reach: int, weight: Weight) -> np.ndarray:
     """Return the moments (n, 3, 3) at zero shift of the cross-correlations of groups, moved back to their places, with the sums of all
-    others at distances from steps[0] to steps[-1]."""
+    others within the reach."""
     count = len(sums)
-    low, inner_low, inner_high, high = (
-        np.clip(np.arange(count) + side, 0, count) for side in (-steps[-1], 1 - steps[0], steps[0], steps[-1] + 1)
-    )
+    low, high = (np.clip(np.arange(count) + side, 0, count) for side in (-reach, reach + 1))
 
     def pull(rows: slice) -> np.ndarray:
         part, values = band.part(rows), weight.part(rows).values
         moved = move_back(sums[:, rows], part, places)
         total = np.zeros((count + 1, *moved.shape[1:]), moved.dtype)
         np.cumsum(moved, 0, out=total[1:])
-        around = total[high] - total[low] - (total[inner_high] - total[inner_low])
+        around = total[high] - total[low] - moved
         return moments(around.conj() * moved * values.astype(np.float32), part, np.zeros((count, 2)))
 
     return sum_over_rows(pull, sums)
 
 
-def _solve(slopes: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Return corrections (n, 2) of positions, whose differences over all pairs at these distances add up to the slopes (n, 2); 0 for the
+def _solve(slopes: np.ndarray, reach: int) -> np.ndarray:
+    """Return corrections (n, 2) of positions, whose differences over all pairs within the reach add up to the slopes (n, 2); 0 for the
     first."""
     count = len(slopes)
-    bands = np.zeros((steps[-1] + 1, count))
-    for step in steps[steps < count]:
+    bands = np.zeros((reach + 1, count))
+    for step in range(1, min(reach + 1, count)):
         bands[step, : count - step] = -1.0
         bands[0, : count - step] += 1.0
         bands[0, step:] += 1.0
@@ -202,11 +189,11 @@ def _solve(slopes: np.ndarray, steps: np.ndarray) -> np.ndarray:
     return found - found[0]
 
 
-def _bend_over_pair(steps: np.ndarray) -> float:
+def _bend_over_pair(reach: int) -> float:
     """Return the variance of a second difference of positions over that of the displacement of a pair, far from the ends."""
-    count = 6 * int(steps[-1]) + 3
-    numbers = np.arange(count)
-    joined = np.isin(np.abs(numbers[:, None] - numbers), steps).astype(float)
+    count = 6 * reach + 3
+    apart = np.abs(np.arange(count)[:, None] - np.arange(count))
+    joined = ((apart > 0) & (apart <= reach)).astype(float)
     bend = np.zeros(count)
     bend[count // 2 - 1 : count // 2 + 2] = 1.0, -2.0, 1.0
     return float(bend @ np.linalg.pinv(np.diag(joined.sum(0)) - joined) @ bend)
@@ -233,35 +220,36 @@ def likeness(spectra: np.ndarray, band: Band, path: np.ndarray) -> np.ndarray:
     return sum_over_rows(common, spectra) / (weight * band.signal).sum()
 
 
-def power_in_common(spectra: np.ndarray, band: Band, path: np.ndarray, step: int) -> np.ndarray:
-    """Return the smoothed power that spectra (n, R, C) some frames apart have in common along a path (n, 2), (R, C): that of one object.
-    Others have moved on."""
-    moved = move_back(spectra, band, path)
-    return np.maximum(
-        uniform_filter(np.vecdot(moved[:-step], moved[step:], axis=0).real / (len(path) - step), SMOOTHING[0]), 0.0
-    )
-
-
-def _walk_by_change(places: np.ndarray, alike: np.ndarray, band: Band) -> np.ndarray:
-    """Return the variance of positions (n, 2) by the change of the illumination on the object, whose likeness falls like exp(-x^2).
+def walk_by_change(places: np.ndarray, fading: float, band: Band) -> tuple[np.ndarray, np.ndarray]:
+    """Return the variance of positions (n, 2) by the change of the illumination on the object, and the ways x after which its likeness is
+    exp(-x^2), (n, 1).
 
     The object has as many cells as it has coefficients. On its way, the field g of each changes by dg, and its phase by Im(g* dg). The mean
     slope of these phases across the object, summed along the path, has the variance (sqrt(pi) x erf(x) + exp(-x^2) - 1) / 2 over the
     cells and their mean square distance.
 
-    Besides, each way of the likeness c = `MIN_LIKENESS` replaces the pattern by another one. The Cramer-Rao bound of the displacement of
-    two patterns whose coefficients are independent has the variance (1 - c^2) / c^2 over the sum of the squares of the angular
-    frequencies, of those above the noise.
+    Args:
+        fading: square of x from frame to frame.
+    """
+    ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    x = fading**0.5 * np.concatenate([[0.0], np.cumsum(ways)])[:, None] / max(float(ways.mean()), 1e-9)
+    phase = 0.5 * (np.pi**0.5 * x * erf(x) + np.exp(-(x**2)) - 1.0)
+    return band.noise_gain * phase / (band.cells * (2.0 * np.pi * band.object_widths) ** 2), x
+
+
+def _walk_by_change(places: np.ndarray, alike: np.ndarray, band: Band) -> np.ndarray:
+    """Return the variance of positions (n, 2) by the change of the illumination on the object.
+
+    Besides what `walk_by_change` returns, each way of the likeness c = `MIN_LIKENESS` replaces the pattern by another one. The Cramer-Rao
+    bound of the displacement of two patterns whose coefficients are independent has the variance (1 - c^2) / c^2 over the sum of the
+    squares of the angular frequencies, of those above the noise.
     """
     faded = np.flatnonzero(alike < MIN_LIKENESS * alike[0])
-    per_frame = _fading(alike[: faded[0] + 1] if len(faded) else alike) ** 0.5
-    ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    x = per_frame * np.concatenate([[0.0], np.cumsum(ways)])[:, None] / max(float(ways.mean()), 1e-9)
-    phase = 0.5 * (np.pi**0.5 * x * erf(x) + np.exp(-(x**2)) - 1.0) / (band.cells * (2.0 * np.pi * band.object_widths) ** 2)
+    walked, x = walk_by_change(places, _fading(alike[: faded[0] + 1] if len(faded) else alike), band)
     clear = band.counts * (band.signal / np.maximum(band.signal + band.floor, 1e-300)) ** 2
     information = np.array([(clear * (2.0 * np.pi * turn) ** 2).sum() for turn in (band.rows[:, None], band.columns)])
     replaced = x / np.log(1.0 / MIN_LIKENESS) ** 0.5 * (1.0 / MIN_LIKENESS**2 - 1.0) / information
-    return band.noise_gain * (phase + replaced)
+    return walked + band.noise_gain * replaced
 
 
 def _interpolate(at: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -7,20 +7,15 @@ each moved back, is its pattern; what the patterns of the others contribute is s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter
 
 from invert.tracking.shifts import move_back
-from invert.tracking.spectra import SMOOTHING, Band
+from invert.tracking.spectra import Band
 from invert.tracking.start import Start
 
 CHANGING_SHARE = 0.1
 """Share of a pattern that is taken as new from frame to frame."""
-
-ROUNDS = 2
-"""Rounds in which the pattern of each object is found in what the others leave."""
 
 
 def subtract_light(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> np.ndarray:
@@ -29,27 +24,6 @@ def subtract_light(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> 
     for one in starts:
         left -= _light(left, band, one)
     return left
-
-
-def isolate(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> list[tuple[np.ndarray, Band]]:
-    """Return, for each object, the spectra (n, R, C) without the light of all others, and their band, in which what is not its own speckle
-    counts as noise."""
-    if len(starts) == 1:
-        return [(spectra, band)]
-    lights = [np.zeros_like(spectra) for _ in starts]
-    left = spectra.copy()  # without the light of any object
-    for _ in range(ROUNDS):
-        for index, one in enumerate(starts):
-            left += lights[index]
-            lights[index] = _light(left, band, one)
-            left -= lights[index]
-    found = []
-    for one, light in zip(starts, lights, strict=True):
-        own = left + light
-        signal = one.share * band.signal
-        power = uniform_filter((np.abs(own) ** 2).mean(0), SMOOTHING[0], mode="nearest")
-        found.append((own, replace(band, signal=signal, floor=np.maximum(power - signal, band.floor))))
-    return found
 
 
 def _light(spectra: np.ndarray, band: Band, one: Start) -> np.ndarray:

@@ -14,9 +14,9 @@ from tqdm import tqdm
 from correlograph.errors import InputError, check_positive, memory_bytes
 from correlograph.files.capture import Capture
 from correlograph.files.figures import figure_as_html
-from invert.tracking.follow import follow, likeness, power_in_common
+from invert.tracking.follow import follow
+from invert.tracking.joint import follow_several
 from invert.tracking.pursuit import find_objects
-from invert.tracking.separation import isolate
 from invert.tracking.spectra import Reader
 from invert.tracking.tables import check_frames, save_table
 from invert.tracking.to_object import metres_per_pixel, stretch_by_illumination
@@ -241,24 +241,24 @@ def track(
         raise InputError("frames", f"at most {most} in this memory", len(capture.frames), "track them in parts")
     with tqdm(total=len(capture.frames), desc="frames", unit="frame", disable=None, leave=False) as bar:
         spectra = reader.all_spectra(capture.frames, band, bar.update)
-    starts, tracks = find_objects(spectra, band), []
-    for start, (own, its_band) in zip(starts, isolate(spectra, band, starts), strict=True):
-        others = [one for one in starts if one is not start]
-        followed = follow(own, its_band, start, others).for_open_shutter(_open_share(capture, interval_s))
-        stretch = None
-        if lever is not None:
-            power = power_in_common(own, band, followed.path, start.lag) if others else band.signal
-            stretch = stretch_by_illumination(replace(band, signal=power), capture.camera, binning)
+    starts = find_objects(spectra, band)
+    single = len(starts) == 1
+    followed = [follow(spectra, band, starts[0])] if single else follow_several(spectra, band, starts)
+    open_share, tracks = _open_share(capture, interval_s), []
+    for start, one in zip(starts, followed, strict=True):
+        opened = one.for_open_shutter(open_share)
+        signal = band.signal if one.power is None else one.power
+        stretch = None if lever is None else stretch_by_illumination(replace(band, signal=signal), capture.camera, binning)
         found = Track(
-            followed.path * binning,
-            followed.error * binning,
+            opened.path * binning,
+            opened.error * binning,
             start.significance,
             start.share,
-            frames_per_position=followed.frames_per_group,
+            frames_per_position=opened.frames_per_group,
             metres_per_pixel=lever,
             interval_s=interval_s,
-            bend_error_pixels=followed.bend_error * binning,
-            in_common=likeness(own, band, followed.path) if others else np.zeros(0),
+            bend_error_pixels=opened.bend_error * binning,
+            in_common=one.in_common,
             stretch=stretch,
         )
         tracks.append(found)

@@ -1,0 +1,147 @@
+"""Paths of several objects together, on Gaussian patterns that travel and fade as assumed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from invert.tracking.joint import WINDOW, Normal, follow_several
+from invert.tracking.mixture import Mixture, unmix
+from invert.tracking.spectra import Band
+from invert.tracking.start import Start
+
+SHAPE = (300, 420)
+FADING = np.array([0.0005, 0.004])
+NOISE = 0.4
+
+
+def band_of(powers: np.ndarray) -> Band:
+    """Rows from -20 to 20 and columns from 0 to 30 periods per frame."""
+    rows, columns = np.arange(-20, 21) / SHAPE[0], np.arange(31) / SHAPE[1]
+    counts = np.where(np.arange(31) > 0, 2.0, 1.0) * np.ones((41, 1))
+    counts[:20, 0] = 0.0  # conjugates of the rows below
+    return Band(SHAPE, rows, columns, counts, powers.sum(0), NOISE)
+
+
+def powers_of(ratio: float = 0.6) -> np.ndarray:
+    """Powers (2, R, C) of a wide object and of a narrow, turned one, which is dimmer by a ratio."""
+    row, column = np.arange(-20, 21)[:, None] / 20.0, np.arange(31)[None] / 30.0
+    return np.stack(
+        [
+            4.0 * np.exp(-2.0 * row**2 - 3.0 * column**2),
+            4.0 * ratio * np.exp(-5.0 * (row + 0.4 * column) ** 2 - 2.0 * column**2),
+        ]
+    )
+
+
+def paths_of(frames: int, slow: float = 0.3) -> np.ndarray:
+    """A curved path of 3 pixels per frame, and a slow one."""
+    at = np.arange(frames)
+    fast = np.stack([2.6 * at, 0.03 * at**2 - 1.1 * at], 1)
+    return np.stack([fast, slow * np.stack([-0.4 * at, at + np.sin(at)], 1)])
+
+
+def draw(paths: np.ndarray, powers: np.ndarray, band: Band, rng: np.random.Generator) -> np.ndarray:
+    """Spectra (frames, R, C)."""
+    at, spectra = np.arange(paths.shape[1]), 0.0
+    for path, power, fading in zip(paths, powers, FADING, strict=True):
+        alike = np.exp(-fading * (at[:, None] - at) ** 2) + 1e-9 * np.eye(len(at))
+        field = np.tensordot(np.linalg.cholesky(alike), white((len(at), *power.shape), rng), 1) * power**0.5
+        turn = path[:, :1, None] * band.rows[:, None] + path[:, 1:, None] * band.columns
+        spectra = spectra + field * np.exp(-2j * np.pi * turn)
+    return (spectra + NOISE**0.5 * white(spectra.shape, rng)).astype(np.complex64)
+
+
+def white(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / 2.0**0.5
+
+
+def starts_near(paths: np.ndarray, rng: np.random.Generator) -> list[Start]:
+    """Approximate paths that are bent by two pixels."""
+    bent = np.sin(np.linspace(0.0, 3.0, paths.shape[1]))[:, None] * rng.uniform(-2.0, 2.0, 2)
+    return [Start(path + bent, 20.0, 0.4, 4, 8) for path in paths]
+
+
+def test_powers_and_fading_are_those_of_each_object(rng):
+    powers, paths = powers_of(), paths_of(40)
+    band = band_of(powers)
+    found = [unmix(draw(paths, powers, band, rng), band, paths) for _ in range(4)]
+    assert np.mean([one.fading for one in found], 0) == pytest.approx(FADING, rel=0.3)
+    mean, used = np.mean([one.powers for one in found], 0), band.counts > 0.0
+    for one, power in zip(mean, powers, strict=True):
+        assert (one * used).sum() == pytest.approx((power * used).sum(), rel=0.15)
+        assert np.corrcoef(one[used], power[used])[0, 1] > 0.95
+    assert found[0].in_common(band, 40).shape == (2, 16)
+    assert found[0].in_common(band, 5).shape == (2, 4)
+
+
+def test_the_score_is_the_slope_of_the_likelihood(rng):
+    powers, paths = powers_of(), paths_of(7)
+    band = band_of(powers)
+    mixture = Mixture(powers, np.full(powers.shape[1:], NOISE), FADING)
+    places = np.argwhere(band.counts > 0.0)[::40]
+    normal = Normal.of(draw(paths, powers, band, rng), band, mixture, places)
+
+    def log_likelihood(at: np.ndarray) -> float:
+        total, numbers = 0.0, np.arange(at.shape[1])
+        for turn, count, seen, own in zip(normal.turns, normal.counts, normal.values, normal.powers.T, strict=True):
+            covariance = NOISE * np.eye(len(numbers), dtype=complex)
+            for path, power, fading in zip(at, own, FADING, strict=True):
+                phase = np.exp(-1j * path @ turn)
+                covariance += power * np.exp(-fading * (numbers[:, None] - numbers) ** 2) * np.outer(phase, phase.conj())
+            inverse = np.linalg.inv(covariance)
+            total -= count * (np.linalg.slogdet(covariance)[1] + (seen.conj() @ inverse @ seen).real)
+        return total
+
+    slopes = normal.score(paths)
+    for number, frame, axis in ((0, 2, 0), (1, 6, 1), (0, 5, 1)):
+        moved = np.zeros_like(paths)
+        moved[number, frame, axis] = 1e-3
+        slope = (log_likelihood(paths + moved) - log_likelihood(paths - moved)) / 2e-3
+        assert slopes[frame, number, axis] == pytest.approx(slope, rel=1e-3, abs=1e-3 * np.abs(slopes).max())
+
+
+@pytest.mark.parametrize(("frames", "slow"), [(30, 0.3), (30, 2.5), (int(2.2 * WINDOW), 0.3)])
+def test_errors_are_those_of_the_likelihood(frames, slow, rng):
+    """Deviations over standard errors; the band of these patterns has no window, and their illumination has no phase."""
+    powers, paths, squares = powers_of(), paths_of(frames, slow), []
+    band = band_of(powers)
+    for _ in range(3):
+        followed = follow_several(draw(paths, powers, band, rng), band, starts_near(paths, rng))
+        assert [one.frames_per_group for one in followed] == [1, 1]
+        for one, path in zip(followed, paths, strict=True):
+            deviation = one.path - (path - path[0])
+            squares.append(np.mean(deviation[frames // 2 :] ** 2 * band.noise_gain / one.error[frames // 2 :] ** 2))
+            assert np.abs(deviation).max() < 3.0
+    assert 0.3 < np.mean(squares) < 1.6
+
+
+def test_a_slow_object_is_not_drawn_by_a_fast_one(rng):
+    """What is left of the fast object would pull the slow one along."""
+    powers, paths = powers_of(1.5), paths_of(30, 0.0)
+    band, drawn, errors = band_of(powers), [], []
+    along = paths[0, -1] / np.linalg.norm(paths[0, -1])
+    for _ in range(6):
+        slow = follow_several(draw(paths, powers, band, rng), band, starts_near(paths, rng))[1]
+        drawn.append(slow.path[-1] @ along)
+        errors.append(np.linalg.norm(slow.error[-1] * along))
+    assert np.abs(np.mean(drawn)) < 3.0 * np.mean(errors) / len(drawn) ** 0.5
+    assert np.std(drawn) < 1.7 * np.mean(errors)
+
+
+def test_dim_frames_share_positions_and_dark_ones_keep_the_approximate_path(rng):
+    powers, paths = powers_of(), paths_of(40)
+    band = band_of(powers)
+    lengths = []
+    for dimmer in (1.0, 0.04, 1e-4):
+        dim = replace(band, signal=dimmer * band.signal)
+        starts = starts_near(paths, rng)
+        followed = follow_several(draw(paths, dimmer * powers, dim, rng), dim, starts)
+        lengths.append(followed[0].frames_per_group)
+    assert lengths[0] == 1
+    assert lengths[1] >= lengths[0]
+    assert np.array_equal(followed[0].path, starts[0].path)
+    assert np.all(followed[0].error[1:] >= dim.grain_pixels)
+    assert float(unmix(draw(paths, 1e-4 * powers, dim, rng), dim, paths).powers.sum()) < 0.02 * NOISE * dim.signal.size
