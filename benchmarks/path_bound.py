@@ -1,47 +1,74 @@
 """Cramer-Rao bound of the paths of objects (`benchmarks/tracking.py`).
 
-It is that of frames whose patterns are known (Knapp and Carter, doi:10.1109/TASSP.1976.1162830), while the illumination, of which no frame
-tells, is random (a bound with random parameters: Van Trees, Detection, Estimation, and Modulation Theory I, 2.4.3). On average, no tracker
-reaches it, because the patterns are measured; single paths may lie below.
+The patterns are Gaussian random fields that nobody knows; their powers, and how they fade, follow from the scene (the Fisher information is
+that of `invert/tracking/normal_equations.py`). The illumination, of which no frame tells, stretches each path at random (this is a bound
+with random parameters: Van Trees, Detection, Estimation, and Modulation Theory I, 2.4.3). Single paths may lie below it.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from correlograph.files.capture import Capture
-from invert.tracking.shifts import weight_of
-from invert.tracking.spectra import Reader
+from invert.tracking.components import Components
+from invert.tracking.normal_equations import NormalEquations
+from invert.tracking.spectra import Band, Reader
 from invert.tracking.to_object import slope_variance
 from sim.geometry import Geometry
-from sim.optics.object_samples import sample_object
+from sim.optics.object_samples import ObjectSamples, sample_object
 
 
 def bounds_m(geometry: Geometry, capture: Capture, truths: list[np.ndarray]) -> list[float]:
-    """Return the Cramer-Rao bound of the path of each object in metres, rms of both axes together, about its mean difference.
-
-    The speckle of an object with a share p of the light has the share p^2 of its power; the rest, the interference of all, is noise. The
-    illumination stretches each path at random (`invert/tracking/to_object.py`), by the albedo of the scene.
-    """
+    """Return the Cramer-Rao bound of the path of each object in metres, rms of both axes together, about its mean difference."""
     band = Reader(capture.frames[0].shape, 1).band(capture.frames)
     assert band is not None
-    samples, to_metres = sample_object(geometry), np.linalg.inv(geometry.travel)
-    power = samples.amplitude**2
-    light = np.array([power[samples.part == number].sum() for number in range(len(truths))]) / power.sum()
-    turns = [2.0 * np.pi * band.rows[:, None], 2.0 * np.pi * band.columns[None]]
-    bounds = []
-    for number, (share, truth) in enumerate(zip(light, truths, strict=True)):
-        noise = band.floor + (1.0 - (light**2).sum()) * band.signal
-        weight = weight_of(replace(band, signal=share**2 * band.signal, floor=noise), 1.0, 10**6)
-        curvature = np.array([[(weight.values * share**2 * band.signal * 1e6 * a * b).sum() for a in turns] for b in turns])
-        inverse = np.linalg.inv(curvature)
-        of_pattern = to_metres @ inverse @ (weight.slope_variance / band.noise_gain) @ inverse @ to_metres.T
+    samples, to_metres, count = sample_object(geometry), np.linalg.inv(geometry.travel), len(truths)
+    paths = np.stack([truth @ geometry.travel.T for truth in truths])
+    places, frames = np.argwhere(band.counts > 0.0), paths.shape[1]
+    nothing = np.zeros((frames, *band.signal.shape), np.complex64)
+    normal = NormalEquations.of(nothing, band, components_of(geometry, samples, band, truths), places)
+    information = normal.information(paths, slice(0, frames)).reshape(2 * count * frames, -1)
+    covariance = np.zeros_like(information)  # of positions from the first
+    covariance[2 * count :, 2 * count :] = band.noise_gain * np.linalg.inv(information[2 * count :, 2 * count :])
+    covariance = covariance.reshape(frames, count, 2, frames, count, 2)
+    centred, bounds = np.eye(frames) - 1.0 / frames, []
+    for number, truth in enumerate(truths):
+        own = np.einsum("ia,tasb,ib->its", to_metres, covariance[:, number, :, :, number], to_metres)
+        of_noise = np.einsum("ts,its->", centred, own) / frames
         mine = samples.part == number
-        slope = slope_variance(power[mine], samples.coordinates_m[mine], np.prod(geometry.object_pitch_m))
-        moved = to_metres**2 @ (
-            slope * (geometry.wavelength_m * geometry.distance_m / (2.0 * np.pi * np.array(geometry.seen_pitch_m))) ** 2
-        )
-        bounds.append(float(np.sqrt(np.trace(of_pattern) + moved.sum() * truth.var(0).sum())))
+        slope = slope_variance(samples.amplitude[mine] ** 2, samples.coordinates_m[mine], np.prod(geometry.object_pitch_m))
+        lever = geometry.wavelength_m * geometry.distance_m / (2.0 * np.pi * np.array(geometry.seen_pitch_m))
+        bounds.append(float(np.sqrt(of_noise + (to_metres**2 @ (slope * lever**2)).sum() * truth.var(0).sum())))
     return bounds
+
+
+def components_of(geometry: Geometry, samples: ObjectSamples, band: Band, truths: list[np.ndarray]) -> Components:
+    """Return the powers of the speckle of a scene in a band of its frames: autocorrelations of the light on the objects.
+
+    The rest of that of all light together is interference.
+
+    The illumination by a round spot of diameter D changes by exp(-v^2 / 4) over the way v lambda d1 / (pi D) (its transfer is 2 J1(v) / v).
+    """
+    cell_m = geometry.wavelength_m * geometry.distance_m / (np.array(geometry.seen_pitch_m) * band.shape)
+    place = np.round((samples.coordinates_m - samples.coordinates_m.min(0)) / cell_m).astype(int)
+    shape = tuple(2 * int(side) + 2 for side in place.max(0))
+    spectra = []
+    for number in range(len(truths)):
+        light, mine = np.zeros(shape), samples.part == number
+        np.add.at(light, tuple(place[mine].T), samples.amplitude[mine] ** 2)
+        spectra.append(np.fft.fft2(light))
+
+    def power(spectrum: np.ndarray) -> np.ndarray:
+        rows, columns = (
+            np.round(one * side).astype(int) for one, side in zip((band.rows, band.columns), band.shape, strict=True)
+        )
+        is_inside = (np.abs(rows)[:, None] < shape[0] // 2) & (np.abs(columns) < shape[1] // 2) & (band.counts > 0.0)
+        lags = np.fft.ifft2(np.abs(spectrum) ** 2).real
+        return np.where(is_inside, lags[np.ix_(rows % shape[0], columns % shape[1])], 0.0).clip(0.0)
+
+    together = power(np.sum(spectra, 0))
+    scale = (band.signal * band.counts).sum() / (together * band.counts).sum()
+    powers = scale * np.stack([power(one) for one in spectra])
+    steps = np.array([np.mean(np.diff(truth, axis=0) ** 2) * 2.0 for truth in truths])
+    v_squared = steps * (np.pi * geometry.spot.diameter_m / (geometry.wavelength_m * geometry.source_distance_m)) ** 2
+    return Components(powers, np.maximum(scale * together - powers.sum(0), 0.0) + band.floor, v_squared / 4.0)

@@ -7,8 +7,9 @@ start.py     objects and their approximate paths
 pursuit.py   all objects of a capture
 separation.py  frames without the light of objects that were found
 follow.py    exact path of a single object, frame by frame
-mixture.py   power and fading of each of several objects
+components.py  power and fading of each of several objects
 joint.py     exact paths of several objects together
+normal_equations.py  score and information of these paths
 vibration.py periodic motion in a path
 to_object.py displacements of the object from those of its speckle
 track.py     the whole: frames -> Track

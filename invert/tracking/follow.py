@@ -46,7 +46,7 @@ class Followed:
     Attributes:
         path: position of its speckle in each frame from the first, (frames, 2) pixels.
         error: standard error of each position of the speckle, (frames, 2).
-        frames_per_group: number of frames that were registered together.
+        frames_per_group: number of frames that were registered together, or distance of positions between which the path is straight.
         significance: median significance of a group in its surroundings; 0 where none was measured.
         bend_error: standard error of a second difference of the path, (2,); zero for an approximate path.
         fading: square of the way from frame to frame over that in which the likeness of frames falls to 1 / e.
@@ -67,7 +67,7 @@ class Followed:
         """Return the path for a shutter that is open for a share of the interval between frames. The end of one exposure is then closer to
         the beginning of the next than their middles are, and more alike, which draws displacements towards zero by the third of the fading.
         """
-        return replace(self, path=self.path * (1.0 + self.fading * share**2 / 3.0))
+        return replace(self, path=self.path * (1.0 + min(self.fading, MAX_FADING) * share**2 / 3.0))
 
 
 def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:
@@ -81,7 +81,7 @@ def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:
         length *= 2
     if best.significance < MIN_GROUP_SIGNIFICANCE:
         return approximate(start, band)
-    return replace(best, fading=min(_fading(likeness(spectra, band, best.path)[:2]), MAX_FADING))
+    return replace(best, fading=_fading(likeness(spectra, band, best.path)[:2]))
 
 
 def approximate(start: Start, band: Band) -> Followed:
@@ -220,36 +220,40 @@ def likeness(spectra: np.ndarray, band: Band, path: np.ndarray) -> np.ndarray:
     return sum_over_rows(common, spectra) / (weight * band.signal).sum()
 
 
-def walk_by_change(places: np.ndarray, fading: float, band: Band) -> tuple[np.ndarray, np.ndarray]:
-    """Return the variance of positions (n, 2) by the change of the illumination on the object, and the ways x after which its likeness is
-    exp(-x^2), (n, 1).
+def phase_walk(places: np.ndarray, fading: float, band: Band) -> np.ndarray:
+    """Return the variance of positions (n, 2) by the phases of the illumination on the object, which change while the likeness falls.
 
-    The object has as many cells as it has coefficients. On its way, the field g of each changes by dg, and its phase by Im(g* dg). The mean
-    slope of these phases across the object, summed along the path, has the variance (sqrt(pi) x erf(x) + exp(-x^2) - 1) / 2 over the
-    cells and their mean square distance.
+    The likeness falls like exp(-x^2). The object has as many cells as it has coefficients. On its way, the field g of each changes by dg,
+    and its phase by Im(g* dg). The mean slope of these phases across the object, summed along the path, has the variance
+    (sqrt(pi) x erf(x) + exp(-x^2) - 1) / 2 over the cells and their mean square distance.
 
     Args:
         fading: square of x from frame to frame.
     """
-    ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    x = fading**0.5 * np.concatenate([[0.0], np.cumsum(ways)])[:, None] / max(float(ways.mean()), 1e-9)
+    x = _ways(places, fading)
     phase = 0.5 * (np.pi**0.5 * x * erf(x) + np.exp(-(x**2)) - 1.0)
-    return band.noise_gain * phase / (band.cells * (2.0 * np.pi * band.object_widths) ** 2), x
+    return band.noise_gain * phase / (band.cells * (2.0 * np.pi * band.object_widths) ** 2)
+
+
+def _ways(places: np.ndarray, fading: float) -> np.ndarray:
+    """Return the ways x along positions (n, 2), (n, 1), whose mean square from one to the next is the fading."""
+    ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    return fading**0.5 * np.concatenate([[0.0], np.cumsum(ways)])[:, None] / max(float(ways.mean()), 1e-9)
 
 
 def _walk_by_change(places: np.ndarray, alike: np.ndarray, band: Band) -> np.ndarray:
     """Return the variance of positions (n, 2) by the change of the illumination on the object.
 
-    Besides what `walk_by_change` returns, each way of the likeness c = `MIN_LIKENESS` replaces the pattern by another one. The Cramer-Rao
+    Besides `phase_walk`, each way of the likeness c = `MIN_LIKENESS` replaces the pattern by another one. The Cramer-Rao
     bound of the displacement of two patterns whose coefficients are independent has the variance (1 - c^2) / c^2 over the sum of the
     squares of the angular frequencies, of those above the noise.
     """
     faded = np.flatnonzero(alike < MIN_LIKENESS * alike[0])
-    walked, x = walk_by_change(places, _fading(alike[: faded[0] + 1] if len(faded) else alike), band)
+    fading = _fading(alike[: faded[0] + 1] if len(faded) else alike)
     clear = band.counts * (band.signal / np.maximum(band.signal + band.floor, 1e-300)) ** 2
     information = np.array([(clear * (2.0 * np.pi * turn) ** 2).sum() for turn in (band.rows[:, None], band.columns)])
-    replaced = x / np.log(1.0 / MIN_LIKENESS) ** 0.5 * (1.0 / MIN_LIKENESS**2 - 1.0) / information
-    return walked + band.noise_gain * replaced
+    replaced = _ways(places, fading) / np.log(1.0 / MIN_LIKENESS) ** 0.5 * (1.0 / MIN_LIKENESS**2 - 1.0) / information
+    return phase_walk(places, fading, band) + band.noise_gain * replaced
 
 
 def _interpolate(at: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -81,7 +81,7 @@ class Band:
     @cached_property
     def cells(self) -> float:
         """Area of the object, int(w)^2 / int(w^2) of its albedo w, in coefficients of the spectrum."""
-        return float((self.counts * self.signal).sum() / self.signal.max())
+        return max(1.0, float((self.counts * self.signal).sum() / max(float(self.signal.max()), 1e-300)))
 
     @cached_property
     def noise_gain(self) -> float:
