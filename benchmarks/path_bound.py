@@ -1,6 +1,6 @@
 """Cramer-Rao bound of the paths of objects (`benchmarks/tracking.py`).
 
-The patterns are Gaussian random fields that nobody knows; their powers, and how they fade, follow from the scene (the Fisher information is
+The patterns are unknown Gaussian random fields; their powers, and how they fade, follow from the scene (the Fisher information is
 that of `invert/tracking/normal_equations.py`). The illumination, of which no frame tells, stretches each path at random (this is a bound
 with random parameters: Van Trees, Detection, Estimation, and Modulation Theory I, 2.4.3). Single paths may lie below it.
 """

@@ -16,7 +16,8 @@ MAX_LAG, LAGS = 16, 6
 """Largest distance of frames, and number of distances, at which powers are measured."""
 
 RIDGE = 0.01
-"""What keeps the equations of objects solvable at frequencies at which they have not moved apart; the same power then goes to each."""
+"""Regularisation that keeps the equations of objects solvable at frequencies at which they have not moved apart; the same power then
+goes to each."""
 
 MIN_FADED = 0.2
 """Least share of what frames of the least distance have in common that the fading is measured from."""
@@ -24,7 +25,7 @@ MIN_FADED = 0.2
 
 @dataclass(frozen=True)
 class Components:
-    """What the speckle of frames consists of.
+    """Components of the speckle of frames.
 
     Attributes:
         powers: power spectrum of each object, (n, R, C).

@@ -82,7 +82,7 @@ def _fit(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> Fit:
     equations = NormalEquations.of(spectra, band, components, few)
     if lost := _unclear(components) or _interfering(band, begun, components):
         return Fit(begun, equations, components, lost)
-    equations = equations.with_information(begun)
+    equations = equations.add_information(begun)
     errors = equations.errors_between_neighbours()
     limit = MAX_ERROR_GRAINS * band.grain_pixels / band.noise_gain**0.5
     length = next((length for length, error in errors.items() if error.max() < limit), None)
@@ -96,7 +96,7 @@ def _fit(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> Fit:
     components = unmix(spectra, band, paths)
     if lost := _unclear(components):
         return Fit(paths, equations, components, lost)
-    last = NormalEquations.of(spectra, band, components, few).with_information(paths)
+    last = NormalEquations.of(spectra, band, components, few).add_information(paths)
     equations = replace(NormalEquations.of(spectra, band, components, places), informations=last.informations, length=length)
     paths, _ = _advance(paths, equations, band.grain_pixels)
     away = np.abs(paths - begun).max((1, 2)) > MAX_CORRECTION * band.grain_pixels

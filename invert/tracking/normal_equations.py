@@ -32,8 +32,8 @@ class NormalEquations:
         turns: angular frequencies in radians per pixel, (K, 2).
         weights: independent coefficients that each frequency stands for, (K,).
         values: spectra, (K, frames).
-        powers, noise: of the objects, (n, K), and of all else, (K,).
-        fading: of the objects, (n,).
+        powers, noise: power of each object, (n, K), and of all else, (K,).
+        fading: fading of each object, (n,).
         informations: Fisher information of the positions in each window, (L, n, 2, L, n, 2) each, per squared pixel.
         length: distance, in frames, of the positions that are estimated.
     """
@@ -61,7 +61,7 @@ class NormalEquations:
             components.fading,
         )
 
-    def with_information(self, paths: np.ndarray) -> NormalEquations:
+    def add_information(self, paths: np.ndarray) -> NormalEquations:
         """Return the equations with the information near some paths (n, frames, 2)."""
         return replace(self, informations=tuple(self.information(paths, window) for window in self.windows()))
 

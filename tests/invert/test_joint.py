@@ -111,7 +111,7 @@ def test_errors_are_those_of_the_likelihood(frames, slow, low, rng):
     band, squares = band_of(powers), []
     places = np.argwhere(band.counts > 0.0)
     components = Components(powers, np.full(powers.shape[1:], NOISE), FADING)
-    begun = NormalEquations.of(np.zeros((frames, *powers.shape[1:])), band, components, places).with_information(paths)
+    begun = NormalEquations.of(np.zeros((frames, *powers.shape[1:])), band, components, places).add_information(paths)
     variance, bend = begun.errors()
     for _ in range(6):
         drawn = draw(paths, powers, band, rng)
@@ -128,7 +128,7 @@ def test_errors_are_those_of_the_likelihood(frames, slow, low, rng):
 
 
 def test_a_slow_object_is_not_drawn_by_a_fast_one(rng):
-    """What is left of the fast object would pull the slow one along."""
+    """A remainder of the fast object would pull the slow one along."""
     powers, paths = powers_of(1.5), paths_of(30, 0.0)
     band, drawn, errors = band_of(powers), [], []
     along = paths[0, -1] / np.linalg.norm(paths[0, -1])
@@ -141,20 +141,20 @@ def test_a_slow_object_is_not_drawn_by_a_fast_one(rng):
     assert np.std(drawn) < 1.7 * np.mean(errors)
 
 
-def dimmed(powers: np.ndarray, times: float) -> tuple[np.ndarray, Band]:
+def dim(powers: np.ndarray, times: float) -> tuple[np.ndarray, Band]:
     band = band_of(powers)
     return times * powers, replace(band, signal=times * band.signal)
 
 
 def test_dim_frames_share_positions(rng):
     paths = paths_of(64)
-    powers, band = dimmed(powers_of(1.0), 0.05)
+    powers, band = dim(powers_of(1.0), 0.05)
     equations = NormalEquations.of(
         draw(paths, powers, band, rng),
         band,
         Components(powers, np.full(powers.shape[1:], NOISE), FADING),
         np.argwhere(band.counts),
-    ).with_information(paths)
+    ).add_information(paths)
     errors = equations.errors_between_neighbours()
     assert list(errors) == [1, 2, 4, 8, 16]
     assert np.all(errors[4] < errors[1])
@@ -167,7 +167,7 @@ def test_dim_frames_share_positions(rng):
 
 
 def test_dark_frames_keep_the_approximate_path(rng):
-    powers, band = dimmed(powers_of(), 1e-4)
+    powers, band = dim(powers_of(), 1e-4)
     paths = paths_of(40)
     starts, drawn = starts_near(paths, rng), draw(paths, powers, band, rng)
     followed = follow_several(drawn, band, starts)
@@ -205,7 +205,7 @@ def test_three_objects_and_few_frames(rng):
 
 
 def test_objects_that_move_together_keep_their_approximate_paths(rng):
-    """Their interference cannot be told from them."""
+    """Their interference looks like them."""
     powers, paths = powers_of(), paths_of(30)
     band = band_of(powers)
     paths[1] = 0.9 * paths[0]
