@@ -265,9 +265,9 @@ def test_the_page_says_for_how_long_no_frame_has_arrived(monkeypatch):
 def test_it_stops_when_a_reconstruction_is_sure_enough():
     rng = np.random.default_rng(7)  # with shot noise, no number of frames raises a doubt
     frames = [rng.poisson(5.0 * frame).astype(np.float32) for frame in letter_frames(40)]
-    acquisition = Acquisition(Camera(frames, 0.3), LiveSession(CAMERA), until=0.6)
+    acquisition = Acquisition(Camera(frames, 1.0), LiveSession(CAMERA), until=0.6)
     acquisition.start()
-    assert acquisition.finished.wait(60.0)
+    assert acquisition.finished.wait(120.0)
     acquisition.join()
     assert acquisition.result.confidence >= 0.6
     assert acquisition.received < 40
