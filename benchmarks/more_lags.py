@@ -1,6 +1,6 @@
 """`python -m benchmarks.more_lags PHOTOGRAPHS [--count 64] [--seed 701]`: confidence on 96 and 128 lags, for which it is not calibrated.
 
-Objects of the sixteen unusual kinds, and dense edges that fill the lags, with noise from the noise model. The table holds the mean
+Objects of the sixteen unusual kinds, and edges of photographs, with noise from the noise model. The table holds the mean
 correlation with the truth, and the confidence minus this correlation: mean, mean of the moduli, and largest.
 """
 
@@ -11,12 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from skimage.feature import canny
 from skimage.transform import resize
 from tqdm import tqdm
 
 import correlograph as cg
-from data_gen.edges import find_photographs, read_luminance
+from data_gen.edges import Photographs, edge_targets, find_photographs, read_luminance
 from invert.evaluation.sets import NOISE_LEVELS, UNUSUAL_LEVELS
 from invert.evaluation.unusual import KINDS
 from invert.measure.estimate import Estimate
@@ -24,8 +23,6 @@ from invert.training.data import at_noise
 from invert.training.losses import registered_pearson
 
 SIDES = (96, 128)
-DENSITY = (0.02, 0.2)
-"""Least and largest share of the lags that are edges."""
 
 
 def draw_unusual(side: int, rng: np.random.Generator) -> np.ndarray:
@@ -33,15 +30,12 @@ def draw_unusual(side: int, rng: np.random.Generator) -> np.ndarray:
     return resize(np.asarray(KINDS[rng.integers(len(KINDS))](rng), np.float64), (side, side), order=1, anti_aliasing=True)
 
 
-def draw_edges(photographs: Path, side: int, rng: np.random.Generator) -> np.ndarray:
-    """Return the edges in a piece of a random photograph, one pixel wide, (side, side)."""
-    files = find_photographs(photographs)
-    while True:
-        seen = read_luminance(files.folder / str(rng.choice(files.names))) / 255.0
-        top, left = (rng.integers(size - side) for size in seen.shape)
-        found = canny(seen, sigma=rng.uniform(1.5, 3.0))[top : top + side, left : left + side]
-        if DENSITY[0] < found.mean() < DENSITY[1]:
-            return found.astype(np.float64)
+def draw_edges(files: Photographs, side: int, rng: np.random.Generator) -> np.ndarray:
+    """Return the edges of a random photograph, (side, side)."""
+    found = None
+    while found is None:
+        found = edge_targets(read_luminance(files.folder / str(rng.choice(files.names))), 1, rng, side)
+    return found[0].astype(np.float64)
 
 
 def main() -> None:
@@ -51,13 +45,14 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=701)
     parser.add_argument("--quality", default="balanced")
     options = parser.parse_args()
+    files = find_photographs(options.photographs)
     print("| objects | lags | number | correlation | difference | modulus | largest |\n|---|---|---|---|---|---|---|")
     for family, levels in (("unusual", UNUSUAL_LEVELS), ("edges", NOISE_LEVELS)):
         for side in SIDES:
             found = []
             for number in tqdm(range(options.count), desc=f"{family}, {side}", disable=None, leave=False):
                 rng = np.random.default_rng([options.seed, number, side])
-                drawn = draw_unusual(side, rng) if family == "unusual" else draw_edges(options.photographs, side, rng)
+                drawn = draw_unusual(side, rng) if family == "unusual" else draw_edges(files, side, rng)
                 truth = torch.from_numpy((drawn / drawn.max()).astype(np.float32))[None]
                 floor, dof = levels[number % len(levels)]
                 noise = torch.Generator().manual_seed(1000 * options.seed + number)

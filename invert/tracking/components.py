@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.ndimage import uniform_filter
@@ -78,8 +79,7 @@ def _smooth(power: np.ndarray, band: Band) -> np.ndarray:
 def _lags(band: Band, paths: np.ndarray) -> np.ndarray:
     """Return distances of frames, from that at which all objects have moved apart, if they do."""
     most = min(MAX_LAG, paths.shape[1] - 1)
-    pairs = [(one, other) for number, one in enumerate(paths) for other in paths[:number]]
-    moved = (lag for lag in range(1, most) if all(are_apart(*pair, lag, band) for pair in pairs))
+    moved = (lag for lag in range(1, most) if all(are_apart(*pair, lag, band) for pair in combinations(paths, 2)))
     first = next(moved, max(1, most // 2))
     return np.unique(np.linspace(first, most, LAGS).astype(int))
 

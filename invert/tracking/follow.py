@@ -47,20 +47,20 @@ class Followed:
         path: position of its speckle in each frame from the first, (frames, 2) pixels.
         error: standard error of each position of the speckle, (frames, 2).
         frames_per_group: number of frames that were registered together, or distance of positions between which the path is straight.
+        power: power of its speckle, (R, C).
         significance: median significance of a group in its surroundings; 0 where none was measured.
         bend_error: standard error of a second difference of the path, (2,); zero for an approximate path.
         fading: square of the way from frame to frame over that in which the likeness of frames falls to 1 / e.
-        power: power of the speckle, (R, C), of one of several objects; None for a single one.
         in_common: share of all power that frames 1, 2, ... apart have in common by one of several objects.
     """
 
     path: np.ndarray
     error: np.ndarray
     frames_per_group: int
+    power: np.ndarray
     significance: float = 0.0
     bend_error: np.ndarray = field(default_factory=lambda: np.zeros(2))
     fading: float = 0.0
-    power: np.ndarray | None = None
     in_common: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def for_open_shutter(self, share: float) -> Followed:
@@ -94,7 +94,7 @@ def approximate(start: Start, band: Band) -> Followed:
     of_block = start.frames_per_block / (start.lag * MIN_SIGNIFICANCE)
     error = band.grain_pixels * np.maximum(1.0, of_block * blocks**0.5)
     error[0] = 0.0
-    return Followed(start.path, np.stack([error, error], 1), start.frames_per_block)
+    return Followed(start.path, np.stack([error, error], 1), start.frames_per_block, band.signal)
 
 
 def _fading(alike: np.ndarray) -> float:
@@ -124,7 +124,7 @@ def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: in
     from_first[0] = 0.0
     # Between the middles of groups, the path is straight.
     bend_error = np.sqrt(of_pair * _bend_over_pair(reach) / (2.0 * length**3 if length > 1 else 1.0))
-    return Followed(found - found[0], from_first, length, significance, bend_error), reach
+    return Followed(found - found[0], from_first, length, band.signal, significance, bend_error), reach
 
 
 def _register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, np.ndarray, float]:

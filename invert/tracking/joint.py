@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -43,12 +44,11 @@ apart, interference draws the displacement by up to D exp(-D^2 / (8 g^2)), half 
 
 @dataclass(frozen=True)
 class Fit:
-    """Paths (n, frames, 2) of objects, their equations and components; and the objects whose paths cannot be made exact."""
+    """Paths (n, frames, 2) of objects, with the equations and components that they were fitted by."""
 
     paths: np.ndarray
     equations: NormalEquations
     components: Components
-    lost: frozenset[int]
 
 
 def follow_several(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> list[Followed]:
@@ -57,7 +57,8 @@ def follow_several(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> 
     An object keeps its approximate path if the light does not suffice, if the path leaves its surroundings, and if interference would draw
     it; its light then counts as noise for the others.
     """
-    components = unmix(spectra, band, np.stack([one.path for one in starts]).astype(np.float64))
+    begun = np.stack([one.path for one in starts]).astype(np.float64)
+    components = unmix(spectra, band, begun)
     shares = components.in_common(band, len(spectra))
     found = [
         replace(approximate(one, band), power=power, in_common=share)
@@ -65,42 +66,46 @@ def follow_several(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> 
     ]
     kept = list(range(len(starts)))
     while kept:
-        fit = _fit(spectra, band, [starts[number] for number in kept])
-        if not fit.lost:
+        fit = _fit(spectra, band, begun[kept], components)
+        if isinstance(fit, Fit):
             for number, one in zip(kept, _describe(band, fit), strict=True):
                 found[number] = one
             break
-        kept = [number for index, number in enumerate(kept) if index not in fit.lost]
+        kept = [number for index, number in enumerate(kept) if index not in fit]
+        components = unmix(spectra, band, begun[kept]) if kept else components
     return found
 
 
-def _fit(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> Fit:
-    """Fit the paths of all objects, or name those without which the others may be fitted."""
-    begun = np.stack([one.path for one in starts]).astype(np.float64)
-    components, places = unmix(spectra, band, begun), np.argwhere(band.counts > 0.0)
-    few = places[np.random.default_rng(0).permutation(len(places))[:FIRST_FREQUENCIES]]
-    equations = NormalEquations.of(spectra, band, components, few)
+def _fit(spectra: np.ndarray, band: Band, begun: np.ndarray, components: Components) -> Fit | frozenset[int]:
+    """Fit paths near approximate ones (n, frames, 2), or name the objects without which the others may be fitted."""
     if lost := _unclear(components) or _interfering(band, begun, components):
-        return Fit(begun, equations, components, lost)
-    equations = equations.add_information(begun)
-    errors = equations.errors_between_neighbours()
-    limit = MAX_ERROR_GRAINS * band.grain_pixels / band.noise_gain**0.5
-    length = next((length for length, error in errors.items() if error.max() < limit), None)
-    if length is None:
-        return Fit(begun, equations, components, frozenset([int(np.argmax(min(errors.values(), key=np.max)))]))
-    paths, equations = begun, replace(equations, length=length)
+        return lost
+    places = np.argwhere(band.counts > 0.0)
+    few = places[np.random.default_rng(0).permutation(len(places))[:FIRST_FREQUENCIES]]
+    equations = NormalEquations.of(spectra, band, components, few).add_information(begun)
+    limit, tried = MAX_ERROR_GRAINS * band.grain_pixels / band.noise_gain**0.5, []
+    for length in equations.lengths():
+        equations = replace(equations, length=length)
+        tried.append(equations.errors_between_neighbours())
+        if tried[-1].max() < limit:
+            break
+    else:
+        return frozenset([int(np.argmax(min(tried, key=np.max)))])
+    paths = begun
     for _ in range(ROUNDS):
         paths, change = _advance(paths, equations, band.grain_pixels)
         if change < CONVERGED_GRAINS:
             break
     components = unmix(spectra, band, paths)
     if lost := _unclear(components):
-        return Fit(paths, equations, components, lost)
+        return lost
     last = NormalEquations.of(spectra, band, components, few).add_information(paths)
-    equations = replace(NormalEquations.of(spectra, band, components, places), informations=last.informations, length=length)
+    equations = replace(
+        NormalEquations.of(spectra, band, components, places), informations=last.informations, length=equations.length
+    )
     paths, _ = _advance(paths, equations, band.grain_pixels)
-    away = np.abs(paths - begun).max((1, 2)) > MAX_CORRECTION * band.grain_pixels
-    return Fit(paths, equations, components, frozenset(np.flatnonzero(away).tolist()))
+    away = np.flatnonzero(np.abs(paths - begun).max((1, 2)) > MAX_CORRECTION * band.grain_pixels)
+    return frozenset(away.tolist()) or Fit(paths, equations, components)
 
 
 def _advance(paths: np.ndarray, equations: NormalEquations, grain_pixels: float) -> tuple[np.ndarray, float]:
@@ -121,10 +126,10 @@ def _interfering(band: Band, paths: np.ndarray, components: Components) -> froze
     lag = min(MAX_LAG, paths.shape[1] - 1)
     grains = [replace(band, signal=power).grain_pixels for power in components.powers]
     return frozenset(
-        one
-        for one in range(len(paths))
-        for other in range(len(paths))
-        if one != other and way_apart(paths[one], paths[other], lag) < MIN_APART_GRAINS * max(grains[one], grains[other])
+        number
+        for one, other in combinations(range(len(paths)), 2)
+        if way_apart(paths[one], paths[other], lag) < MIN_APART_GRAINS * max(grains[one], grains[other])
+        for number in (one, other)
     )
 
 
@@ -138,5 +143,5 @@ def _describe(band: Band, fit: Fit) -> list[Followed]:
         error = np.sqrt(band.noise_gain * variances[number] + phase_walk(path, fading, replace(band, signal=power)))
         bend_error = np.sqrt(band.noise_gain * bends[number])
         length = fit.equations.length
-        found.append(Followed(path, error, length, bend_error=bend_error, fading=fading, power=power, in_common=share))
+        found.append(Followed(path, error, length, power, bend_error=bend_error, fading=fading, in_common=share))
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
@@ -81,26 +82,27 @@ class NormalEquations:
         firsts = np.linspace(0, self.frames - WINDOW, round(2 * self.frames / WINDOW) - 1).astype(int)
         return [slice(int(first), int(first) + WINDOW) for first in firsts]
 
-    def errors_between_neighbours(self) -> dict[int, np.ndarray]:
+    def lengths(self) -> list[int]:
+        """Return the possible distances of positions, in frames: 1, and 2, 4 and more with at least `MIN_POSITIONS`."""
+        most = max(1, (self.frames - 1) // (MIN_POSITIONS - 1))
+        return [2**power for power in range(most.bit_length())]
+
+    def errors_between_neighbours(self) -> np.ndarray:
         """Return the standard error in pixels of each object's positions between known neighbours, the median over its path and the larger
-        of both axes, (n,), for distances of the positions of 1, 2, 4 and more frames."""
-        found, length = {}, 1
-        while (self.frames - 1) // length + 1 >= MIN_POSITIONS or length == 1:
-            own = replace(self, length=length)._matrix()[0].reshape(-1, len(self.powers), 2)
-            found[length] = np.median(own[1:], 0).min(1).clip(1e-30) ** -0.5
-            length *= 2
-        return found
+        of both axes, (n,)."""
+        own = self._matrix[0].reshape(-1, len(self.powers), 2)
+        return np.median(own[1:], 0).min(1).clip(1e-30) ** -0.5
 
     def solve(self, paths: np.ndarray) -> np.ndarray:
         """Return the corrections (n, frames, 2) of paths in pixels: the score over the information."""
-        hats, count = self._hats(), len(self.powers)
+        hats, count = self._hats, len(self.powers)
         right = (hats.T @ self.score(paths).reshape(self.frames, -1)).ravel()
-        found = cho_solve_banded((self._factor(), True), right).reshape(-1, 2 * count)
+        found = cho_solve_banded((self._factor, True), right).reshape(-1, 2 * count)
         return np.moveaxis((hats @ found).reshape(self.frames, count, 2), 0, 1)
 
     def errors(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the variances in squared pixels of the positions from the first, (n, frames, 2), and of second differences, (n, 2)."""
-        factor, size, hats = self._factor(), 2 * len(self.powers), self._hats()
+        factor, size, hats = self._factor, 2 * len(self.powers), self._hats
         early = 2 ** np.arange(int(np.log2(self.frames - 1)) + 1)
         chosen = np.unique(np.concatenate([[0], early, np.linspace(0, self.frames - 1, ERROR_FRAMES).astype(int)]))
         variance, bends = np.zeros((len(chosen), size)), np.zeros((len(chosen), size))
@@ -132,8 +134,9 @@ class NormalEquations:
         found -= found.mean(0)
         return found - found.mean(3, keepdims=True)
 
+    @cached_property
     def _hats(self) -> csr_array:
-        """Return how much each position contributes to each frame, (frames, positions): straight lines between them."""
+        """How much each position contributes to each frame, (frames, positions): straight lines between them."""
         at = np.arange(self.frames)
         before, part = at // self.length, at % self.length / self.length
         places = np.concatenate([before, np.minimum(before + 1, self.positions - 1)])
@@ -141,9 +144,10 @@ class NormalEquations:
             (np.concatenate([1.0 - part, part]), (np.concatenate([at, at]), places)), (self.frames, self.positions)
         )
 
+    @cached_property
     def _matrix(self) -> np.ndarray:
-        """Return the information of the positions as a lower band matrix, (bands, positions n 2)."""
-        size, windows, hats = 2 * len(self.powers), self.windows(), self._hats()
+        """Information of the positions as a lower band matrix, (bands, positions n 2)."""
+        size, windows, hats = 2 * len(self.powers), self.windows(), self._hats
         longest = min(self.positions, (windows[0].stop - 2) // self.length + 3)
         bands = np.zeros((size * longest, size * self.positions))
         for window, information in zip(windows, self.informations, strict=True):
@@ -155,9 +159,10 @@ class NormalEquations:
                 bands[below, start : start + len(flat) - below] += np.diagonal(flat, -below) / min(len(windows), 2)
         return bands
 
+    @cached_property
     def _factor(self) -> np.ndarray:
-        """Return the Cholesky factor of the matrix with the first position fixed."""
-        bands = self._matrix()
+        """Cholesky factor of the matrix with the first position fixed."""
+        bands = self._matrix.copy()
         bands[0] += 1e-8 * bands[0].mean()
         bands[0, : 2 * len(self.powers)] += 1e3 * bands[0].max()
         return cholesky_banded(bands, lower=True)

@@ -242,13 +242,12 @@ def track(
     with tqdm(total=len(capture.frames), desc="frames", unit="frame", disable=None, leave=False) as bar:
         spectra = reader.all_spectra(capture.frames, band, bar.update)
     starts = find_objects(spectra, band)
-    single = len(starts) == 1
-    followed = [follow(spectra, band, starts[0])] if single else follow_several(spectra, band, starts)
+    followed = follow_several(spectra, band, starts) if len(starts) > 1 else [follow(spectra, band, starts[0])]
     open_share, tracks = _open_share(capture, interval_s), []
     for start, one in zip(starts, followed, strict=True):
         opened = one.for_open_shutter(open_share)
-        signal = band.signal if one.power is None else one.power
-        stretch = None if lever is None else stretch_by_illumination(replace(band, signal=signal), capture.camera, binning)
+        its_band = replace(band, signal=one.power)
+        stretch = None if lever is None else stretch_by_illumination(its_band, capture.camera, binning)
         found = Track(
             opened.path * binning,
             opened.error * binning,

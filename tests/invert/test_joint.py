@@ -37,6 +37,10 @@ def powers_of(ratio: float = 0.6) -> np.ndarray:
     )
 
 
+def components_of(powers: np.ndarray) -> Components:
+    return Components(powers, np.full(powers.shape[1:], NOISE), FADING)
+
+
 def paths_of(frames: int, slow: float = 0.3) -> np.ndarray:
     """A curved path of 3 pixels per frame, and a slow one."""
     at = np.arange(frames)
@@ -81,7 +85,7 @@ def test_powers_and_fading_are_those_of_each_object(rng):
 def test_the_score_is_the_slope_of_the_likelihood(rng):
     powers, paths = powers_of(), paths_of(7)
     band = band_of(powers)
-    components = Components(powers, np.full(powers.shape[1:], NOISE), FADING)
+    components = components_of(powers)
     places = np.argwhere(band.counts > 0.0)[::40]
     normal = NormalEquations.of(draw(paths, powers, band, rng), band, components, places)
 
@@ -110,7 +114,7 @@ def test_errors_are_those_of_the_likelihood(frames, slow, low, rng):
     powers, paths = powers_of(), paths_of(frames, slow)
     band, squares = band_of(powers), []
     places = np.argwhere(band.counts > 0.0)
-    components = Components(powers, np.full(powers.shape[1:], NOISE), FADING)
+    components = components_of(powers)
     begun = NormalEquations.of(np.zeros((frames, *powers.shape[1:])), band, components, places).add_information(paths)
     variance, bend = begun.errors()
     for _ in range(6):
@@ -152,10 +156,10 @@ def test_dim_frames_share_positions(rng):
     equations = NormalEquations.of(
         draw(paths, powers, band, rng),
         band,
-        Components(powers, np.full(powers.shape[1:], NOISE), FADING),
+        components_of(powers),
         np.argwhere(band.counts),
     ).add_information(paths)
-    errors = equations.errors_between_neighbours()
+    errors = {length: replace(equations, length=length).errors_between_neighbours() for length in equations.lengths()}
     assert list(errors) == [1, 2, 4, 8, 16]
     assert np.all(errors[4] < errors[1])
     for length in (4, 16):
