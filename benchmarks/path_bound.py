@@ -37,8 +37,8 @@ def bounds_m(geometry: Geometry, capture: Capture, truths: list[np.ndarray]) -> 
         of_noise = np.einsum("ts,its->", centred, own) / frames
         mine = samples.part == number
         slope = slope_variance(samples.amplitude[mine] ** 2, samples.coordinates_m[mine], np.prod(geometry.object_pitch_m))
-        lever = geometry.wavelength_m * geometry.distance_m / (2.0 * np.pi * np.array(geometry.seen_pitch_m))
-        bounds.append(float(np.sqrt(of_noise + (to_metres**2 @ (slope * lever**2)).sum() * truth.var(0).sum())))
+        lever = to_metres * geometry.wavelength_m * geometry.distance_m / (2.0 * np.pi * np.array(geometry.seen_pitch_m))
+        bounds.append(float(np.sqrt(of_noise + np.trace(lever @ slope @ lever.T) * truth.var(0).sum())))
     return bounds
 
 

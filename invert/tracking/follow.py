@@ -15,7 +15,7 @@ from scipy.linalg import solveh_banded
 from scipy.special import erf
 
 from invert.tracking.parts import sum_over_rows
-from invert.tracking.shifts import MIN_SIGNIFICANCE, Weight, derivatives, moments, move_back, weight_of
+from invert.tracking.shifts import MIN_SIGNIFICANCE, Weight, derivatives, moments, move_back, weight_of, window_slopes
 from invert.tracking.spectra import Band
 from invert.tracking.start import Start
 
@@ -33,6 +33,9 @@ PAIRS = 48
 
 MAX_FADING = 0.3
 """Maximum of `Followed.fading`; it limits the correction for an open shutter to a tenth of the path."""
+
+WINDOW_ERROR = 0.35
+"""Relative error of what the window draws paths by, where grains are large in a frame (docs/tracking.md, "Limits")."""
 
 ROUNDS = 8
 CONVERGED_GRAINS = 0.01
@@ -145,7 +148,8 @@ def _register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndar
         weight = weight_of(band, float(np.clip(alike[0], 0.05, 1.0)), usual)
         height, slope, curvature = derivatives(_pull_of_surroundings(sums, band, places, reach, weight))
         inverse = np.linalg.inv(-curvature.sum(0) / pairs.sum())
-        correction = _solve(slope @ inverse, reach)
+        pull = weight.full / usual * _pull_of_windows(places, band, alike[:reach]) @ weight.tilt.T
+        correction = _solve((slope - pull) @ inverse, reach)
         places = places + correction
         if np.abs(np.diff(correction, axis=0)).max() < CONVERGED_GRAINS * band.grain_pixels:
             break
@@ -155,7 +159,8 @@ def _register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndar
     walked = numbers[:, None] / np.sum(np.arange(1.0, reach + 1.0) ** 2) * of_pair
     walked = walked + _walk_by_change(places, alike, band)
     significance = float(np.median(height)) / weight.deviation
-    return places, np.sqrt(variance + walked), reach, of_pair, significance
+    drawn = WINDOW_ERROR * _solve(pull @ inverse, reach)
+    return places, np.sqrt(variance + walked + drawn**2), reach, of_pair, significance
 
 
 def _pull_of_surroundings(sums: np.ndarray, band: Band, places: np.ndarray, reach: int, weight: Weight) -> np.ndarray:
@@ -173,6 +178,17 @@ def _pull_of_surroundings(sums: np.ndarray, band: Band, places: np.ndarray, reac
         return moments(around.conj() * moved * values.astype(np.float32), part, np.zeros((count, 2)))
 
     return sum_over_rows(pull, sums)
+
+
+def _pull_of_windows(places: np.ndarray, band: Band, alike: np.ndarray) -> np.ndarray:
+    """Return by how much the logarithms of the overlaps of windows fall at the distances of places (n, 2), summed over the neighbours of
+    each with the likenesses as weights, (n, 2): the windows stay where they are, and draw the places towards each other."""
+    pull = np.zeros_like(places)
+    for step, likeness_ in enumerate(alike, start=1):
+        slopes = likeness_ * window_slopes(places[step:] - places[:-step], band)
+        pull[step:] += slopes
+        pull[:-step] -= slopes
+    return pull
 
 
 def _solve(slopes: np.ndarray, reach: int) -> np.ndarray:
@@ -232,7 +248,7 @@ def phase_walk(places: np.ndarray, fading: float, band: Band) -> np.ndarray:
     """
     x = _ways(places, fading)
     phase = 0.5 * (np.pi**0.5 * x * erf(x) + np.exp(-(x**2)) - 1.0)
-    return band.noise_gain * phase / (band.cells * (2.0 * np.pi * band.object_widths) ** 2)
+    return band.noise_gain * phase * band.inverse_spread.diagonal() / (4.0 * np.pi**2 * band.cells)
 
 
 def _ways(places: np.ndarray, fading: float) -> np.ndarray:

@@ -11,6 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from correlograph.errors import InputError
+from invert.tracking.breaks import mend
 from invert.tracking.follow import follow
 from invert.tracking.separation import subtract_light
 from invert.tracking.spectra import Band
@@ -49,7 +50,8 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
 
     Raises InputError if the whole capture shows no common motion.
     """
-    alone, middle = find_brightest(spectra, band), max(0, len(spectra) - FRAMES_FOR_NUMBER) // 2
+    alone = mend(spectra, band, find_brightest(spectra, band))
+    middle = max(0, len(spectra) - FRAMES_FOR_NUMBER) // 2
     some = np.s_[middle : middle + FRAMES_FOR_NUMBER]
     lags = _lags_for_others(alone.path[some], spectra[some], band)
     several = _drop_interference(_pursue(spectra[some], band, lags))

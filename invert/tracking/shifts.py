@@ -42,12 +42,15 @@ class Weight:
         slope_variance: covariance of the slope of the noise at a maximum, (2, 2).
         deviation: standard deviation of the cross-correlation of frames that share nothing.
         full: height of the maximum if the speckle is wholly common.
+        tilt: slope of the cross-correlation at its maximum, over its height, if frames rather than this sum were multiplied by a function
+            whose logarithm rises by one per pixel: along rows and columns (2,) of the slope, and of the function, (2, 2).
     """
 
     values: np.ndarray
     slope_variance: np.ndarray
     deviation: float
     full: float
+    tilt: np.ndarray
 
     def part(self, rows: slice) -> Weight:
         """Return the weight of some rows of a band."""
@@ -69,9 +72,11 @@ def weight_of(band: Band, common: float, frames: int = 1) -> Weight:
     noise = band.counts * values**2 * frames**2 * left * band.noise_gain
     covariance = np.array([[float((noise * one * other).sum()) for other in turn] for one in turn])
     null = band.counts * values**2 * frames * total**2 * band.noise_gain
-    return Weight(
-        band.counts * values, covariance, float(null.sum() ** 0.5), float((band.counts * values * signal).sum() * frames)
-    )
+    # The correlation times its argument has the derivative of the spectrum as its spectrum.
+    falls = [-np.gradient(signal, part, axis=axis) for axis, part in enumerate((band.rows, band.columns))]
+    tilt = np.array([[float((band.counts * values * one * fall).sum()) / (2.0 * np.pi) for fall in falls] for one in turn])
+    height = float((band.counts * values * signal).sum())
+    return Weight(band.counts * values, covariance, float(null.sum() ** 0.5), height * frames, tilt / max(height, 1e-300))
 
 
 def move_back(spectra: np.ndarray, band: Band, pixels: np.ndarray) -> np.ndarray:
@@ -101,7 +106,9 @@ def refine(cross: np.ndarray, band: Band, weight: Weight, start: np.ndarray) -> 
         pixels += np.clip(-np.linalg.solve(bent, slope[..., None])[..., 0], -reach, reach)
     height, _, curvature = derivatives(moments(weighted, band, pixels))
     inverse = np.linalg.inv(_downward(curvature, 1e-9 * max(weight.full, 1e-300)))
-    return pixels + _window_bias(pixels, band, height, inverse), height
+    # The overlap of two windows falls with their distance, which draws a maximum towards zero.
+    drawn = height[:, None] * (window_slopes(pixels, band) @ weight.tilt.T)
+    return pixels + (inverse @ drawn[..., None])[..., 0], height
 
 
 def moments(weighted: np.ndarray, band: Band, pixels: np.ndarray) -> np.ndarray:
@@ -183,11 +190,10 @@ def _downward(curvature: np.ndarray, least: float) -> np.ndarray:
     return (vectors * np.minimum(values, -least)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
 
 
-def _window_bias(pixels: np.ndarray, band: Band, height: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """Return what the overlap of two windows, which falls with their distance, draws a maximum towards zero by, (n, 2)."""
+def window_slopes(pixels: np.ndarray, band: Band) -> np.ndarray:
+    """Return the slopes of the logarithm of the overlap of two windows at displacements (..., 2) along rows and columns, (..., 2)."""
     slopes = [
         np.sign(along) * np.interp(np.abs(along), np.arange(len(slope)), slope)
-        for along, slope in zip(pixels.T, band.overlap_slopes, strict=True)
+        for along, slope in zip(np.moveaxis(pixels, -1, 0), band.overlap_slopes, strict=True)
     ]
-    drawn = np.stack(slopes, -1) * height[:, None]
-    return (inverse @ drawn[..., None])[..., 0]
+    return np.stack(slopes, -1)

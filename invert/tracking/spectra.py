@@ -63,19 +63,21 @@ class Band:
     @cached_property
     def grain_pixels(self) -> float:
         """Width of a grain: one over the rms frequency of the speckle in cycles per pixel, over 2 pi."""
-        return float(1.0 / (2.0 * np.pi * max(self._mean_squares.sum(), 1e-12) ** 0.5))
+        return float(1.0 / (2.0 * np.pi * max(self._mean_squares.trace(), 1e-12) ** 0.5))
 
     @cached_property
-    def object_widths(self) -> np.ndarray:
-        """Rms width of the object (rows, columns) in cycles per pixel, (2,): the spectrum of the speckle is the autocorrelation of its
-        albedo, whose mean square is twice that of the albedo."""
-        return np.maximum(0.5 * self._mean_squares, 1e-12) ** 0.5
+    def inverse_spread(self) -> np.ndarray:
+        """Inverse of the covariance of places on the object along rows and columns, in cycles per pixel, (2, 2): the spectrum of the
+        speckle is the autocorrelation of its albedo, whose covariance is twice that of the albedo."""
+        return np.linalg.inv(0.5 * self._mean_squares + 1e-12 * np.eye(2))
 
     @cached_property
     def _mean_squares(self) -> np.ndarray:
-        """Mean square frequency of the speckle along rows and columns, (2,)."""
+        """Mean squares and product of the frequencies of the speckle along rows and columns, (2, 2)."""
         power = self.counts * self.signal
-        squares = np.array([(power * self.rows[:, None] ** 2).sum(), (power * self.columns**2).sum()])
+        rows, columns = power.sum(1), power.sum(0)
+        product = self.rows @ power @ self.columns
+        squares = np.array([[rows @ self.rows**2, product], [product, columns @ self.columns**2]])
         return squares / max(power.sum(), 1e-300)
 
     @cached_property

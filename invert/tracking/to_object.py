@@ -7,9 +7,9 @@ object, the speckle on the wall moves by more or less than d (1 + z / d1). J has
 variance is known: the integral of its covariance over the object is C |d|^2, with C = pi for an evenly lit round spot of any size, because
 smaller grains are steeper. The phase that grows across the object as J does has the slope
 
-    q = int w e J / int w e^2,    var q = C |d|^2 int w^2 e^2 / (int w e^2)^2,
+    q = M^-1 int w e J,    var q = C |d|^2 M^-1 (int w^2 e e^T) M^-1,    M = int w e e^T,
 
-with the albedo w and the distance e from its middle, and moves the speckle by z q / k. The illumination within the object stays the same
+with the albedo w and the place e from its middle, and moves the speckle by z q / k. The illumination within the object stays the same
 while the object moves by less than its strokes are wide, so that the path is stretched as a whole.
 """
 
@@ -49,18 +49,19 @@ def stretch_by_illumination(band: Band, camera: CameraMetadata, binning: int) ->
     wavelength, distance, pitches = _geometry(camera)
     per_pixel = np.prod(pitches) ** 0.5 / (wavelength * distance)  # cycles per metre of the object
     area = band.cells / np.prod(band.shape)
-    return binning**2 * per_pixel * (ROUND_SPOT / area) ** 0.5 / (2.0 * np.pi * band.object_widths)
+    return binning**2 * per_pixel * (ROUND_SPOT / area * band.inverse_spread.diagonal()) ** 0.5 / (2.0 * np.pi)
 
 
 def slope_variance(albedo: np.ndarray, places_m: np.ndarray, cell_m2: float) -> np.ndarray:
-    """Return var q / |d|^2, (2,), in radians per metre of the object and per metre of its way.
+    """Return var q / |d|^2, (2, 2), in (radians per metre of the object and per metre of its way)^2.
 
     Args:
         albedo: (n,), of cells of an area `cell_m2` at places_m (n, 2).
     """
     away = places_m - np.average(places_m, 0, albedo)
-    squares = albedo[:, None] * away**2
-    return ROUND_SPOT * (albedo[:, None] * squares).sum(0) / (squares.sum(0) ** 2 * cell_m2)
+    weighted = albedo[:, None] * away
+    inverse = np.linalg.inv(weighted.T @ away)
+    return ROUND_SPOT / cell_m2 * inverse @ (weighted.T @ weighted) @ inverse
 
 
 def _geometry(camera: CameraMetadata) -> tuple[float, float, tuple[float, float]]:

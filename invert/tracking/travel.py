@@ -80,6 +80,8 @@ def find_travel(capture: Capture) -> Travel | None:
         found = find_objects(spectra, band)
     except InputError:
         return None
+    if 3 * found[0].jumps > len(first) - 1:  # it shakes
+        return None
     shares = [share_along(spectra, band, one.path, 1) for one in found]
     powers = np.linalg.solve(_overlap(found, band) + 1e-3 * np.eye(len(found)), shares)
     share = float(np.sqrt(powers.clip(0.0)).sum() ** 2)

@@ -53,7 +53,7 @@ def test_steps_and_path_are_those_of_the_object(lab, seed):
     np.testing.assert_array_less(np.abs(found.velocity_m_s - truth_m_s), 4.0 * found.velocity_error_m_s)
     deviation = found.path_m - np.arange(FRAMES)[:, None] * truth_m_s * exposure_s
     np.testing.assert_array_less(np.abs(deviation[1:]), 5.0 * found.error_m[1:])
-    np.testing.assert_allclose(found.velocity_m_s, truth_m_s, atol=0.03 * np.abs(truth_m_s).max())
+    assert found.velocity_error_m_s.max() < 0.025 * np.abs(truth_m_s).max()
     np.testing.assert_allclose(found.metres_per_pixel, np.linalg.inv(lab.travel), rtol=2e-3, atol=1e-9)
 
 
@@ -136,6 +136,18 @@ def drifting(rng, path, light, shape=(300, 340)):
         frames.append(intensity[top : top + shape[0], left : left + shape[1]])
     frames = np.array(frames)
     return [rng.poisson(light * frame / frames.mean()).astype(np.float32) for frame in frames]
+
+
+def test_a_window_does_not_draw_paths_of_large_grains_towards_zero():
+    """A rigid pattern with grains of 32 x 48 pixels in frames of 420 x 520: the windows stay where they are, which draws its path by 5 %.
+    Of this, 2 % are left."""
+    step, reached = np.array([3.6, -5.2]), []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        frames = travelling_frames(letter(40, 16), (420, 520), 512, rng, np.arange(10)[:, None] * step, 1e9)
+        found = track(cg.Capture([rng.poisson(0.2 * frame).astype(np.float32) for frame in frames]))
+        reached.append(found.path_pixels[-1] / (9.0 * step))
+    assert np.mean(reached) == pytest.approx(1.0, abs=0.03)
 
 
 def test_rigid_speckle_is_followed_to_the_cramer_rao_bound(rng):

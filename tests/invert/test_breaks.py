@@ -1,0 +1,70 @@
+"""Paths that jump, stop or turn back are followed, and do not look like two objects."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import correlograph as cg
+from invert.tracking.breaks import mend
+from invert.tracking.spectra import Reader
+from invert.tracking.start import Start
+from tests.invert.field.speckle import letter, travelling_frames
+
+STEP = np.array([2.0, -3.0])
+NUMBERS = np.arange(20)
+
+PATHS = {
+    "stop": np.minimum(NUMBERS, 9)[:, None] * 3.0 * STEP,
+    "turn back": (9 - np.abs(NUMBERS - 9))[:, None] * STEP,
+    "jump": NUMBERS[:, None] * STEP + (NUMBERS >= 10)[:, None] * np.array([30.0, -11.0]),
+    "two gaps": np.r_[0:8, 10:17, 20:25][:, None] * STEP,
+    "shake": np.random.default_rng(1).normal(0.0, 8.0, (20, 2)),
+}
+
+
+def frames_along(path: np.ndarray, rng: np.random.Generator, light: float) -> list[np.ndarray]:
+    frames = travelling_frames(letter(64, 28), (300, 340), 128, rng, path, 60.0)
+    return [rng.poisson(light * frame).astype(np.float32) for frame in frames]
+
+
+@pytest.mark.parametrize("kind", PATHS)
+def test_a_path_that_does_not_go_on_is_that_of_one_object(kind, rng):
+    path = PATHS[kind] - PATHS[kind][0]
+    found = cg.track(cg.Capture(frames_along(path, rng, 0.3)))
+    assert found.others == ()
+    np.testing.assert_array_less(np.abs(found.path_pixels - path)[1:], 5.0 * found.error_pixels[1:])
+
+
+def test_a_jump_is_found_where_single_frames_are_too_dim(rng):
+    """0.006 photoelectrons per pixel: pairs of frames show no displacement, sums of four do."""
+    numbers = np.arange(48)
+    path = numbers[:, None] * 0.5 * STEP + (numbers >= 21)[:, None] * np.array([40.0, 25.0])
+    found = cg.track(cg.Capture(frames_along(path, rng, 0.006)))
+    assert found.others == ()
+    assert np.abs(found.path_pixels[-1] - path[-1]).max() < 6.0
+
+
+def test_a_dark_frame_is_no_jump_and_hides_none(rng):
+    path = NUMBERS[:, None] * STEP
+    for jump in (np.zeros(2), np.array([25.0, 0.0])):
+        moved = path + (NUMBERS >= 12)[:, None] * jump
+        frames = frames_along(moved, rng, 0.3)
+        frames[12] = np.zeros_like(frames[12])
+        left = np.delete(cg.track(cg.Capture(frames)).path_pixels - moved, 12, 0)
+        assert np.abs(left).max() < 1.5
+
+
+def test_a_laser_that_moved_once_is_named(rng):
+    path = NUMBERS[:10, None] * STEP
+    frames = [*frames_along(path, rng, 0.3), *frames_along(path, np.random.default_rng(5), 0.3)]
+    with pytest.raises(cg.InputError, match="after frame 10"):
+        cg.track(cg.Capture(frames))
+
+
+def test_a_steady_path_stays_as_it_is(rng):
+    frames = frames_along(NUMBERS[:, None] * STEP, rng, 0.3)
+    reader = Reader(frames[0].shape, 1)
+    band = reader.band(frames)
+    start = Start(NUMBERS[:, None] * STEP, 100.0, 1.0)
+    assert mend(reader.all_spectra(frames, band), band, start) is start
