@@ -69,9 +69,12 @@ def plan_motion(geometry: Any, lasts_s: float) -> MotionPlan:
     """
     check_positive("--budget-s", lasts_s)
     motion, now_s = geometry.motion, geometry.camera.electronics.exposure_s
-    if geometry.spot.scan_step_m != 0.0 or not any(motion.object_way_m):
-        found = "an object at rest" if geometry.spot.scan_step_m == 0.0 else "a spot that moves between frames"
+    way_m = max((float(np.linalg.norm(one.trajectory.displacement(now_s))) for one in geometry.movements), default=0.0)
+    if geometry.spot.scan_step_m != 0.0 or np.hypot(*motion.object_way_m) <= 1e-6 * way_m:
+        found = "no motion across the line of sight" if geometry.spot.scan_step_m == 0.0 else "a spot that moves between frames"
         raise InputError("--moving", "an object with a velocity, and scan_step 0 for the laser", found, "remove --moving")
+    if any(one.trajectory.turns for one in geometry.movements):
+        raise InputError("--moving", "an object that does not turn", "a rotation", "plan it without, and expose for less time")
     rest, way = predict(replace(geometry, movements=())), np.array(motion.object_way_m) / now_s
     turns_per_s = np.abs(geometry.fringes_per_m2 @ way) @ np.array(geometry.hidden_object.extent_m)
     exposure_s = min(MAX_TURNS / float(turns_per_s), lasts_s / MIN_GROUPS)

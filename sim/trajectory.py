@@ -17,6 +17,7 @@ from correlograph.errors import InputError
 COLUMNS = ("time_s", "x_m", "y_m", "z_m")
 TURNS = ("rx_deg", "ry_deg", "rz_deg")
 MAX_ROWS = 100_000
+MAX_TURN_DEG = 1e6
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ def read_trajectory(file: str | Path, name: str) -> Trajectory:
     """
     expected = f"a CSV file with the columns {', '.join(COLUMNS)} and, if it turns, {', '.join(TURNS)}"
     try:
-        with open(file, newline="", encoding="utf-8") as opened:
+        with open(file, newline="", encoding="utf-8-sig") as opened:
             header, *rows = csv.reader(opened)
             names = tuple(one.strip() for one in header)
             if names not in (COLUMNS, COLUMNS + TURNS) or not 1 <= len(rows) <= MAX_ROWS:
@@ -96,4 +97,11 @@ def read_trajectory(file: str | Path, name: str) -> Trajectory:
     if (np.diff(values[:, 0]) <= 0.0).any():
         raise InputError(name, "times that ascend", str(file), "sort its rows by time, and remove repeated times")
     turns = values[:, 4:] if len(names) > len(COLUMNS) else np.zeros((len(values), 3))
+    if np.abs(turns).max() > MAX_TURN_DEG:
+        raise InputError(
+            name, f"rotation vectors of at most {MAX_TURN_DEG:g} degrees", str(file), "give more rows, or angular_velocity"
+        )
+    # Vectors of at most half a turn are a usual notation, which jumps; longer ones count turns, of which the shortest way shows none.
+    if np.linalg.norm(turns, axis=1).max() > 180.0 < np.linalg.norm(np.diff(turns, axis=0), axis=1).max(initial=0.0):
+        raise InputError(name, "at most half a turn from row to row", str(file), "give more rows, or angular_velocity")
     return Trajectory(times_s=values[:, 0], displacement_m=values[:, 1:4], rotation_deg=turns)

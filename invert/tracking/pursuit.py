@@ -20,6 +20,10 @@ from invert.tracking.start import MAX_BLOCKS, Start, are_apart, find_brightest, 
 LAGS = (16, 8, 4, 2)
 """Distances of the frames by which several objects are told apart."""
 
+MIN_SHARE = 0.1
+"""Least share of the power of the speckle that consecutive frames of a single object have in common; static light has less, where the laser
+moves."""
+
 FRAMES_FOR_NUMBER = 64
 """Number of frames, in the middle of the capture, that decide whether there are several objects."""
 
@@ -63,6 +67,9 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
     if not is_one:
         expected, remedy = "speckle that moves as a whole", "keep the laser and the camera at rest"
         raise InputError("frames", expected, "displacements that do not continue from frame to frame", remedy)
+    if alone.share < MIN_SHARE:
+        expected, remedy = "speckle that moves as a whole", "keep the laser at rest, and shorten the interval"
+        raise InputError("frames", expected, f"{100.0 * alone.share:.2g} % of its power in common", remedy)
     return [alone]
 
 

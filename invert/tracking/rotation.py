@@ -162,7 +162,12 @@ def rotation_of(signals: Sequence[np.ndarray], aspect: float, interval_s: float 
             return found
         size *= 2
     expected = f"autocorrelations whose angle is known to {MAX_ERROR_DEG:g} degrees"
-    raise InputError("frames", expected, "none", "add light or frames; a round object shows no angle")
+    raise InputError(
+        "frames",
+        expected,
+        "none",
+        "add light, or more frames per second if the rate of rotation changes; a round object shows no angle",
+    )
 
 
 def signal_of(values: np.ndarray, transfer: np.ndarray | None) -> np.ndarray:

@@ -180,7 +180,7 @@ def peaks(
             significance.append(height / deviation)
         elif (tried := tried + 1) > 1:
             break
-        left = left - move_back(height / full * own[None].astype(np.complex64), band, -exact)[0]
+        left = left - move_back(min(height / full, 1.0) * own[None].astype(np.complex64), band, -exact)[0]
     return places, np.array(heights), np.array(significance)
 
 

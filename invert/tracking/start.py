@@ -59,6 +59,8 @@ def find_brightest(spectra: np.ndarray, band: Band) -> Start:
     total = (spectra[:-1].conj() * spectra[1:]).sum(0)
     best = float(correlate(total, band, weight)[0].max()) / (weight.deviation * pairs**0.5)
     needed = f"{best:.1f} standard deviations of the summed cross-correlation, {MIN_SIGNIFICANCE:g} are needed"
+    if best > MIN_SIGNIFICANCE:
+        needed = "light in common in too few of the frames"
     remedy = "keep the laser at rest, shorten the interval, or add light"
     raise InputError("frames", "speckle that moves as a whole", needed, remedy)
 

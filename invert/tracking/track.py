@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +18,8 @@ from correlograph.files.figures import figure_as_html
 from invert.tracking.follow import follow
 from invert.tracking.joint import follow_several
 from invert.tracking.pursuit import find_objects
-from invert.tracking.spectra import Reader
-from invert.tracking.tables import check_frames, save_table
+from invert.tracking.spectra import Band, Reader
+from invert.tracking.tables import check_frames, exposure_of, save_table
 from invert.tracking.to_object import metres_per_pixel, stretch_by_illumination
 from invert.tracking.vibration import find_vibrations
 
@@ -30,6 +31,9 @@ BYTES_PER_COEFFICIENT = 84
 
 BYTES_PER_THREAD = 110
 """Measured memory of a search in one block of frames, per coefficient."""
+
+MIN_SIDE = 16
+"""Minimum side of a frame in pixels after binning."""
 
 TRACK_FILES = ("track.csv", "track.png", "track.json")
 
@@ -228,19 +232,11 @@ def track(
     """
     if source_distance_m is not None:
         check_positive("source_distance_m", source_distance_m)
+    elif any(source_angle_deg):
+        raise InputError("source_angle_deg", "source_distance_m with it", "an angle alone", "give both")
     check_frames(capture, interval_s, 3, "path")
     lever = None if source_distance_m is None else metres_per_pixel(capture.camera, source_distance_m, source_angle_deg)
-    reader = Reader(capture.frames[0].shape, binning)
-    band = reader.band(capture.frames)
-    if band is None:
-        expected, remedy = "speckle that moves as a whole", "add light, or bin less"
-        raise InputError("frames", expected, "no speckle above the noise", remedy)
-    left = memory_bytes() - torch.get_num_threads() * band.signal.size * BYTES_PER_THREAD
-    most = max(0, int(left / (band.signal.size * BYTES_PER_COEFFICIENT)))
-    if len(capture.frames) > most:
-        raise InputError("frames", f"at most {most} in this memory", len(capture.frames), "track them in parts")
-    with tqdm(total=len(capture.frames), desc="frames", unit="frame", disable=None, leave=False) as bar:
-        spectra = reader.all_spectra(capture.frames, band, bar.update)
+    spectra, band = _read_spectra(capture, binning)
     starts = find_objects(spectra, band)
     followed = follow_several(spectra, band, starts) if len(starts) > 1 else [follow(spectra, band, starts[0])]
     open_share, tracks = _open_share(capture, interval_s), []
@@ -264,7 +260,33 @@ def track(
     return replace(tracks[0], others=tuple(tracks[1:]))
 
 
+def _read_spectra(capture: Capture, binning: int) -> tuple[np.ndarray, Band]:
+    """Return the spectra of all frames, (frames, R, C), and their band. Raises InputError for frames that show no speckle, or one twice."""
+    rows, columns = capture.frames[0].shape
+    most = min(rows, columns) // MIN_SIDE
+    if not isinstance(binning, int) or not 1 <= binning <= most:
+        expected = f"a whole number from 1 to {most} for frames of {rows} x {columns} pixels"
+        raise InputError("binning", expected, binning, "bin less, or use larger frames")
+    reader = Reader((rows, columns), binning)
+    band = reader.band(capture.frames)
+    if band is None:
+        expected, remedy = "speckle that moves as a whole", "add light, or bin less"
+        raise InputError("frames", expected, "no speckle above the noise", remedy)
+    left = memory_bytes() - torch.get_num_threads() * band.signal.size * BYTES_PER_THREAD
+    largest = max(0, int(left / (band.signal.size * BYTES_PER_COEFFICIENT)))
+    if len(capture.frames) > largest:
+        raise InputError("frames", f"at most {largest} in this memory", len(capture.frames), "track them in parts")
+    with tqdm(total=len(capture.frames), desc="frames", unit="frame", disable=None, leave=False) as bar:
+        spectra = reader.all_spectra(capture.frames, band, bar.update)
+    for number, (one, later) in enumerate(pairwise(spectra), start=2):
+        if one.any() and np.array_equal(one, later):
+            raise InputError(
+                "frames", "frames of different times", f"frame {number} is a copy of the one before", "leave it out"
+            )
+    return spectra, band
+
+
 def _open_share(capture: Capture, interval_s: float | None) -> float:
     """Return the share of the interval between frames in which the shutter is open; 0 if it is unknown."""
-    exposure_s = capture.headers[0].exposure_s if capture.headers else capture.file_metadata.exposure_s
+    exposure_s = exposure_of(capture)
     return 0.0 if exposure_s is None or interval_s is None else min(exposure_s / interval_s, 1.0)

@@ -24,6 +24,9 @@ FILM_FILES = ("film.gif", "film.png", "film.csv", "film.json", "film.npy")
 SHEET_IMAGES = 12
 """Number of images on the contact sheet."""
 
+MIN_FRAME_MS, MAX_FRAME_MS = 20, 655_350
+"""Duration of a picture of a GIF: what viewers show, and what the format can hold."""
+
 FILM_S = 4.0
 """Duration of a film whose frames have no times."""
 
@@ -161,6 +164,6 @@ class Film:
             figure.savefig(stream, format="png", dpi=100)
             pictures.append(Image.open(stream).convert("L"))
         lasts_s = FILM_S if self.interval_s is None else float(np.ptp(self.middle_frame)) * self.interval_s
-        each_ms = max(20, round(1000.0 * max(lasts_s, 1.0) / len(pictures)))
+        each_ms = min(max(MIN_FRAME_MS, round(1000.0 * max(lasts_s, 1.0) / len(pictures))), MAX_FRAME_MS)
         with atomic(path) as partial:
             pictures[0].save(partial, format="GIF", save_all=True, append_images=pictures[1:], duration=each_ms, loop=0)

@@ -119,6 +119,8 @@ def _read(request: Request, source: Source) -> tuple[Capture, list[str]]:
     assert isinstance(prepared, Capture)
     if len(prepared.frames) < len(shown.frames):
         raise InputError("frames", "light in each frame of a film, whose times would be wrong", notes[0], "remove them")
+    if not any(np.any(frame) for frame in prepared.frames):
+        raise InputError("frames", "light in each frame of a film", "zeros", "use frames with light")
     return prepared, notes + describe_files(shown)
 
 

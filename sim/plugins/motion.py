@@ -12,6 +12,9 @@ from sim.trajectory import Trajectory, read_trajectory
 
 MOTION = ("velocity", "angular_velocity", "trajectory")
 
+MAX_TURN_DEG_S = 1e9
+"""Maximum rate of rotation; faster angles lose their digits."""
+
 
 def read_motion(plugin: str, props: mi.Properties) -> Trajectory:
     """Return the motion that a plugin's parameters describe. Raises InputError for numbers that are not finite and for a file that cannot
@@ -20,6 +23,10 @@ def read_motion(plugin: str, props: mi.Properties) -> Trajectory:
     if "trajectory" in props:
         listed = read_trajectory(str(mi.file_resolver().resolve(str(props["trajectory"]))), f"{plugin}.trajectory")
     velocity, turn = (_vector(plugin, name, props) for name in MOTION[:2])
+    if np.abs(turn).max() > MAX_TURN_DEG_S:
+        raise InputError(
+            f"{plugin}.angular_velocity", f"at most {MAX_TURN_DEG_S:g} degrees/s", turn.tolist(), "correct the value"
+        )
     return replace(listed, velocity_m_s=velocity, turn_deg_s=turn)
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 import correlograph as cg
 from invert.tracking.breaks import mend
 from invert.tracking.spectra import Reader
 from invert.tracking.start import Start
-from tests.invert.field.speckle import letter, travelling_frames
+from tests.invert.field.speckle import expected_frame, letter, travelling_frames
 
 STEP = np.array([2.0, -3.0])
 NUMBERS = np.arange(20)
@@ -68,3 +69,13 @@ def test_a_steady_path_stays_as_it_is(rng):
     band = reader.band(frames)
     start = Start(NUMBERS[:, None] * STEP, 100.0, 1.0)
     assert mend(reader.all_spectra(frames, band), band, start) is start
+
+
+def test_static_light_under_a_laser_that_moves_is_no_path(rng):
+    texture = np.clip(1.0 + 0.3 * gaussian_filter(rng.standard_normal((300, 340)), 3.0) / 0.094, 0.0, None)
+    frames = [
+        rng.poisson(0.3 * (expected_frame(letter(64, 28), (300, 340), 128, rng) + texture)).astype(np.float32)
+        for _ in range(12)
+    ]
+    with pytest.raises(cg.InputError, match="as a whole"):
+        cg.track(cg.Capture(frames))

@@ -114,9 +114,22 @@ def test_the_command_writes_path_and_velocity(lab, tmp_path):
 def test_impossible_arguments_are_refused(lab):
     capture, _, _ = moving(lab, np.random.default_rng(3), 0.3)
     angles = {"source_distance_m": 1.0, "source_angle_deg": (0.0, 85.0)}
-    for arguments in ({"source_distance_m": -1.0}, {"interval_s": 0.0}, {"source_distance_m": float("nan")}, angles):
+    alone = {"source_angle_deg": (0.0, 12.0)}
+    for arguments in ({"source_distance_m": -1.0}, {"interval_s": 0.0}, {"source_distance_m": float("nan")}, angles, alone):
         with pytest.raises(cg.InputError):
             track(capture, **arguments)
+    for binning in (0, 1.5, 100):
+        with pytest.raises(cg.InputError, match="binning: expected a whole number"):
+            track(capture, binning=binning)
+    with pytest.raises(cg.InputError, match="the exposure of the frames"):
+        track(capture, interval_s=1e-12)
+    frames = list(capture.frames)
+    for spoilt, message in (
+        ([*frames[:4], frames[3], *frames[4:]], "frame 5 is a copy"),
+        ([*frames, np.nan * frames[0]], "NaN"),
+    ):
+        with pytest.raises(cg.InputError, match=message):
+            track(cg.Capture(spoilt))
     with pytest.raises(cg.InputError, match="3 or more"):
         track(cg.Capture(capture.frames[:2]))
     with pytest.raises(cg.InputError, match="capture"):

@@ -101,6 +101,12 @@ def test_the_command_plans_a_moving_object(command, tmp_path):
     assert "--moving" in error
     code, _, error = command(main, "moving_letter", "--moving", "--fields-m", "1e-4")
     assert code == 2
+    code, _, error = command(main, "moving_letter", "--moving", "--budget-s", "0.5", "-D", "angular_velocity=0,0,50")
+    assert code == 2
+    assert "does not turn" in error
+    code, _, error = command(main, "moving_letter", "--moving", "--budget-s", "0.5", "-D", "velocity=0,0,1e-2")
+    assert code == 2
+    assert "across the line of sight" in error
 
 
 def test_scenes_at_rest_are_refused():

@@ -191,12 +191,21 @@ def test_turned_and_receding_samples_are_where_the_trajectory_says(still):
         ("time_s,x_m,y_m,z_m\n0,0,0\n", "finite"),
         ("time_s,x_m,y_m,z_m\n0,0,zero,0\n", "zero"),
         ("", "CSV"),
+        ("time_s,x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n0,0,0,0,0,0,0\n1,0,0,0,0,0,720\n", "half a turn"),
+        ("time_s,x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n0,0,0,0,0,0,1e300\n", "degrees"),
     ],
 )
 def test_malformed_lists_are_refused(tmp_path, text, message):
     (tmp_path / "path.csv").write_text(text)
     with pytest.raises(InputError, match=message):
         read_trajectory(tmp_path / "path.csv", "phase_screen.trajectory")
+
+
+def test_a_byte_order_mark_and_a_vector_beyond_half_a_turn_are_read(tmp_path):
+    text = "time_s,x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n0,0,0,0,0,0,170\n1,0,0,0,0,0,-170\n"
+    (tmp_path / "path.csv").write_text(text, encoding="utf-8-sig")
+    turn = read_trajectory(tmp_path / "path.csv", "phase_screen.trajectory").rotation(0.5)
+    assert np.degrees(turn.magnitude()) == pytest.approx(180.0)
 
 
 def test_an_object_that_reaches_the_wall_is_refused(still):

@@ -213,6 +213,15 @@ def test_the_command_writes_a_film(command, tmp_path, rng):
     assert names <= {path.name for path in (tmp_path / "out").iterdir()}
 
 
+def test_a_film_of_a_slow_camera_is_written(tmp_path):
+    """A frame in twenty minutes: a GIF holds at most eleven for a picture."""
+    film = cg.Film(
+        np.random.default_rng(1).random((2, 16, 16), np.float32), np.array([0.0, 9.0]), np.full(2, 0.9), 4, interval_s=1200.0
+    )
+    film.save(tmp_path)
+    assert Image.open(tmp_path / "film.gif").info["duration"] == 655_350
+
+
 def test_unsuitable_frames_and_options_are_refused(command, tmp_path, rng):
     frames = rng.poisson(2.0, (7, 300, 300)).astype(np.float32)
     with pytest.raises(InputError, match="8 or more for a film"):
@@ -221,6 +230,8 @@ def test_unsuitable_frames_and_options_are_refused(command, tmp_path, rng):
         cg.film(cg.Capture(list(rng.poisson(2.0, (8, 240, 240)).astype(np.float32))))
     with pytest.raises(InputError, match="times would be wrong"):
         cg.film([*(5.0 * expected_frame(letter(), (300, 300), 128, rng) for _ in range(9)), np.zeros((300, 300))])
+    with pytest.raises(InputError, match="found zeros"):
+        cg.film([np.zeros((300, 300))] * 9)
     with pytest.raises(InputError, match="auto, pooled or fixed"):
         cg.film(cg.Capture([*frames, *frames]), mean_model="published")
     with pytest.raises(InputError, match="an autocorrelation"):
