@@ -64,8 +64,11 @@ def draw(number: int) -> tuple[Geometry, dict[str, float], float, np.ndarray]:
 
 
 def measure(number: int) -> dict[str, Any]:
-    """Draw, render and track one scene."""
-    geometry, options, per_s, velocity = draw(number)
+    """Draw, render and track one scene; what cannot be built or tracked says why."""
+    try:
+        geometry, options, per_s, velocity = draw(number)
+    except cg.InputError as error:
+        return {"number": number, "impossible": str(error)}
     capture = render_geometry(geometry, FRAMES, number)
     try:
         found = cg.track(

@@ -219,7 +219,8 @@ def test_a_film_of_a_slow_camera_is_written(tmp_path):
         np.random.default_rng(1).random((2, 16, 16), np.float32), np.array([0.0, 9.0]), np.full(2, 0.9), 4, interval_s=1200.0
     )
     film.save(tmp_path)
-    assert Image.open(tmp_path / "film.gif").info["duration"] == 655_350
+    with Image.open(tmp_path / "film.gif") as gif:
+        assert gif.info["duration"] == 655_350
 
 
 def test_unsuitable_frames_and_options_are_refused(command, tmp_path, rng):
