@@ -31,8 +31,11 @@ MIN_LIKENESS = 0.6
 PAIRS = 48
 """Pairs of groups from which a likeness is measured."""
 
-MAX_FADING = 0.3
-"""Maximum of `Followed.fading`; it limits the correction for an open shutter to a tenth of the path."""
+MAX_FADING = 0.6
+"""Maximum of `Followed.fading`; it limits the correction for an open shutter to a quarter of the path."""
+
+SHUTTER_ERROR = 0.1
+"""Relative error of this correction, because the likeness is not quite a Gaussian."""
 
 WINDOW_ERROR = 0.35
 """Relative error of what the window draws paths by, where grains are large in a frame (docs/tracking.md, "Limits")."""
@@ -69,8 +72,12 @@ class Followed:
     def for_open_shutter(self, share: float) -> Followed:
         """Return the path for a shutter that is open for a share of the interval between frames. The end of one exposure is then closer to
         the beginning of the next than their middles are, and more alike, which draws displacements towards zero by the third of the fading.
+
+        The fading itself appears smaller by the same share, because likenesses are means over both exposures.
         """
-        return replace(self, path=self.path * (1.0 + min(self.fading, MAX_FADING) * share**2 / 3.0))
+        fading = min(self.fading, MAX_FADING)
+        longer = fading * (1.0 + fading * share**2 / 3.0) * share**2 / 3.0
+        return replace(self, path=self.path * (1.0 + longer), error=np.hypot(self.error, SHUTTER_ERROR * longer * self.path))
 
 
 def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:

@@ -13,6 +13,7 @@ pytest.importorskip("mitsuba")
 
 import correlograph as cg
 from invert.track import main
+from invert.tracking.follow import Followed
 from invert.tracking.track import Track, track
 from sim.rendering import render_geometry
 from tests.invert.field.speckle import letter, travelling_frames
@@ -149,6 +150,24 @@ def drifting(rng, path, light, shape=(300, 340)):
         frames.append(intensity[top : top + shape[0], left : left + shape[1]])
     frames = np.array(frames)
     return [rng.poisson(light * frame / frames.mean()).astype(np.float32) for frame in frames]
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0])
+@pytest.mark.parametrize("fading", [0.1, 0.3, 0.6])
+def test_an_open_shutter_is_corrected_as_the_integral_says(fading, share):
+    """Likenesses exp(-fading k^2) of all instants of two exposures: their mean, and the mean distance that they weight."""
+    apart = np.linspace(-1.0, 1.0, 2001)
+
+    def mean(values, distance):
+        return (values * (1.0 - np.abs(apart)) * np.exp(-fading * (distance + share * apart) ** 2)).mean()
+
+    alike = [mean(1.0, distance) for distance in (1.0, 2.0)]
+    shortened = mean(1.0 + share * apart, 1.0) / alike[0]
+    truth = np.arange(1.0, 4.0)[:, None] * np.array([3.0, -2.0])
+    seen = Followed(shortened * truth, np.zeros((3, 2)), 1, np.ones((1, 1)), fading=float(np.log(alike[0] / alike[1]) / 3.0))
+    corrected = seen.for_open_shutter(share)
+    np.testing.assert_allclose(corrected.path, truth, rtol=0.012)
+    np.testing.assert_array_less(np.abs(corrected.path - truth), corrected.error)
 
 
 def test_a_window_does_not_draw_paths_of_large_grains_towards_zero():
