@@ -210,11 +210,17 @@ def check_frames_in_memory(frames: Sequence[np.ndarray]) -> None:
         check_frame(np.asarray(frame), Path(f"frame {number}"))
 
 
-def check_frame(pixels: np.ndarray, file: Path) -> None:
-    """Refuse frames that cannot be speckle. Frames of zeros are legal, because a short exposure may be empty."""
+def check_finite(pixels: np.ndarray, file: Path) -> tuple[float, float]:
+    """Return the lowest and the highest pixel. Raises InputError for NaN and infinity."""
     lowest, highest = (float(pixels.min()), float(pixels.max())) if pixels.size else (0.0, 0.0)
     if not (math.isfinite(lowest) and math.isfinite(highest)):  # NaN anywhere makes both NaN
         raise InputError("frame", "finite pixels", f"NaN or infinity in {file.name}", "leave the frame out")
+    return lowest, highest
+
+
+def check_frame(pixels: np.ndarray, file: Path) -> None:
+    """Refuse frames that cannot be speckle. Frames of zeros are legal, because a short exposure may be empty."""
+    lowest, highest = check_finite(pixels, file)
     largest = max(abs(lowest), abs(highest))
     if largest > MAX_PIXEL or 0.0 < largest < MIN_PIXEL:
         raise InputError(

@@ -147,6 +147,28 @@ def correlate(cross: np.ndarray, band: Band, weight: Weight) -> tuple[np.ndarray
     return found, np.array(band.shape) / np.array(shape)
 
 
+def highest(cross: np.ndarray, band: Band, weight: Weight) -> tuple[np.ndarray, float]:
+    """Return the displacement (2,) of the maximum of the cross-correlation of one cross-spectrum (R, C), and its height."""
+    found, pitch = correlate(cross, band, weight)
+    exact, height = refine(cross[None], band, weight, fold(_highest_point(found) * pitch, band)[None])
+    return exact[0], float(height[0])
+
+
+def fold(pixels: np.ndarray, band: Band) -> np.ndarray:
+    """Return displacements (..., 2) within half a frame of zero, by whole sides."""
+    sides = np.array(band.shape)
+    return pixels - sides * np.round(pixels / sides)
+
+
+def overlap_share(pixels: np.ndarray, band: Band) -> np.ndarray:
+    """Return the share of a frame that overlaps with one at displacements (..., 2), (...)."""
+    return np.prod(np.maximum(1.0 - np.abs(pixels) / np.array(band.shape), 0.0), axis=-1)
+
+
+def _highest_point(found: np.ndarray) -> np.ndarray:
+    return np.array(np.unravel_index(int(found.argmax()), found.shape))
+
+
 def peaks(
     cross: np.ndarray, own: np.ndarray, band: Band, weight: Weight, deviation: float, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -165,9 +187,7 @@ def peaks(
     left, tried, highest = cross.copy(), 0, 0.0
     while len(heights) < most:
         found, pitch = correlate(left, band, weight)
-        place = np.array(np.unravel_index(int(found.argmax()), found.shape))
-        start = ((place + np.array(found.shape) // 2) % found.shape - np.array(found.shape) // 2) * pitch
-        exact, refined = refine(left[None], band, weight, start[None])
+        exact, refined = refine(left[None], band, weight, fold(_highest_point(found) * pitch, band)[None])
         height = max(float(refined[0]), float(found.max()))
         # Bright speckle that outlives a pair of frames makes the noise of a sum larger than that of independent pairs.
         deviation = max(deviation, float(np.median(np.abs(found[::4, ::4])) / 0.6745))

@@ -147,7 +147,7 @@ class Reader:
             regions, _ = label(np.roll(is_signal, len(rows) // 2, 0))
             if middle := regions[len(rows) // 2, 0]:
                 inside = np.roll(regions == middle, -(len(rows) // 2), 0) & ~is_slow
-                if inside.any():
+                if inside.any(1).sum() > 1 and inside.any(0).sum() > 1:
                     return self._crop(smooth - floor, inside, floor)
         return None
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from correlograph.errors import InputError
 from invert.tracking.parts import on_all_cores, sum_over_rows
-from invert.tracking.shifts import APART_GRAINS, MIN_SIGNIFICANCE, correlate, heights_at, peaks, weight_of
+from invert.tracking.shifts import APART_GRAINS, MIN_SIGNIFICANCE, correlate, heights_at, overlap_share, peaks, weight_of
 from invert.tracking.spectra import Band
 
 MAX_BLOCKS = 32
@@ -74,7 +74,7 @@ def share_along(spectra: np.ndarray, band: Band, path: np.ndarray, lag: int) -> 
         return heights_at(cross, band.part(rows), weight.part(rows), steps)
 
     alike = sum_over_rows(heights, spectra)
-    overlap = np.prod(1.0 - np.abs(steps) / np.array(band.shape), axis=1).mean()
+    overlap = overlap_share(steps, band).mean()
     return float(alike.mean() / (weight.full * max(overlap, 0.1)))
 
 
@@ -116,7 +116,7 @@ def paths_at(spectra: np.ndarray, band: Band, lag: int, length: int) -> tuple[li
         each = np.stack([np.interp(at, middles[known], steps[:, axis]) for axis in (0, 1)], 1) / lag
         path = np.concatenate([np.zeros((1, 2)), np.cumsum(each, 0)])
         used = sum(found[block][3] for block in known)
-        overlap = np.prod(1.0 - np.abs(lag * each) / np.array(band.shape), axis=1).mean()
+        overlap = overlap_share(lag * each, band).mean()
         share = heights.sum() / (used * weight.full * max(overlap, 0.1))
         starts.append(Start(path, float(clear.sum() / used**0.5), float(min(share, 1.0)), length, lag))
     return sorted(starts, key=lambda one: -one.share), bool(np.mean([len(places) > 0 for places, *_ in found]) > 0.9)

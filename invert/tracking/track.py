@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ from tqdm import tqdm
 from correlograph.errors import InputError, check_positive, memory_bytes
 from correlograph.files.capture import Capture
 from correlograph.files.figures import figure_as_html
-from invert.tracking.follow import follow
+from invert.tracking.breaks import follow_over_jumps
 from invert.tracking.joint import follow_several
 from invert.tracking.pursuit import find_objects
 from invert.tracking.spectra import Band, Reader
@@ -238,7 +239,7 @@ def track(
     lever = None if source_distance_m is None else metres_per_pixel(capture.camera, source_distance_m, source_angle_deg)
     spectra, band = _read_spectra(capture, binning)
     starts = find_objects(spectra, band)
-    followed = follow_several(spectra, band, starts) if len(starts) > 1 else [follow(spectra, band, starts[0])]
+    followed = follow_several(spectra, band, starts) if len(starts) > 1 else [follow_over_jumps(spectra, band, starts[0])]
     open_share, tracks = _open_share(capture, interval_s), []
     for start, one in zip(starts, followed, strict=True):
         opened = one.for_open_shutter(open_share)
@@ -264,7 +265,7 @@ def _read_spectra(capture: Capture, binning: int) -> tuple[np.ndarray, Band]:
     """Return the spectra of all frames, (frames, R, C), and their band. Raises InputError for frames that show no speckle, or one twice."""
     rows, columns = capture.frames[0].shape
     most = min(rows, columns) // MIN_SIDE
-    if not isinstance(binning, int) or not 1 <= binning <= most:
+    if not isinstance(binning, Integral) or not 1 <= binning <= most:
         expected = f"a whole number from 1 to {most} for frames of {rows} x {columns} pixels"
         raise InputError("binning", expected, binning, "bin less, or use larger frames")
     reader = Reader((rows, columns), binning)

@@ -63,6 +63,35 @@ def test_a_laser_that_moved_once_is_named(rng):
         cg.track(cg.Capture(frames))
 
 
+SMOOTH = np.arange(192)[:, None]
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        SMOOTH * np.array([0.3, -0.4]) + 8.0 * np.tanh((SMOOTH - 100) / 3.0) * np.array([1.0, 0.3]),
+        SMOOTH * np.array([0.3, -0.4]) + 5.0 * np.sin(2.0 * np.pi * SMOOTH / 16.0) * np.array([1.0, 0.3]),
+    ],
+    ids=["swerve", "vibration"],
+)
+def test_a_smooth_path_does_not_jump(path, rng):
+    """The approximate path of blocks of frames strays from these by grains."""
+    frames = travelling_frames(letter(64, 28), (200, 220), 128, rng, path, 60.0)
+    found = cg.track(cg.Capture([rng.poisson(0.3 * frame).astype(np.float32) for frame in frames]))
+    assert np.abs(found.path_pixels - (path - path[0])).max() < 1.0
+
+
+def test_a_fast_object_turns_back_in_dimmer_light(rng):
+    """Eighty rows a frame, then back: the jump from the path that goes on is more than half a frame. The light falls to half before."""
+    path = (14 - np.abs(NUMBERS - 14))[:, None] * np.array([80.0, 3.0])
+    frames = travelling_frames(letter(64, 28), (300, 340), 128, rng, path, 60.0)
+    light = np.where(NUMBERS < 10, 0.4, 0.2)
+    found = cg.track(
+        cg.Capture([rng.poisson(one * frame).astype(np.float32) for one, frame in zip(light, frames, strict=True)])
+    )
+    np.testing.assert_array_less(np.abs(found.path_pixels - path)[1:], 5.0 * found.error_pixels[1:])
+
+
 def test_a_steady_path_stays_as_it_is(rng):
     frames = frames_along(NUMBERS[:, None] * STEP, rng, 0.3)
     reader = Reader(frames[0].shape, 1)

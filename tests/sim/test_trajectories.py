@@ -201,7 +201,7 @@ def test_malformed_lists_are_refused(tmp_path, text, message):
         read_trajectory(tmp_path / "path.csv", "phase_screen.trajectory")
 
 
-def test_a_byte_order_mark_and_a_vector_beyond_half_a_turn_are_read(tmp_path):
+def test_a_byte_order_mark_and_a_vector_that_changes_sign_at_half_a_turn_are_read(tmp_path):
     text = "time_s,x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n0,0,0,0,0,0,170\n1,0,0,0,0,0,-170\n"
     (tmp_path / "path.csv").write_text(text, encoding="utf-8-sig")
     turn = read_trajectory(tmp_path / "path.csv", "phase_screen.trajectory").rotation(0.5)
