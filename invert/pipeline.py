@@ -17,6 +17,7 @@ from correlograph.files.corrections import Corrections
 from correlograph.workers import check_scheduler
 from invert.assess.frame_remarks import describe_frames
 from invert.assess.hypotheses import object_probability, weigh_hypotheses
+from invert.assess.motion_blur import doubt_motion
 from invert.assess.reliability import describe_limits, find_doubts, is_speckle, lower_confidence
 from invert.assess.speckle_test import speckle_test
 from invert.blur_fit import MAX_RECONSTRUCTIONS, estimate_blur, likelihood_before_division
@@ -99,6 +100,8 @@ def fulfil(request: Request, source: Source) -> Result:
     test = speckle_test(estimate, measurement, found.albedo) if found.object_found else None
     likelihood = partial(likelihood_before_division, estimate)
     doubts = find_doubts(found, test, likelihood, estimate.record)
+    if path is not None and found.object_found:
+        doubts += doubt_motion(path.path_pixels, estimate.record, measurement)
     hypotheses = weigh_hypotheses(measurement, estimate.record, test, None if path is None else path.significance)
     of_object = object_probability(hypotheses)
     found = lower_confidence(found, doubts, of_object)

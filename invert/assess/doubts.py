@@ -19,6 +19,7 @@ class DoubtKind(Enum):
     DIFFERENT_PARTS = "different parts"
     UNEXPLAINED_SIGNAL = "unexplained signal"
     UNLIKELY_SAMPLES = "unlikely samples"
+    MOTION_BLUR = "motion blur"
 
 
 FALSE_ALARMS_EACH = FALSE_ALARMS / len(DoubtKind)

@@ -54,7 +54,8 @@ def _describe_faults(record: EstimateRecord | None) -> list[str]:
         (bool(found.spectral_lines), f"{found.spectral_lines} periodic waves (fringes or lamp flicker) were subtracted"),
         (
             has_shifted(record),
-            f"the camera shifted by {shift[0]:.1f} rows and {shift[1]:.1f} columns between frames; fix its mount",
+            f"the camera shifted by {shift[0]:.1f} rows and {shift[1]:.1f} columns between frames, "
+            "or the laser was at rest while the object moved; fix its mount, or move the laser",
         ),
         (
             record.frames > 1 and pattern > MAX_PATTERN_FRACTION,

@@ -10,11 +10,13 @@ import pytest
 from scipy.stats import f as f_distribution
 from scipy.stats import norm
 
+import correlograph as cg
 from invert.assess.doubts import FALSE_ALARMS, FALSE_ALARMS_EACH, Doubt, DoubtKind
 from invert.assess.reliability import find_doubts, lower_confidence
 from invert.assess.speckle_test import SpeckleTest
 from invert.methods import Reconstruction
 from radiometry.estimation.excess_scatter import ExcessScatter
+from tests.invert.field.speckle import letter, travelling_frames
 
 SPECKLE = SpeckleTest(0.97, 0.05, 0.1, 0.36, 0.05, 0.3, 0.02, 0.12)
 FOUND = Reconstruction(np.ones((64, 64), np.float32), True, 0.9, None)
@@ -100,7 +102,7 @@ def test_missing_measurements_raise_no_doubt():
 def test_the_budget_is_divided_among_the_kinds():
     rates = [one.false_alarms for one in doubts_of(SPECKLE)]
     assert sum(rates) <= FALSE_ALARMS
-    assert len({one.kind for one in doubts_of(SPECKLE)}) == len(rates) == len(DoubtKind) - 1
+    assert len({one.kind for one in doubts_of(SPECKLE)}) == len(rates) == len(DoubtKind) - 2
 
 
 def test_doubts_survive_json():
@@ -108,3 +110,18 @@ def test_doubts_survive_json():
         written = json.loads(json.dumps(one.as_dict(), allow_nan=False))
         assert Doubt.from_dict(written) == one
         assert written["raised"] is one.is_raised
+
+
+@pytest.mark.parametrize(
+    ("step", "open_share", "is_blurred"), [((8.0, -12.0), 1.0, True), ((8.0, -12.0), 0.02, False), ((0.0, 0.0), 1.0, False)]
+)
+def test_motion_during_the_exposure_is_named(step, open_share, is_blurred, rng):
+    """Four instants of each exposure. Without the doubt, the confidence of the first image is 0.9 at a correlation of 0.5."""
+    instants = np.arange(16)[:, None] + open_share * (np.arange(4) + 0.5) / 4.0
+    path = instants.reshape(-1, 1) * np.array(step)
+    seen = np.array(travelling_frames(letter(64, 28), (300, 340), 128, rng, path, 240.0)).reshape(16, 4, 300, 340).mean(1)
+    frames = [rng.poisson(0.5 * frame).astype(np.float32) for frame in seen]
+    found = cg.reconstruct(cg.Capture(frames), quality="fast", patch=128, lags=63)
+    raised = [one.kind for one in found.doubts if one.is_raised]
+    assert (DoubtKind.MOTION_BLUR in raised) == is_blurred
+    assert found.confidence <= 0.5 or not is_blurred
