@@ -26,6 +26,9 @@ FRAMES_FOR_POWER = 32
 SMOOTHING = (9, 27, 81)
 """Sides of the window, in frequencies, over which the mean power spectrum is smoothed; the smallest that shows the speckle is used."""
 
+MAX_BRIGHTNESS = 3.0
+"""Light of a frame over the median beyond which it counts less: one bright frame would outweigh all others."""
+
 OUTER = 0.75
 """The noise floor is the median power beyond this fraction of the highest frequency."""
 
@@ -135,7 +138,8 @@ class Reader:
     def band(self, frames: Sequence[np.ndarray]) -> Band | None:
         """Return the band of the speckle, from the first frames; None if they show none."""
         first = range(min(len(frames), FRAMES_FOR_POWER))
-        power = np.mean(on_all_cores(lambda number: np.abs(self.whole(frames[number])) ** 2, first), 0, np.float64)
+        powers = np.array(on_all_cores(lambda number: np.abs(self.whole(frames[number])) ** 2, first))
+        power = np.average(powers, 0, moderated(powers) ** 2).astype(np.float64)
         rows, columns = np.fft.fftfreq(self.shape[0]), np.fft.rfftfreq(self.shape[1])
         radius = np.hypot(rows[:, None], columns[None]) / 0.5
         is_slow = np.hypot(rows[:, None] * self.shape[0], columns[None] * self.shape[1]) <= SLOW_PERIODS
@@ -173,4 +177,12 @@ class Reader:
             advance()
             return found
 
-        return np.stack(on_all_cores(read, range(len(frames))))
+        found = np.stack(on_all_cores(read, range(len(frames))))
+        found *= moderated(np.array([np.vdot(one, one).real for one in found]))[:, None, None]
+        return found
+
+
+def moderated(powers: np.ndarray) -> np.ndarray:
+    """Return factors (n,) for the spectra of frames with powers (n, ...) that limit each to `MAX_BRIGHTNESS` times the median light."""
+    light = np.sqrt(powers.reshape(len(powers), -1).sum(1, dtype=np.float64))
+    return np.minimum(1.0, MAX_BRIGHTNESS * np.median(light) / np.maximum(light, 1e-300)).astype(np.float32)

@@ -108,3 +108,11 @@ def test_static_light_under_a_laser_that_moves_is_no_path(rng):
     ]
     with pytest.raises(cg.InputError, match="as a whole"):
         cg.track(cg.Capture(frames))
+
+
+def test_one_bright_frame_hides_no_path(rng):
+    path = NUMBERS[:16, None] * STEP
+    frames = travelling_frames(letter(64, 28), (300, 340), 128, rng, path, 60.0)
+    frames[7] = 40.0 * frames[7]
+    found = cg.track(cg.Capture([rng.poisson(0.5 * frame).astype(np.float32) for frame in frames]))
+    assert np.abs(found.path_pixels - path).max() < 0.6
