@@ -67,12 +67,15 @@ class Rotation:
     def of(cls, turns: Turns, frames_per_angle: int, interval_s: float | None) -> Rotation:
         """Return the rotation from the turns of both halves of each group: means, and errors from the differences between the halves.
 
-        The illumination's speckle changes r*r at many lags at once, so that residuals within one group do not show its errors.
+        The illumination's speckle changes r*r at many lags at once, so that residuals within one group do not show its errors. What a
+        difference is expected to be follows from that of the halves around it, a third of it for any rate that changes uniformly.
         """
         halves = np.stack([np.degrees(turns.angle), -np.log(turns.scale)])
-        halves = halves[:, : halves.shape[1] // 2 * 2].reshape(2, -1, 2)
-        angle, distance = halves.mean(2) - halves.mean(2)[:, :1]
-        errors = np.diff(halves, axis=2)[..., 0].std(1, ddof=1) / np.sqrt(2.0)
+        halves = halves[:, : halves.shape[1] // 2 * 2]
+        means = halves.reshape(2, -1, 2).mean(2)
+        angle, distance = means - means[:, :1]
+        left = halves[:, 2:-1] - halves[:, 1:-2] - (halves[:, 3:] - halves[:, :-3]) / 3.0
+        errors = np.sqrt((left**2).mean(1) * 9.0 / 20.0)
         return cls(angle, np.exp(distance), float(errors[0]), float(errors[1]), frames_per_angle, interval_s)
 
     @property

@@ -80,6 +80,19 @@ def test_a_quarter_turn_is_followed_within_its_errors(light, rng):
     assert found.as_dict()["mean_rate_deg_per_s"] == pytest.approx(90.0 / 0.47, rel=0.05)
 
 
+@pytest.mark.parametrize(
+    "angles",
+    [0.5 * np.arange(16.0) ** 2, 4.0 * np.abs(np.arange(16.0) - 8.0), 20.0 * np.sin(np.arange(24.0) * np.pi / 6.0)],
+    ids=["faster", "back", "to and fro"],
+)
+def test_a_rate_that_changes_does_not_count_as_noise(angles, rng):
+    found = cg.track_rotation(cg.Capture(frames_of(angles, 1.0, rng)))
+    expected = np.interp(found.middle_frame, np.arange(len(angles)), angles)
+    left = found.angle_deg - expected
+    assert left.std() < 0.6
+    assert 0.3 < found.angle_error_deg / np.sqrt(2.0) / left.std() < 6.0
+
+
 @pytest.mark.slow
 def test_a_ring_shows_no_angle(rng):
     row, column = np.indices((64, 64)) - 31.5
