@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -208,6 +209,15 @@ def check_frames_in_memory(frames: Sequence[np.ndarray]) -> None:
     """Raise InputError for a frame without finite pixels; those of files are checked when they are read."""
     for number, frame in enumerate(() if isinstance(frames, FileFrames) else frames):
         check_frame(np.asarray(frame), Path(f"frame {number}"))
+
+
+def check_copies(frames: Iterable[np.ndarray]) -> None:
+    """Raise InputError if a frame, or its spectrum, is the same as the one before, as of a camera that stalls; frames of zeros may be."""
+    for number, (one, later) in enumerate(pairwise(frames), start=2):
+        if np.any(one) and np.array_equal(one, later):
+            raise InputError(
+                "frames", "frames of different times", f"frame {number} is a copy of the one before", "leave the copies out"
+            )
 
 
 def check_finite(pixels: np.ndarray, file: Path) -> tuple[float, float]:

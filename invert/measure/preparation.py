@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from correlograph.files.capture import Capture
+from correlograph.files.captured_frames import check_copies
 from correlograph.files.corrections import Corrections
 from correlograph.files.file_frames import FileFrames
 from radiometry.autocorrelation import automatic_patch_size
@@ -30,8 +31,10 @@ def prepare(capture: Capture, corrections: Corrections) -> tuple[Capture, list[s
     """Return the capture with corrected frames, and notes on what was found and done.
 
     An offset is estimated from the noise of the frames if there is no dark frame, and if it matters: for a flat-field frame, and for an
-    uneven illumination, which are ratios of light. Raises InputError for unsuitable correction files.
+    uneven illumination, which are ratios of light. Raises InputError for unsuitable correction files, and for copies of frames in memory.
     """
+    if not isinstance(capture.frames, FileFrames):
+        check_copies(capture.frames)
     capture, notes = leave_out_empty(capture)
     if corrections.dark is not None:
         return corrections.apply(capture), notes

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ from tqdm import tqdm
 
 from correlograph.errors import InputError, check_positive, memory_bytes
 from correlograph.files.capture import Capture
+from correlograph.files.captured_frames import check_copies
 from correlograph.files.figures import figure_as_html
 from invert.tracking.breaks import follow_over_jumps
 from invert.tracking.joint import follow_several
@@ -279,11 +279,7 @@ def _read_spectra(capture: Capture, binning: int) -> tuple[np.ndarray, Band]:
         raise InputError("frames", f"at most {largest} in this memory", len(capture.frames), "track them in parts")
     with tqdm(total=len(capture.frames), desc="frames", unit="frame", disable=None, leave=False) as bar:
         spectra = reader.all_spectra(capture.frames, band, bar.update)
-    for number, (one, later) in enumerate(pairwise(spectra), start=2):
-        if one.any() and np.array_equal(one, later):
-            raise InputError(
-                "frames", "frames of different times", f"frame {number} is a copy of the one before", "leave it out"
-            )
+    check_copies(spectra)
     return spectra, band
 
 
