@@ -1,7 +1,7 @@
-"""Where the speckle of an object jumps: frames are missing, something was pushed, or the object turned back.
+"""Jumps of a path: frames are missing, something was pushed, or the object turned back.
 
-An approximate path of blocks of frames goes on as if nothing had happened. Single frames tell of a jump first: `mend`. Where they are too
-dim, sums of frames on both sides of a boundary tell, moved back along the exact path: `follow_over_jumps`.
+An approximate path of blocks of frames goes on as if nothing had happened. `mend` finds jumps between single frames. Where these are too
+dim, `follow_over_jumps` compares sums of frames on both sides of a boundary, moved back along the exact path.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from invert.tracking.spectra import Band
 from invert.tracking.start import Start, share_along
 
 MAX_LOW, MIN_HIGH = 0.3, 0.6
-"""What frames have in common, over the usual, below which a jump is sought, and above which it is found. The interference of two objects
+"""Likeness of frames, over the usual one, below which a jump is sought, and above which it is found. The interference of two objects
 lowers it to any value, but is nowhere as high as the speckle of one."""
 
-USUAL, USUAL_SAMPLED = 0.9, 0.75
-"""Quantiles of what frames have in common that count as usual: at all boundaries, and wherever most is at `SAMPLED` of them."""
+USUAL, USUAL_OF_SOME = 0.9, 0.75
+"""Quantiles of the likeness that count as usual: along the path at all boundaries, and at the best displacement at some of them."""
 
-SAMPLED = 16
-"""Number of boundaries that tell what frames have in common where the path may jump at most of them."""
+BOUNDARIES_FOR_USUAL = 16
+"""Number of these boundaries. They tell the usual likeness where the path jumps at most boundaries."""
 
-SURE = 1.5
+JUMP_FACTOR = 1.5
 """Factor between `MIN_SIGNIFICANCE` and that of a jump: the speckle of other frames in a sum is noise, too."""
 
 NOTHING = 0.05
-"""What frames have in common, over the usual, below which it is nothing."""
+"""Likeness over the usual one below which frames have nothing in common."""
 
 GROUPS = (4, 16)
 """Numbers of frames on each side of a boundary that are added where single ones are too dim."""
@@ -50,7 +50,7 @@ ROUNDS = 3
 
 
 class Boundaries(NamedTuple):
-    """What the frames before and after each boundary have in common along a path.
+    """Likeness of the frames before and after each boundary along a path.
 
     Attributes:
         group: number of frames on each side.
@@ -98,7 +98,7 @@ def follow_over_jumps(spectra: np.ndarray, band: Band, start: Start) -> Followed
 
 
 def _boundaries(spectra: np.ndarray, band: Band, path: np.ndarray, group: int) -> Boundaries:
-    """Return what the `group` frames before and after each boundary have in common along a path."""
+    """Return the likeness of the `group` frames before and after each boundary along a path."""
     weight = weight_of(band, 0.0)
 
     def measure(rows: slice) -> np.ndarray:
@@ -121,7 +121,7 @@ def _boundaries(spectra: np.ndarray, band: Band, path: np.ndarray, group: int) -
 
 
 def _jumps(spectra: np.ndarray, band: Band, path: np.ndarray, at_path: Boundaries) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the boundaries (k,) at which a path jumps, the jumps (k, 2), and what the frames then have in common, (k,)."""
+    """Return the boundaries (k,) at which a path jumps, the jumps (k, 2), and the likeness of the frames with them, (k,)."""
     weight, steps, group = weight_of(band, 0.0), np.diff(path, axis=0), at_path.group
 
     def search(boundary: int) -> np.ndarray:
@@ -139,12 +139,12 @@ def _jumps(spectra: np.ndarray, band: Band, path: np.ndarray, at_path: Boundarie
     def look(boundaries: np.ndarray) -> np.ndarray:
         return np.array(on_all_cores(search, boundaries)).reshape(-1, 4)
 
-    some = np.unique(np.linspace(0, len(steps) - 1, SAMPLED).astype(int))
+    some = np.unique(np.linspace(0, len(steps) - 1, BOUNDARIES_FOR_USUAL).astype(int))
     most = np.maximum(at_path.alike[some], look(some)[:, 2])
-    usual = max(np.quantile(at_path.alike, USUAL), np.quantile(most, USUAL_SAMPLED))
+    usual = max(np.quantile(at_path.alike, USUAL), np.quantile(most, USUAL_OF_SOME))
     low = np.flatnonzero(at_path.alike < MAX_LOW * usual)
     found = look(low)
-    is_jump = (found[:, 2] > MIN_HIGH * usual) & (found[:, 3] > SURE * MIN_SIGNIFICANCE)
+    is_jump = (found[:, 2] > MIN_HIGH * usual) & (found[:, 3] > JUMP_FACTOR * MIN_SIGNIFICANCE)
     return low[is_jump], found[is_jump, :2], found[is_jump, 2]
 
 
@@ -167,7 +167,7 @@ def _separate(where: np.ndarray, heights: np.ndarray, group: int) -> np.ndarray:
 def _check_continuity(at_path: Boundaries) -> None:
     """Raise InputError if frames share nothing across a boundary, while those on each side of it do."""
     group, clear = at_path.group, MIN_HIGH * np.quantile(at_path.alike, USUAL)
-    if clear * np.median(at_path.scale) < SURE * MIN_SIGNIFICANCE:
+    if clear * np.median(at_path.scale) < JUMP_FACTOR * MIN_SIGNIFICANCE:
         return
     inside = np.abs(at_path.alike[group:-group])
     is_broken = (inside < NOTHING * clear) & (at_path.alike[: -2 * group] > clear) & (at_path.alike[2 * group :] > clear)

@@ -139,7 +139,7 @@ class Reader:
         """Return the band of the speckle, from the first frames; None if they show none."""
         first = range(min(len(frames), FRAMES_FOR_POWER))
         powers = np.array(on_all_cores(lambda number: np.abs(self.whole(frames[number])) ** 2, first))
-        power = np.average(powers, 0, moderated(powers) ** 2).astype(np.float64)
+        power = np.average(powers, 0, brightness_limits(powers) ** 2).astype(np.float64)
         rows, columns = np.fft.fftfreq(self.shape[0]), np.fft.rfftfreq(self.shape[1])
         radius = np.hypot(rows[:, None], columns[None]) / 0.5
         is_slow = np.hypot(rows[:, None] * self.shape[0], columns[None] * self.shape[1]) <= SLOW_PERIODS
@@ -178,11 +178,11 @@ class Reader:
             return found
 
         found = np.stack(on_all_cores(read, range(len(frames))))
-        found *= moderated(np.array([np.vdot(one, one).real for one in found]))[:, None, None]
+        found *= brightness_limits(np.array([np.vdot(one, one).real for one in found]))[:, None, None]
         return found
 
 
-def moderated(powers: np.ndarray) -> np.ndarray:
+def brightness_limits(powers: np.ndarray) -> np.ndarray:
     """Return factors (n,) for the spectra of frames with powers (n, ...) that limit each to `MAX_BRIGHTNESS` times the median light."""
     light = np.sqrt(powers.reshape(len(powers), -1).sum(1, dtype=np.float64))
     return np.minimum(1.0, MAX_BRIGHTNESS * np.median(light) / np.maximum(light, 1e-300)).astype(np.float32)

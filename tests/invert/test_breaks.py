@@ -46,7 +46,7 @@ def test_a_jump_is_found_where_single_frames_are_too_dim(rng):
     assert np.abs(found.path_pixels[-1] - path[-1]).max() < 6.0
 
 
-def test_a_dark_frame_is_no_jump_and_hides_none(rng):
+def test_a_dark_frame_neither_is_nor_hides_a_jump(rng):
     path = NUMBERS[:, None] * STEP
     for jump in (np.zeros(2), np.array([25.0, 0.0])):
         moved = path + (NUMBERS >= 12)[:, None] * jump
