@@ -18,7 +18,6 @@ from invert.tracking.shifts import (
     APART_GRAINS,
     MIN_SIGNIFICANCE,
     fold,
-    heights_at,
     highest,
     move_back,
     overlap_share,
@@ -62,13 +61,28 @@ class Boundaries(NamedTuple):
     alike: np.ndarray
     scale: np.ndarray
 
+    @property
+    def usual(self) -> float:
+        """Likeness at nearly all boundaries."""
+        return float(np.quantile(self.alike, USUAL))
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether most boundaries would show that it is missing."""
+        return MIN_HIGH * self.usual * float(np.median(self.scale)) > JUMP_FACTOR * MIN_SIGNIFICANCE
+
+    @property
+    def is_continuous(self) -> bool:
+        """Whether it is clearly there at all boundaries."""
+        return self.is_clear and float(self.alike.min()) >= MAX_LOW * self.usual
+
 
 def mend(spectra: np.ndarray, band: Band, start: Start) -> Start:
     """Return an object with the jumps of its path from one frame to the next, from spectra (frames, R, C)."""
     at_path = _boundaries(spectra, band, start.path, 1)
     where, jumps, _ = _jumps(spectra, band, start.path, at_path)
     if not len(where):
-        return start
+        return replace(start, is_continuous=at_path.is_continuous)
     path = _jump(start.path, where, jumps)
     share = min(1.0, share_along(spectra, band, path, 1))
     weight = weight_of(band, 0.0)
@@ -82,7 +96,9 @@ def follow_over_jumps(spectra: np.ndarray, band: Band, start: Start) -> Followed
     Raises InputError if clear frames on both sides of a boundary have nothing in common.
     """
     found = follow(spectra, band, start)
-    for group in (one for one in GROUPS if found.significance and 4 * one <= len(spectra)):
+    if start.is_continuous or not found.significance:
+        return found
+    for group in (one for one in GROUPS if 4 * one <= len(spectra)):
         for _ in range(ROUNDS):
             at_path = _boundaries(spectra, band, found.path, group)
             where, jumps, heights = _jumps(spectra, band, found.path, at_path)
@@ -90,10 +106,12 @@ def follow_over_jumps(spectra: np.ndarray, band: Band, start: Start) -> Followed
             far = np.linalg.norm(jumps, axis=1) > APART_GRAINS * band.grain_pixels
             chosen = _separate(where[far], heights[far], group)
             if not len(chosen):
-                _check_continuity(at_path)
                 break
             path = _jump(found.path, where[far][chosen], jumps[far][chosen])
             found = follow(spectra, band, replace(start, path=path))
+        if at_path.is_clear:
+            _check_continuity(at_path)
+            break
     return found
 
 
@@ -102,11 +120,11 @@ def _boundaries(spectra: np.ndarray, band: Band, path: np.ndarray, group: int) -
     weight = weight_of(band, 0.0)
 
     def measure(rows: slice) -> np.ndarray:
-        part, values = band.part(rows), weight.part(rows)
+        part, values = band.part(rows), weight.values[rows].astype(np.float32)
         before, after = _sums(move_back(spectra[:, rows], part, path), group)
-        heights = heights_at(before.conj() * after, part, values, np.zeros((len(before), 2)))
-        power = np.abs(spectra[:, rows]) ** 2 - part.floor
-        return np.concatenate([heights, (power * values.values).sum((1, 2))])
+        heights = np.vecdot(before * values, after).real.sum(1)
+        power = np.vecdot(spectra[:, rows] * values, spectra[:, rows]).real.sum(1) - (values * part.floor).sum()
+        return np.concatenate([heights, power]).astype(np.float64)
 
     found = sum_over_rows(measure, spectra)
     heights, power = found[: len(path) - 1], found[len(path) - 1 :]
@@ -139,9 +157,12 @@ def _jumps(spectra: np.ndarray, band: Band, path: np.ndarray, at_path: Boundarie
     def look(boundaries: np.ndarray) -> np.ndarray:
         return np.array(on_all_cores(search, boundaries)).reshape(-1, 4)
 
+    usual = at_path.usual
+    if at_path.is_continuous:
+        return np.zeros(0, int), np.zeros((0, 2)), np.zeros(0)
     some = np.unique(np.linspace(0, len(steps) - 1, BOUNDARIES_FOR_USUAL).astype(int))
     most = np.maximum(at_path.alike[some], look(some)[:, 2])
-    usual = max(np.quantile(at_path.alike, USUAL), np.quantile(most, USUAL_OF_SOME))
+    usual = max(usual, np.quantile(most, USUAL_OF_SOME))
     low = np.flatnonzero(at_path.alike < MAX_LOW * usual)
     found = look(low)
     is_jump = (found[:, 2] > MIN_HIGH * usual) & (found[:, 3] > JUMP_FACTOR * MIN_SIGNIFICANCE)
@@ -166,9 +187,7 @@ def _separate(where: np.ndarray, heights: np.ndarray, group: int) -> np.ndarray:
 
 def _check_continuity(at_path: Boundaries) -> None:
     """Raise InputError if frames share nothing across a boundary, while those on each side of it do."""
-    group, clear = at_path.group, MIN_HIGH * np.quantile(at_path.alike, USUAL)
-    if clear * np.median(at_path.scale) < JUMP_FACTOR * MIN_SIGNIFICANCE:
-        return
+    group, clear = at_path.group, MIN_HIGH * at_path.usual
     inside = np.abs(at_path.alike[group:-group])
     is_broken = (inside < NOTHING * clear) & (at_path.alike[: -2 * group] > clear) & (at_path.alike[2 * group :] > clear)
     if is_broken.any():

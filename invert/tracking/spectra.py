@@ -139,7 +139,7 @@ class Reader:
         """Return the band of the speckle, from the first frames; None if they show none."""
         first = range(min(len(frames), FRAMES_FOR_POWER))
         powers = np.array(on_all_cores(lambda number: np.abs(self.whole(frames[number])) ** 2, first))
-        power = np.average(powers, 0, brightness_limits(powers) ** 2).astype(np.float64)
+        power = np.tensordot(brightness_limits(powers) ** 2, powers, 1).astype(np.float64) / len(powers)
         rows, columns = np.fft.fftfreq(self.shape[0]), np.fft.rfftfreq(self.shape[1])
         radius = np.hypot(rows[:, None], columns[None]) / 0.5
         is_slow = np.hypot(rows[:, None] * self.shape[0], columns[None] * self.shape[1]) <= SLOW_PERIODS
@@ -178,8 +178,8 @@ class Reader:
             return found
 
         found = np.stack(on_all_cores(read, range(len(frames))))
-        found *= brightness_limits(np.array([np.vdot(one, one).real for one in found]))[:, None, None]
-        return found
+        limits = brightness_limits(np.array([np.vdot(one, one).real for one in found]))
+        return found if limits.min() == 1.0 else found * limits[:, None, None]
 
 
 def brightness_limits(powers: np.ndarray) -> np.ndarray:

@@ -32,6 +32,7 @@ class Start:
         share: share of the power of the speckle that frames `lag` apart have in common by it.
         frames_per_block: number of frames in the blocks from which the path was found.
         lag: distance of the frames by whose displacement it was found.
+        is_continuous: whether single frames show that the path does not jump.
         jumps: number of frames at which the path does not go on as the motion of most frames would.
     """
 
@@ -40,6 +41,7 @@ class Start:
     share: float
     frames_per_block: int = 1
     lag: int = 1
+    is_continuous: bool = False
     jumps: int = 0
 
 

@@ -97,7 +97,10 @@ def test_a_steady_path_stays_as_it_is(rng):
     reader = Reader(frames[0].shape, 1)
     band = reader.band(frames)
     start = Start(NUMBERS[:, None] * STEP, 100.0, 1.0)
-    assert mend(reader.all_spectra(frames, band), band, start) is start
+    found = mend(reader.all_spectra(frames, band), band, start)
+    assert found.path is start.path
+    assert found.is_continuous
+    assert found.jumps == 0
 
 
 def test_static_light_under_a_laser_that_moves_is_no_path(rng):
