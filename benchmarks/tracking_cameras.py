@@ -99,9 +99,11 @@ def main(argv: Sequence[str] | None = None) -> None:
         row = measure(number)
         deviations += row.get("standard_errors", [])
         print(json.dumps(row), flush=True)
-    print(
-        f"rms deviation {np.sqrt(np.mean(np.square(deviations))):.2f} standard errors, largest {np.abs(deviations).max():.2f}"
-    )
+    print(f"{len(deviations) // 2} of {options.count} scenes tracked")
+    if deviations:
+        print(
+            f"rms deviation {np.sqrt(np.mean(np.square(deviations))):.2f} standard errors, largest {np.abs(deviations).max():.2f}"
+        )
 
 
 if __name__ == "__main__":

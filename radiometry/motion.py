@@ -26,6 +26,9 @@ _FINER = 128
 _LAST_RING = 40.0
 """Argument of the Airy pattern beyond which the correlation, below 1e-4, counts as zero."""
 
+MAX_TURNS = 0.25
+"""Turns of the fringes of opposite edges of the object within one exposure, at most. They lose a fifth of their power."""
+
 
 @dataclass(frozen=True)
 class Motion:

@@ -14,12 +14,9 @@ from typing import Any
 import numpy as np
 
 from correlograph.errors import InputError, check_positive
-from radiometry.motion import Motion
+from radiometry.motion import MAX_TURNS, Motion
 from radiometry.noise.predicted_floor import estimate_error
 from radiometry.prediction import Prediction, predict
-
-MAX_TURNS = 0.25
-"""Turns of the fringes of opposite edges of the object within one exposure, at most. They lose a fifth of their power."""
 
 MIN_GROUPS = 2
 """Minimum number of groups in which frames are added."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -205,10 +205,10 @@ def printable(name: str) -> str:
     return name.encode("utf-8", "replace").decode()
 
 
-def check_frames_in_memory(frames: Sequence[np.ndarray]) -> None:
-    """Raise InputError for a frame without finite pixels; those of files are checked when they are read."""
+def check_frames_in_memory(frames: Sequence[np.ndarray], check: Callable[[np.ndarray, Path], object] | None = None) -> None:
+    """Raise InputError for a frame that fails a check, `check_frame` by default; those of files are checked when they are read."""
     for number, frame in enumerate(() if isinstance(frames, FileFrames) else frames):
-        check_frame(np.asarray(frame), Path(f"frame {number}"))
+        (check or check_frame)(np.asarray(frame), Path(f"frame {number}"))
 
 
 def check_copies(frames: Iterable[np.ndarray]) -> None:

@@ -9,13 +9,11 @@ from invert.assess.doubts import FALSE_ALARMS_EACH, Doubt, DoubtKind
 from invert.measure.estimate import EstimateRecord
 from invert.measure.patch_fit import signal_extent_lags
 from invert.measure.spectrum import Measurement
+from radiometry.motion import MAX_TURNS
 
 MIN_SQUARED_CONTRAST = 0.4
 """Squared contrast of the speckle of a moving object below which its image may be wrong; two polarisations leave a half. Evidence:
 docs/cameras.md."""
-
-MAX_TURNS = 0.25
-"""Periods by which the fringes of opposite edges of the object move from frame to frame, up to which no shutter blurs them."""
 
 
 def doubt_motion(path_pixels: np.ndarray, record: EstimateRecord | None, measurement: Measurement) -> tuple[Doubt, ...]:
@@ -28,7 +26,7 @@ def doubt_motion(path_pixels: np.ndarray, record: EstimateRecord | None, measure
         return ()
     way = np.abs(np.diff(path_pixels, axis=0)).mean(0)
     turns = float((way * signal_extent_lags(measurement) / np.array(record.grid.patch_shape)).sum())
-    if turns <= MAX_TURNS:
+    if turns <= MAX_TURNS:  # no shutter blurs them
         return ()
     square, width = record.contrast.square, float(norm.isf(FALSE_ALARMS_EACH)) * record.contrast.error
     rows, columns = way

@@ -52,8 +52,12 @@ def find_doubts(
 def lower_confidence(found: Reconstruction, doubts: tuple[Doubt, ...], of_object: float = 1.0) -> Reconstruction:
     """Return the reconstruction with a confidence of at most `MAX_UNVERIFIED_CONFIDENCE` if a doubt is raised, and at most the probability
     that the frames show an object."""
-    is_doubtful = any(one.is_raised for one in doubts)
-    return replace(found, confidence=min(found.confidence, of_object, MAX_UNVERIFIED_CONFIDENCE if is_doubtful else 1.0))
+    return replace(found, confidence=min(found.confidence, of_object, confidence_limit(doubts)))
+
+
+def confidence_limit(doubts: tuple[Doubt, ...]) -> float:
+    """Return the highest confidence beside doubts, raised or not."""
+    return MAX_UNVERIFIED_CONFIDENCE if any(one.is_raised for one in doubts) else 1.0
 
 
 def describe_limits(found: Reconstruction, measurement: Measurement, of_object: float) -> list[str]:

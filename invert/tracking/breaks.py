@@ -68,21 +68,23 @@ class Boundaries(NamedTuple):
 
     @property
     def is_clear(self) -> bool:
-        """Whether most boundaries would show that it is missing."""
+        """Whether most boundaries would show a jump."""
         return MIN_HIGH * self.usual * float(np.median(self.scale)) > JUMP_FACTOR * MIN_SIGNIFICANCE
 
     @property
     def is_continuous(self) -> bool:
-        """Whether it is clearly there at all boundaries."""
+        """Whether no boundary shows a jump, although most would."""
         return self.is_clear and float(self.alike.min()) >= MAX_LOW * self.usual
 
 
 def mend(spectra: np.ndarray, band: Band, start: Start) -> Start:
     """Return an object with the jumps of its path from one frame to the next, from spectra (frames, R, C)."""
     at_path = _boundaries(spectra, band, start.path, 1)
+    if at_path.is_continuous:
+        return replace(start, is_continuous=True)
     where, jumps, _ = _jumps(spectra, band, start.path, at_path)
     if not len(where):
-        return replace(start, is_continuous=at_path.is_continuous)
+        return start
     path = _jump(start.path, where, jumps)
     share = min(1.0, share_along(spectra, band, path, 1))
     weight = weight_of(band, 0.0)
@@ -101,6 +103,8 @@ def follow_over_jumps(spectra: np.ndarray, band: Band, start: Start) -> Followed
     for group in (one for one in GROUPS if 4 * one <= len(spectra)):
         for _ in range(ROUNDS):
             at_path = _boundaries(spectra, band, found.path, group)
+            if at_path.is_continuous:
+                break
             where, jumps, heights = _jumps(spectra, band, found.path, at_path)
             # An exact path strays by less, and a jump is seen at boundaries beside its own, too.
             far = np.linalg.norm(jumps, axis=1) > APART_GRAINS * band.grain_pixels
@@ -157,12 +161,9 @@ def _jumps(spectra: np.ndarray, band: Band, path: np.ndarray, at_path: Boundarie
     def look(boundaries: np.ndarray) -> np.ndarray:
         return np.array(on_all_cores(search, boundaries)).reshape(-1, 4)
 
-    usual = at_path.usual
-    if at_path.is_continuous:
-        return np.zeros(0, int), np.zeros((0, 2)), np.zeros(0)
     some = np.unique(np.linspace(0, len(steps) - 1, BOUNDARIES_FOR_USUAL).astype(int))
     most = np.maximum(at_path.alike[some], look(some)[:, 2])
-    usual = max(usual, np.quantile(most, USUAL_OF_SOME))
+    usual = max(at_path.usual, np.quantile(most, USUAL_OF_SOME))
     low = np.flatnonzero(at_path.alike < MAX_LOW * usual)
     found = look(low)
     is_jump = (found[:, 2] > MIN_HIGH * usual) & (found[:, 3] > JUMP_FACTOR * MIN_SIGNIFICANCE)

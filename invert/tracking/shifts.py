@@ -149,9 +149,7 @@ def correlate(cross: np.ndarray, band: Band, weight: Weight) -> tuple[np.ndarray
 
 def highest(cross: np.ndarray, band: Band, weight: Weight) -> tuple[np.ndarray, float]:
     """Return the displacement (2,) of the maximum of the cross-correlation of one cross-spectrum (R, C), and its height."""
-    found, pitch = correlate(cross, band, weight)
-    exact, height = refine(cross[None], band, weight, fold(_highest_point(found) * pitch, band)[None])
-    return exact[0], float(height[0])
+    return _refine_highest(*correlate(cross, band, weight), cross, band, weight)
 
 
 def fold(pixels: np.ndarray, band: Band) -> np.ndarray:
@@ -165,8 +163,13 @@ def overlap_share(pixels: np.ndarray, band: Band) -> np.ndarray:
     return np.prod(np.maximum(1.0 - np.abs(pixels) / np.array(band.shape), 0.0), axis=-1)
 
 
-def _highest_point(found: np.ndarray) -> np.ndarray:
-    return np.array(np.unravel_index(int(found.argmax()), found.shape))
+def _refine_highest(
+    found: np.ndarray, pitch: np.ndarray, cross: np.ndarray, band: Band, weight: Weight
+) -> tuple[np.ndarray, float]:
+    """Return the same from the cross-correlation on a coarse grid of a pitch in pixels."""
+    point = np.array(np.unravel_index(int(found.argmax()), found.shape))
+    exact, height = refine(cross[None], band, weight, fold(point * pitch, band)[None])
+    return exact[0], float(height[0])
 
 
 def peaks(
@@ -184,23 +187,23 @@ def peaks(
     """
     full = max(float((weight.values * own).sum()), 1e-300)
     places, heights, significance = np.zeros((0, 2)), [], []
-    left, tried, highest = cross.copy(), 0, 0.0
+    left, tried, largest = cross.copy(), 0, 0.0
     while len(heights) < most:
         found, pitch = correlate(left, band, weight)
-        exact, refined = refine(left[None], band, weight, fold(_highest_point(found) * pitch, band)[None])
-        height = max(float(refined[0]), float(found.max()))
+        exact, height = _refine_highest(found, pitch, left, band, weight)
+        height = max(height, float(found.max()))
         # Bright speckle that outlives a pair of frames makes the noise of a sum larger than that of independent pairs.
         deviation = max(deviation, float(np.median(np.abs(found[::4, ::4])) / 0.6745))
-        highest = max(height, highest)
-        if height < max(MIN_SIGNIFICANCE * deviation, MIN_RELATIVE_HEIGHT * highest):
+        largest = max(height, largest)
+        if height < max(MIN_SIGNIFICANCE * deviation, MIN_RELATIVE_HEIGHT * largest):
             break
         if len(places) == 0 or np.linalg.norm(places - exact, axis=1).min() > APART_GRAINS * band.grain_pixels:
-            places = np.concatenate([places, exact])
+            places = np.concatenate([places, exact[None]])
             heights.append(height)
             significance.append(height / deviation)
         elif (tried := tried + 1) > 1:
             break
-        left = left - move_back(min(height / full, 1.0) * own[None].astype(np.complex64), band, -exact)[0]
+        left = left - move_back(min(height / full, 1.0) * own[None].astype(np.complex64), band, -exact[None])[0]
     return places, np.array(heights), np.array(significance)
 
 

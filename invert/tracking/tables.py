@@ -9,9 +9,7 @@ import numpy as np
 
 from correlograph.errors import InputError, check_positive
 from correlograph.files.capture import Capture
-from correlograph.files.captured_frames import check_finite
 from correlograph.files.figures import save_figure
-from correlograph.files.file_frames import FileFrames
 from correlograph.files.output import atomic, output_folder, save_json, sole_writer
 
 if TYPE_CHECKING:
@@ -27,8 +25,6 @@ def check_frames(capture: Capture, interval_s: float | None, least: int, purpose
         raise InputError("capture", "a Capture", f"{capture!r:.60}", "load it with correlograph.Capture.load")
     if len(capture.frames) < least:
         raise InputError("frames", f"{least} or more for a {purpose}", len(capture.frames), "provide more frames")
-    for number, frame in enumerate(() if isinstance(capture.frames, FileFrames) else capture.frames):
-        check_finite(np.asarray(frame), Path(f"frame {number}"))
     exposure_s = exposure_of(capture)
     if interval_s is not None and exposure_s is not None and interval_s < 0.99 * exposure_s:
         expected = f"at least {exposure_s:g} s, the exposure of the frames"

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from correlograph.errors import InputError, check_positive, memory_bytes
 from correlograph.files.capture import Capture
-from correlograph.files.captured_frames import check_copies
+from correlograph.files.captured_frames import check_copies, check_finite, check_frames_in_memory
 from correlograph.files.figures import figure_as_html
 from invert.tracking.breaks import follow_over_jumps
 from invert.tracking.joint import follow_several
@@ -262,12 +262,14 @@ def track(
 
 
 def _read_spectra(capture: Capture, binning: int) -> tuple[np.ndarray, Band]:
-    """Return the spectra of all frames, (frames, R, C), and their band. Raises InputError for frames that show no speckle, or one twice."""
+    """Return the spectra of all frames, (frames, R, C), and their band. Raises InputError for frames that are not finite, show no speckle,
+    or are copies."""
     rows, columns = capture.frames[0].shape
     most = min(rows, columns) // MIN_SIDE
     if not isinstance(binning, Integral) or not 1 <= binning <= most:
         expected = f"a whole number from 1 to {most} for frames of {rows} x {columns} pixels"
         raise InputError("binning", expected, binning, "bin less, or use larger frames")
+    check_frames_in_memory(capture.frames, check_finite)
     reader = Reader((rows, columns), binning)
     band = reader.band(capture.frames)
     if band is None:

@@ -13,7 +13,7 @@ from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.captured_frames import describe_files
 from invert.assess.doubts import Doubt
 from invert.assess.motion_blur import doubt_motion
-from invert.assess.reliability import MAX_UNVERIFIED_CONFIDENCE
+from invert.assess.reliability import confidence_limit
 from invert.measure.estimate import Estimate
 from invert.measure.spectrum import read_measurement
 from invert.output.result import Result
@@ -76,21 +76,19 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
         frames = min(2 * still.half_width + 1, still.frames)
     else:
         images, numbers = _at_their_angles(found, looks, numbers, moves=path is not None)
-    side, blur = len(images[0]), [] if path is None else [one for one in _doubt(path, whole) if one.is_raised]
+    side, doubts = len(images[0]), () if path is None else _doubt(path, whole)
     pooled = frames * len(capture.frames) / len(looks.values)
-    warnings = [warning for one in found for warning in one.warnings]
+    warnings = [one.advice for one in doubts if one.is_raised] + [warning for one in found for warning in one.warnings]
     return Film(
         albedos=np.stack(images),
         middle_frame=followed.middle_frame[numbers],
-        confidence=np.resize([_confidence(one) for one in found], len(images)).clip(
-            max=MAX_UNVERIFIED_CONFIDENCE if blur else None
-        ),
+        confidence=np.resize([min(_confidence(one), confidence_limit(doubts)) for one in found], len(images)),
         frames_per_image=round(pooled),
         angle_deg=looks.turns[numbers] if looks.turns.any() else None,
         path=path,
         pitches_m=_pitches_m(looks, side),
         interval_s=interval_s,
-        notes=tuple(dict.fromkeys([*notes, *followed.notes, *of_turn, *of_fields, *(one.advice for one in blur), *warnings])),
+        notes=tuple(dict.fromkeys([*notes, *followed.notes, *of_turn, *of_fields, *warnings])),
     )
 
 

@@ -47,14 +47,14 @@ def slope_of(change: np.ndarray) -> np.ndarray:
 
 
 def test_the_phase_of_a_small_way_has_the_slope_of_the_closed_form(rng):
-    """A way of an eighth of a grain in a random direction, 600 spots: mean squares and product of the slope along both axes.
+    """A way of an eighth of a grain in a random direction, 1000 spots: mean squares and product of the slope along both axes.
 
     The closed form is that of grains much smaller than the strokes. Strokes are seven to fourteen grains wide here, and mean squares are
     12 % below it (5000 spots).
     """
     albedo, drawn = strokes(), []
     disc = np.hypot(*np.meshgrid(*(2 * [np.linspace(-1.0, 1.0, 144)]))) <= 1.0
-    for _ in range(600):
+    for _ in range(1000):
         source = disc * np.exp(2j * np.pi * rng.random(disc.shape))
         angle = rng.uniform(0.0, 2.0 * np.pi)
         way = WAVELENGTH_M * SOURCE_M / SPOT_M / 8.0 * np.array([np.cos(angle), np.sin(angle)])
