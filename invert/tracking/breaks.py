@@ -13,12 +13,12 @@ import numpy as np
 
 from correlograph.errors import InputError
 from invert.tracking.follow import Followed, follow
+from invert.tracking.maxima import highest
 from invert.tracking.parts import on_all_cores, sum_over_rows
 from invert.tracking.shifts import (
     APART_GRAINS,
     MIN_SIGNIFICANCE,
     fold,
-    highest,
     move_back,
     overlap_share,
     weight_of,

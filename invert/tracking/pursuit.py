@@ -17,8 +17,8 @@ from invert.tracking.separation import subtract_light
 from invert.tracking.spectra import Band
 from invert.tracking.start import MAX_BLOCKS, Start, are_apart, find_brightest, paths_at, share_along, way_apart
 
-LAGS = (16, 8, 4, 2)
-"""Distances of the frames by which several objects are told apart."""
+MAX_LAG, MAX_LAG_SHARE = 32, 0.6
+"""Largest distance of the frames by which several objects are told apart, in frames and over their number. Halves of it follow."""
 
 MIN_SHARE = 0.1
 """Least share of the power of the speckle that consecutive frames of a single object have in common; static light has less, where the laser
@@ -30,14 +30,14 @@ FRAMES_FOR_NUMBER = 64
 LONGER = 4
 """Factor between the lengths of blocks that are tried."""
 
-MIN_PERSISTENCE = 0.4
-"""Least ratio of the share of an object at half the distance of the frames by which it was found to that at this distance."""
-
-MIN_PERSISTENCE_BEYOND = 0.2
-"""The same at twice the distance, for an object that was found by consecutive frames."""
+MIN_PERSISTENCE = 0.2
+"""Least share of an object in frames two apart over that in consecutive ones."""
 
 BETTER = 1.1
 """Factor by which one object must explain more than the first of several to be the only one."""
+
+LITTLE = 0.5
+"""The same where there is only one other."""
 
 MIN_RELATIVE_SHARE = 0.15
 """Least share of an object over that of the brightest. Maxima beside those of the brightest have a fifth of its height, of which the
@@ -62,7 +62,7 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
     if len(several) > 1 and len(spectra) > FRAMES_FOR_NUMBER:
         several = _drop_interference(_pursue(spectra, band, lags))
     is_one = _persists(alone, spectra, band)
-    if len(several) > 1 and not (is_one and _explains(alone, several[0], spectra, band)):
+    if several and not (is_one and _explains(alone, several, spectra, band)):
         return sorted(several, key=lambda one: -one.share)
     if not is_one:
         expected, remedy = "speckle that moves as a whole", "keep the laser and the camera at rest"
@@ -76,7 +76,9 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
 def _lags_for_others(path: np.ndarray, spectra: np.ndarray, band: Band) -> list[int]:
     """Return the distances of frames by which further objects could be found: those larger than one at which a single object leaves too
     little of the power for another."""
-    lags = [one for one in LAGS if 2 * one < len(spectra)]
+    lags = [min(MAX_LAG, int(MAX_LAG_SHARE * len(spectra)))]
+    while lags[-1] > 3:
+        lags.append(lags[-1] // 2)
     enough = 1.0 / (1.0 + MIN_RELATIVE_SHARE)
     for index, lag in enumerate(lags):
         if share_along(spectra, band, path, lag) > enough:
@@ -84,11 +86,16 @@ def _lags_for_others(path: np.ndarray, spectra: np.ndarray, band: Band) -> list[
     return lags
 
 
-def _explains(alone: Start, first: Start, spectra: np.ndarray, band: Band) -> bool:
-    """Return whether an object, followed by consecutive frames, has more in common at the lag of another than this has: speckle that
-    changes quickly has several maxima at large lags, none of which lies at its place."""
-    path = follow(spectra, band, alone).path
-    return share_along(spectra, band, path, first.lag) > BETTER * share_along(spectra, band, first.path, first.lag)
+def _explains(alone: Start, several: list[Start], spectra: np.ndarray, band: Band) -> bool:
+    """Return whether an object that was found and followed by consecutive frames explains the capture, by what it has in common at the lag
+    of the first of others.
+
+    Of one other object, it must have at least `LITTLE`, or else its path is that of the interference of two. Of several, it must have
+    more: speckle that changes quickly has several maxima at large lags, none of which lies at its place.
+    """
+    path, first = follow(spectra, band, alone).path, several[0]
+    needed = BETTER if len(several) > 1 else LITTLE
+    return share_along(spectra, band, path, first.lag) > needed * share_along(spectra, band, first.path, first.lag)
 
 
 def _drop_interference(found: list[Start]) -> list[Start]:
@@ -104,11 +111,10 @@ def _drop_interference(found: list[Start]) -> list[Start]:
 def _pursue(spectra: np.ndarray, band: Band, lags: Iterable[int]) -> list[Start]:
     """Return all objects that frames at some distances, the largest first, show."""
     found: list[Start] = []
-    left = spectra
     for lag in lags:
-        while best := _most(left, band, lag, found):
+        found += _most(spectra, band, lag, found)
+        while found and (best := _most(subtract_light(spectra, band, found, lag), band, lag, found)):
             found += best
-            left = subtract_light(spectra, band, found)
     return found
 
 
@@ -123,13 +129,13 @@ def _most(spectra: np.ndarray, band: Band, lag: int, known: list[Start]) -> list
 
 
 def _new(candidates: Iterable[Start], known: list[Start], spectra: np.ndarray, band: Band) -> list[Start]:
-    """Return the candidates that persist, are bright enough, and are apart from known objects and from one another."""
+    """Return the candidates that are bright enough, and are apart from known objects and from one another."""
     found: list[Start] = []
     for one in candidates:
         others = [*known, *found]
         is_bright = one.share > MIN_RELATIVE_SHARE * max((other.share for other in others), default=0.0)
         is_apart = all(are_apart(one.path, other.path, one.lag, band) for other in others)
-        if is_bright and is_apart and _persists(one, spectra, band):
+        if is_bright and is_apart:
             found.append(one)
     return found
 
@@ -139,5 +145,4 @@ def _persists(one: Start, spectra: np.ndarray, band: Band) -> bool:
     that move in opposite directions, until then."""
     if len(spectra) < 4:
         return True
-    other, least = (one.lag // 2, MIN_PERSISTENCE) if one.lag > 1 else (2, MIN_PERSISTENCE_BEYOND)
-    return share_along(spectra, band, one.path, other) > least * share_along(spectra, band, one.path, one.lag)
+    return share_along(spectra, band, one.path, 2) > MIN_PERSISTENCE * share_along(spectra, band, one.path, 1)

@@ -18,17 +18,16 @@ CHANGING_SHARE = 0.1
 """Share of a pattern that is taken as new from frame to frame."""
 
 
-def subtract_light(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> np.ndarray:
-    """Return spectra (n, R, C) without the light of objects, one subtracted after the other."""
+def subtract_light(spectra: np.ndarray, band: Band, starts: Sequence[Start], size: int) -> np.ndarray:
+    """Return spectra (n, R, C) without the light of objects, one subtracted after the other; patterns are means of a number of frames."""
     left = spectra.copy()
     for one in starts:
-        left -= _light(left, band, one)
+        left -= _light(left, band, one.path, size)
     return left
 
 
-def _light(spectra: np.ndarray, band: Band, one: Start) -> np.ndarray:
-    """Return the contribution of the pattern of an object to each spectrum: the mean of `lag` frames around it, at their places."""
-    size, path = one.lag, one.path
+def _light(spectra: np.ndarray, band: Band, path: np.ndarray, size: int) -> np.ndarray:
+    """Return the contribution of the pattern of an object to each spectrum: the mean of some frames around it, at their places."""
     total = np.zeros((len(spectra) + 1, *spectra.shape[1:]), np.complex64)
     np.cumsum(move_back(spectra, band, path), 0, out=total[1:])
     first = np.clip(np.arange(len(spectra)) - size // 2, 0, len(spectra) - size)

@@ -12,22 +12,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.fft import irfft2, next_fast_len
 
 from invert.tracking.spectra import Band
-
-GRID_PER_PERIOD = 1.5
-"""Grid points of a cross-correlation per period of twice its highest frequency."""
 
 NEWTON_STEPS = 5
 MIN_SIGNIFICANCE = 6.0
 """Standard deviations above which a motion counts as found; the highest of a million shifts of noise lies at 5."""
 
 APART_GRAINS = 3.0
-"""Least distance of two displacements that are two objects, in rms radii of a grain."""
-
-MIN_RELATIVE_HEIGHT = 0.02
-"""Height of a maximum over that of the highest below which it is not another object: a seventh of its light."""
+"""Least distance of two displacements that differ, in rms radii of a grain."""
 
 MAX_COMMON = 0.99
 """Share of the speckle that two frames have in common at most, so that bright frames do not rely on their highest frequencies alone."""
@@ -93,22 +86,24 @@ def heights_at(cross: np.ndarray, band: Band, weight: Weight, pixels: np.ndarray
     return derivatives(moments(cross * weight.values.astype(np.float32), band, pixels))[0]
 
 
-def refine(cross: np.ndarray, band: Band, weight: Weight, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the displacements (n, 2) and heights (n,) of the maxima of cross-correlations nearest to a start (n, 2), from cross-spectra
-    (n, R, C), by Newton's method."""
+def refine(
+    cross: np.ndarray, band: Band, weight: Weight, start: np.ndarray, scales: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the displacement (2,) whose multiples by scales (n,) have the highest sum in the cross-correlations of cross-spectra
+    (n, R, C), the one nearest to a start (2,) by Newton's method, and the height in each, (n,)."""
     pixels, reach = start.astype(np.float64).copy(), band.grain_pixels
     weighted = cross * weight.values.astype(np.float32)
     # Away from a maximum, the curvature expected there keeps the step uphill.
-    usual = np.trace(weight.slope_variance) / max(weight.full, 1e-300)
+    usual = np.trace(weight.slope_variance) / max(weight.full, 1e-300) * float(scales @ scales)
     for _ in range(NEWTON_STEPS):
-        _, slope, curvature = derivatives(moments(weighted, band, pixels))
-        bent = _downward(curvature, usual)
-        pixels += np.clip(-np.linalg.solve(bent, slope[..., None])[..., 0], -reach, reach)
-    height, _, curvature = derivatives(moments(weighted, band, pixels))
-    inverse = np.linalg.inv(_downward(curvature, 1e-9 * max(weight.full, 1e-300)))
+        _, slopes, curvatures = derivatives(moments(weighted, band, scales[:, None] * pixels))
+        bent = _downward(np.tensordot(scales**2, curvatures, 1), usual)
+        pixels += np.clip(-np.linalg.solve(bent, scales @ slopes), -reach, reach)
+    heights, _, curvatures = derivatives(moments(weighted, band, scales[:, None] * pixels))
+    bent = _downward(np.tensordot(scales**2, curvatures, 1), 1e-9 * max(weight.full, 1e-300))
     # The overlap of two windows falls with their distance, which draws a maximum towards zero.
-    drawn = height[:, None] * (window_slopes(pixels, band) @ weight.tilt.T)
-    return pixels + (inverse @ drawn[..., None])[..., 0], height
+    drawn = heights[:, None] * (window_slopes(scales[:, None] * pixels, band) @ weight.tilt.T)
+    return pixels + np.linalg.solve(bent, scales @ drawn), heights
 
 
 def moments(weighted: np.ndarray, band: Band, pixels: np.ndarray) -> np.ndarray:
@@ -132,26 +127,6 @@ def derivatives(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return sums[:, 0, 0].real, slope, curvature.reshape(-1, 2, 2)
 
 
-def correlate(cross: np.ndarray, band: Band, weight: Weight) -> tuple[np.ndarray, np.ndarray]:
-    """Return the weighted cross-correlation of one cross-spectrum (R, C) on a coarse grid, zero shift first, and the pitch of that grid in
-    pixels along rows and columns."""
-    sides = [
-        2 * int(np.round(np.abs(part).max() * side)) + 1
-        for part, side in zip((band.rows, band.columns), band.shape, strict=True)
-    ]
-    shape = tuple(next_fast_len(int(GRID_PER_PERIOD * side), real=True) for side in sides)
-    spectrum = np.zeros((shape[0], shape[1] // 2 + 1), np.complex64)
-    place = np.round(band.rows * band.shape[0]).astype(int) % shape[0]
-    spectrum[place, : len(band.columns)] = cross * (weight.values / np.maximum(band.counts, 1.0))
-    found = irfft2(spectrum, s=shape) * np.float32(shape[0] * shape[1])
-    return found, np.array(band.shape) / np.array(shape)
-
-
-def highest(cross: np.ndarray, band: Band, weight: Weight) -> tuple[np.ndarray, float]:
-    """Return the displacement (2,) of the maximum of the cross-correlation of one cross-spectrum (R, C), and its height."""
-    return _refine_highest(*correlate(cross, band, weight), cross, band, weight)
-
-
 def fold(pixels: np.ndarray, band: Band) -> np.ndarray:
     """Return displacements (..., 2) within half a frame of zero, by whole sides."""
     sides = np.array(band.shape)
@@ -163,54 +138,10 @@ def overlap_share(pixels: np.ndarray, band: Band) -> np.ndarray:
     return np.prod(np.maximum(1.0 - np.abs(pixels) / np.array(band.shape), 0.0), axis=-1)
 
 
-def _refine_highest(
-    found: np.ndarray, pitch: np.ndarray, cross: np.ndarray, band: Band, weight: Weight
-) -> tuple[np.ndarray, float]:
-    """Return the same from the cross-correlation on a coarse grid of a pitch in pixels."""
-    point = np.array(np.unravel_index(int(found.argmax()), found.shape))
-    exact, height = refine(cross[None], band, weight, fold(point * pitch, band)[None])
-    return exact[0], float(height[0])
-
-
-def peaks(
-    cross: np.ndarray, own: np.ndarray, band: Band, weight: Weight, deviation: float, most: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the displacements in a cross-spectrum (R, C) above `MIN_SIGNIFICANCE`, (k, 2) in pixels, the heights of their maxima, and
-    their significance, (k,) each.
-
-    Speckle has maxima beside its own. Each displacement found is therefore subtracted, with all that belongs to it, before the next, and
-    what is left within `APART_GRAINS` of it is not another one.
-
-    Args:
-        own: power of the same frames without the noise floor, (R, C).
-        deviation: standard deviation of the cross-correlation by the noise of independent frames.
-    """
-    full = max(float((weight.values * own).sum()), 1e-300)
-    places, heights, significance = np.zeros((0, 2)), [], []
-    left, tried, largest = cross.copy(), 0, 0.0
-    while len(heights) < most:
-        found, pitch = correlate(left, band, weight)
-        exact, height = _refine_highest(found, pitch, left, band, weight)
-        height = max(height, float(found.max()))
-        # Bright speckle that outlives a pair of frames makes the noise of a sum larger than that of independent pairs.
-        deviation = max(deviation, float(np.median(np.abs(found[::4, ::4])) / 0.6745))
-        largest = max(height, largest)
-        if height < max(MIN_SIGNIFICANCE * deviation, MIN_RELATIVE_HEIGHT * largest):
-            break
-        if len(places) == 0 or np.linalg.norm(places - exact, axis=1).min() > APART_GRAINS * band.grain_pixels:
-            places = np.concatenate([places, exact[None]])
-            heights.append(height)
-            significance.append(height / deviation)
-        elif (tried := tried + 1) > 1:
-            break
-        left = left - move_back(min(height / full, 1.0) * own[None].astype(np.complex64), band, -exact[None])[0]
-    return places, np.array(heights), np.array(significance)
-
-
 def _downward(curvature: np.ndarray, least: float) -> np.ndarray:
-    """Return matrices (n, 2, 2) whose eigenvalues are at most -least."""
+    """Return a matrix (2, 2) whose eigenvalues are at most -least."""
     values, vectors = np.linalg.eigh(curvature)
-    return (vectors * np.minimum(values, -least)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+    return (vectors * np.minimum(values, -least)) @ vectors.T
 
 
 def window_slopes(pixels: np.ndarray, band: Band) -> np.ndarray:

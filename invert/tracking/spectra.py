@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.fft import rfft2
-from scipy.ndimage import label, uniform_filter
+from scipy.fft import irfft2, rfft2
+from scipy.ndimage import label, map_coordinates, maximum_filter1d, uniform_filter
 from scipy.signal.windows import tukey
 
 from invert.tracking.parts import on_all_cores
@@ -37,6 +37,13 @@ SIGNAL_SIGMA = 3.0
 
 SLOW_PERIODS = 2
 """Frequencies up to this many periods per frame belong to uneven light and are left out."""
+
+MAX_LIKENESS = 0.35
+"""Largest autocorrelation of the speckle, over its maximum, halfway between two displacements that are told apart: there, both objects
+interfere."""
+
+DIRECTIONS, CONE = 36, 4
+"""Number of directions within half a turn in which the autocorrelation is searched, and of those on either side that count as one."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +100,30 @@ class Band:
         """Factor by which the window raises the variance of sums over frequencies, whose noise it correlates."""
         windows = [tukey(side, TAPER) for side in self.shape]
         return float(np.prod([(one**4).mean() / (one**2).mean() ** 2 for one in windows]))
+
+    def are_apart(self, difference: np.ndarray) -> bool:
+        """Return whether two objects are told apart if their displacements have a difference (2,), in pixels.
+
+        Parts of the scene beside each other make fringes within a grain. The autocorrelation halfway between the two is therefore the
+        largest one from there on in about this direction.
+        """
+        radii, largest = self._likeness
+        halfway = 0.5 * float(np.linalg.norm(difference))
+        direction = np.arctan2(difference[1], difference[0]) / np.pi * DIRECTIONS
+        return float(np.interp(halfway, radii, largest[round(direction) % DIRECTIONS])) < MAX_LIKENESS
+
+    @cached_property
+    def _likeness(self) -> tuple[np.ndarray, np.ndarray]:
+        """Radii in pixels, and the largest autocorrelation of the speckle at and beyond them, (`DIRECTIONS`, radii)."""
+        spectrum = np.zeros((self.shape[0], self.shape[1] // 2 + 1))
+        kept = np.round(self.rows * self.shape[0]).astype(int)
+        spectrum[kept, : len(self.columns)] = np.where(self.counts > 0.0, self.signal, 0.0)
+        likeness = irfft2(spectrum, s=self.shape)
+        radii = np.arange(0.0, 0.5 * min(self.shape), 0.5 * self.grain_pixels)
+        angles = np.pi * np.arange(DIRECTIONS)[:, None] / DIRECTIONS
+        polar = map_coordinates(likeness, [radii * np.cos(angles), radii * np.sin(angles)], order=1, mode="grid-wrap")
+        polar = maximum_filter1d(polar, 2 * CONE + 1, axis=0, mode="wrap")
+        return radii, np.maximum.accumulate(polar[:, ::-1], axis=1)[:, ::-1] / likeness[0, 0]
 
     @cached_property
     def overlap_slopes(self) -> list[np.ndarray]:

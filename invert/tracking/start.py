@@ -7,14 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from correlograph.errors import InputError
+from invert.tracking.maxima import Crossed, correlate, maxima
 from invert.tracking.parts import on_all_cores, sum_over_rows
-from invert.tracking.shifts import APART_GRAINS, MIN_SIGNIFICANCE, correlate, heights_at, overlap_share, peaks, weight_of
+from invert.tracking.shifts import MIN_SIGNIFICANCE, heights_at, overlap_share, weight_of
 from invert.tracking.spectra import Band
 
 MAX_BLOCKS = 32
 """Number of blocks of frames in which objects are sought first."""
 
 MAX_PEAKS = 4
+
+SCALES = (1.0, 0.85, 0.7, 0.55)
+"""Distances of frames over the largest, at which an object must have moved in proportion."""
+
+MEAN_SCALE = sum(SCALES) / len(SCALES)
+
 MAX_JUMP_GRAINS = 4.0
 """Largest change of the displacement from one block to the next that still counts as one object."""
 
@@ -87,24 +94,28 @@ def way_apart(one: np.ndarray, other: np.ndarray, lag: int) -> float:
 
 
 def are_apart(one: np.ndarray, other: np.ndarray, lag: int, band: Band) -> bool:
-    """Return whether maxima at the displacements along two paths over `lag` frames are those of two objects."""
-    return way_apart(one, other, lag) > APART_GRAINS * band.grain_pixels
+    """Return whether maxima at the displacements along two paths over up to `lag` frames are those of two objects."""
+    relative = one - other
+    return band.are_apart(MEAN_SCALE * np.median(relative[lag:] - relative[:-lag], axis=0))
 
 
 def paths_at(spectra: np.ndarray, band: Band, lag: int, length: int) -> tuple[list[Start], bool]:
-    """Return the objects by the displacement of frames that are `lag` apart, in blocks of `length` pairs, the brightest first, and whether
-    nearly all blocks show one."""
+    """Return the objects by the displacement of frames that are up to `lag` apart, in blocks of `length` pairs, the brightest first, and
+    whether nearly all blocks show one."""
     pairs, weight = len(spectra) - lag, weight_of(band, 0.0)
+    lags = np.unique(np.round(lag * np.array(SCALES)).astype(int))[::-1]
     blocks = np.array_split(np.arange(pairs), max(1, pairs // length))
 
     def peaks_of(block: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-        total, own = np.zeros(band.signal.shape, np.complex64), np.full(band.signal.shape, -len(block) * band.floor, np.float32)
+        cross = np.zeros((len(lags), *band.signal.shape), np.complex64)
+        own = np.zeros(band.signal.shape, np.float32)
         for number in block:
-            first, later = spectra[number], spectra[number + lag]
-            total += first.conj() * later
+            for total, one in zip(cross, lags, strict=True):
+                first = spectra[number + (lag - one) // 2]
+                total += first.conj() * spectra[number + (lag - one) // 2 + one]
             own += first.real**2 + first.imag**2
-        found = peaks(total, np.maximum(own, 0.0), band, weight, weight.deviation * len(block) ** 0.5, MAX_PEAKS)
-        return *found, len(block)
+        crossed = Crossed(cross / len(block), lags / lag, np.maximum(own / len(block) - band.floor, 0.0), len(block))
+        return *maxima(crossed, band, weight, MAX_PEAKS), len(block)
 
     found = on_all_cores(peaks_of, blocks)
     middles = np.array([block.mean() + 0.5 * lag for block in blocks])
@@ -113,13 +124,14 @@ def paths_at(spectra: np.ndarray, band: Band, lag: int, length: int) -> tuple[li
         known = np.array(sorted(chain))
         steps = np.array([found[block][0][chain[block]] for block in known])
         heights = np.array([found[block][1][chain[block]] for block in known])
-        clear = np.array([found[block][2][chain[block]] * found[block][3] ** 0.5 for block in known])
+        sizes = np.array([found[block][3] for block in known])
+        clear = np.array([found[block][2][chain[block]] for block in known]) * sizes**0.5
         at = np.arange(len(spectra) - 1) + 0.5
         each = np.stack([np.interp(at, middles[known], steps[:, axis]) for axis in (0, 1)], 1) / lag
         path = np.concatenate([np.zeros((1, 2)), np.cumsum(each, 0)])
-        used = sum(found[block][3] for block in known)
+        used = sizes.sum()
         overlap = overlap_share(lag * each, band).mean()
-        share = heights.sum() / (used * weight.full * max(overlap, 0.1))
+        share = float((heights * sizes).sum()) / (used * weight.full * max(overlap, 0.1))
         starts.append(Start(path, float(clear.sum() / used**0.5), float(min(share, 1.0)), length, lag))
     return sorted(starts, key=lambda one: -one.share), bool(np.mean([len(places) > 0 for places, *_ in found]) > 0.9)
 
