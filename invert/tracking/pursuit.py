@@ -11,8 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from correlograph.errors import InputError
-from invert.tracking.breaks import mend
-from invert.tracking.follow import follow
+from invert.tracking.breaks import follow_over_jumps, mend
 from invert.tracking.separation import subtract_light
 from invert.tracking.spectra import Band
 from invert.tracking.start import MAX_BLOCKS, Start, are_apart, find_brightest, paths_at, share_along, way_apart
@@ -31,7 +30,7 @@ LONGER = 4
 """Factor between the lengths of blocks that are tried."""
 
 MIN_PERSISTENCE = 0.2
-"""Least share of an object in frames two apart over that in consecutive ones."""
+"""Least share of an object in frames at another distance over that at the distance by which it was found."""
 
 BETTER = 1.1
 """Factor by which one object must explain more than the first of several to be the only one."""
@@ -91,9 +90,15 @@ def _explains(alone: Start, several: list[Start], spectra: np.ndarray, band: Ban
     of the first of others.
 
     Of one other object, it must have at least `LITTLE`, or else its path is that of the interference of two. Of several, it must have
-    more: speckle that changes quickly has several maxima at large lags, none of which lies at its place.
+    more: speckle that changes quickly has several maxima at large lags, none of which lies at its place. Or each of them is at its place at
+    their lag, because its path jumps.
     """
-    path, first = follow(spectra, band, alone).path, several[0]
+    try:
+        path, first = follow_over_jumps(spectra, band, alone).path, several[0]
+    except InputError:  # nothing in common across a boundary, which several objects can show as well
+        return len(several) == 1
+    if len(several) > 1 and not any(are_apart(path, one.path, one.lag, band) for one in several):
+        return True
     needed = BETTER if len(several) > 1 else LITTLE
     return share_along(spectra, band, path, first.lag) > needed * share_along(spectra, band, first.path, first.lag)
 
@@ -129,20 +134,23 @@ def _most(spectra: np.ndarray, band: Band, lag: int, known: list[Start]) -> list
 
 
 def _new(candidates: Iterable[Start], known: list[Start], spectra: np.ndarray, band: Band) -> list[Start]:
-    """Return the candidates that are bright enough, and are apart from known objects and from one another."""
+    """Return the candidates that persist, are bright enough, and are apart from known objects and from one another."""
     found: list[Start] = []
     for one in candidates:
         others = [*known, *found]
         is_bright = one.share > MIN_RELATIVE_SHARE * max((other.share for other in others), default=0.0)
         is_apart = all(are_apart(one.path, other.path, one.lag, band) for other in others)
-        if is_bright and is_apart:
+        if is_bright and is_apart and _persists(one, spectra, band):
             found.append(one)
     return found
 
 
 def _persists(one: Start, spectra: np.ndarray, band: Band) -> bool:
-    """Return whether frames at another distance show an object at its path, too. A camera that shakes back and forth looks like two objects
-    that move in opposite directions, until then."""
+    """Return whether frames at another distance show an object at its path, too: one of several shorter distances, as interference may
+    hide it at some. A camera that shakes back and forth looks like two objects that move in opposite directions, until then, and frames
+    before and after a jump look like an object that moves faster."""
     if len(spectra) < 4:
         return True
-    return share_along(spectra, band, one.path, 2) > MIN_PERSISTENCE * share_along(spectra, band, one.path, 1)
+    others = {1, one.lag // 4, one.lag // 2} - {0} if one.lag > 1 else {2}
+    shares = [share_along(spectra, band, one.path, other) for other in others]
+    return max(shares) > MIN_PERSISTENCE * share_along(spectra, band, one.path, one.lag)

@@ -239,7 +239,8 @@ def track(
     lever = None if source_distance_m is None else metres_per_pixel(capture.camera, source_distance_m, source_angle_deg)
     spectra, band = _read_spectra(capture, binning)
     starts = find_objects(spectra, band)
-    followed = follow_several(spectra, band, starts) if len(starts) > 1 or starts[0].lag > 1 else [follow_over_jumps(spectra, band, starts[0])]
+    is_alone = len(starts) == 1 and starts[0].lag == 1
+    followed = [follow_over_jumps(spectra, band, starts[0])] if is_alone else follow_several(spectra, band, starts)
     open_share, tracks = _open_share(capture, interval_s), []
     for start, one in zip(starts, followed, strict=True):
         opened = one.for_open_shutter(open_share)
