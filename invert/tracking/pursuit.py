@@ -58,7 +58,9 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
     some = np.s_[middle : middle + FRAMES_FOR_NUMBER]
     lags = _lags_for_others(alone.path[some], spectra[some], band)
     several = _drop_interference(_pursue(spectra[some], band, lags))
-    if len(several) > 1 and len(spectra) > FRAMES_FOR_NUMBER:
+    if len(several) == 1 and _has_as_much(alone.path[some], several[0], LITTLE, spectra[some], band):
+        several = []
+    if several and len(spectra) > FRAMES_FOR_NUMBER:
         several = _drop_interference(_pursue(spectra, band, lags))
     is_one = _persists(alone, spectra, band)
     if several and not (is_one and _explains(alone, several, spectra, band)):
@@ -78,6 +80,7 @@ def _lags_for_others(path: np.ndarray, spectra: np.ndarray, band: Band) -> list[
     lags = [min(MAX_LAG, int(MAX_LAG_SHARE * len(spectra)))]
     while lags[-1] > 3:
         lags.append(lags[-1] // 2)
+    lags = [one for one in lags if one > 1]
     enough = 1.0 / (1.0 + MIN_RELATIVE_SHARE)
     for index, lag in enumerate(lags):
         if share_along(spectra, band, path, lag) > enough:
@@ -99,8 +102,13 @@ def _explains(alone: Start, several: list[Start], spectra: np.ndarray, band: Ban
         return len(several) == 1
     if len(several) > 1 and not any(are_apart(path, one.path, one.lag, band) for one in several):
         return True
-    needed = BETTER if len(several) > 1 else LITTLE
-    return share_along(spectra, band, path, first.lag) > needed * share_along(spectra, band, first.path, first.lag)
+    return _has_as_much(path, first, BETTER if len(several) > 1 else LITTLE, spectra, band)
+
+
+def _has_as_much(path: np.ndarray, other: Start, factor: float, spectra: np.ndarray, band: Band) -> bool:
+    """Return whether frames at the lag of another object have more in common along a path (frames, 2) than a factor times what they have
+    along that of the other."""
+    return share_along(spectra, band, path, other.lag) > factor * share_along(spectra, band, other.path, other.lag)
 
 
 def _drop_interference(found: list[Start]) -> list[Start]:
