@@ -7,9 +7,10 @@ it, and the interference of two objects changes from distance to distance: neith
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
-from scipy.fft import irfft2, next_fast_len
+from scipy.fft import fftfreq, irfft2, next_fast_len
 from scipy.ndimage import maximum_filter
 
 from invert.tracking.shifts import MIN_SIGNIFICANCE, Weight, fold, move_back, refine
@@ -30,7 +31,7 @@ MAX_SIDES = 3
 
 @dataclass(frozen=True)
 class Crossed:
-    """What frames at some distances have in common.
+    """Mean cross-spectra of frames at some distances.
 
     Attributes:
         cross: mean cross-spectra of frames at n distances, (n, R, C).
@@ -101,25 +102,29 @@ def _highest_in_proportion(
     cross: np.ndarray, scales: np.ndarray, band: Band, weight: Weight
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return the displacement (2,) whose multiples by scales (n,) have the highest mean in cross-correlations of spectra (n, R, C), its
-    height in each, and the standard deviation of the noise."""
+    height in each, and the standard deviation of the noise of their mean."""
     grids = [correlate(one, band, weight) for one in cross]
-    maps, pitch = [one for one, _ in grids], grids[0][1]
-    shape = np.array(maps[0].shape)
+    first, pitch = grids[0]
 
-    def means(values: list[np.ndarray], points: np.ndarray) -> np.ndarray:
-        """Return the means of maps at the multiples of points (k, 2) of the grid."""
-        moves = points - shape * (points > shape // 2)
-        at = [np.round(scale * moves).astype(int) % shape for scale in scales]
-        return np.mean([one[tuple(place.T)] for one, place in zip(values, at, strict=True)], 0)
+    def at(rows: np.ndarray, columns: np.ndarray, beside: tuple[int, int] = (0, 0)) -> np.ndarray:
+        """Return the heights (n, ...) at, or beside, the multiples of places on the grid, whose rows and columns broadcast."""
+        return np.stack(
+            [
+                one[np.round(scale * rows).astype(int) + beside[0], np.round(scale * columns).astype(int) + beside[1]]
+                for (one, _), scale in zip(grids, scales, strict=True)
+            ]
+        )
 
-    noise = float(np.median(np.abs(means(maps, np.argwhere(np.ones(shape)[::4, ::4]) * 4))) / 0.6745)
+    everywhere = np.ix_(*(fftfreq(side, 1.0 / side)[::4] for side in first.shape))
+    noise = float(np.median(np.abs(at(*everywhere).mean(0))) / 0.6745)
     if len(cross) == 1:
-        start = _coarse(maps[0], pitch, band)
+        start = _coarse(first, pitch, band)
     else:
-        around = [maximum_filter(one, 3, mode="wrap") for one in maps]
-        tops = np.argwhere(maps[0] == around[0])
-        tops = tops[np.argsort(-maps[0][tuple(tops.T)])][:CANDIDATES]
-        start = fold(tops[np.argmax(means(around, tops))] * pitch, band)
+        tops = np.argwhere(first == maximum_filter(first, 3, mode="wrap"))
+        tops = tops[np.argsort(-first[tuple(tops.T)])][:CANDIDATES]
+        moves = fold(tops * pitch, band)
+        near = np.max([at(*(moves / pitch).T, beside) for beside in product((-1, 0, 1), repeat=2)], 0)
+        start = moves[np.argmax(near.mean(0))]
     return *refine(cross, band, weight, start, scales), noise
 
 

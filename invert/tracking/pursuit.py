@@ -93,16 +93,20 @@ def _explains(alone: Start, several: list[Start], spectra: np.ndarray, band: Ban
     of the first of others.
 
     Of one other object, it must have at least `LITTLE`, or else its path is that of the interference of two. Of several, it must have
-    more: speckle that changes quickly has several maxima at large lags, none of which lies at its place. Or each of them is at its place at
-    their lag, because its path jumps.
+    more: speckle that changes quickly has several maxima at large lags, none of which lies at its place. Or each of them lies at its place
+    and has no more, because the path jumps; the place of an interference lies near both objects, too, but has less.
     """
     try:
-        path, first = follow_over_jumps(spectra, band, alone).path, several[0]
+        path = follow_over_jumps(spectra, band, alone).path
     except InputError:  # nothing in common across a boundary, which several objects can show as well
         return len(several) == 1
-    if len(several) > 1 and not any(are_apart(path, one.path, one.lag, band) for one in several):
-        return True
-    return _has_as_much(path, first, BETTER if len(several) > 1 else LITTLE, spectra, band)
+    if len(several) == 1:
+        return _has_as_much(path, several[0], LITTLE, spectra, band)
+
+    def is_at_its_place(one: Start) -> bool:
+        return not are_apart(path, one.path, one.lag, band) and _has_as_much(path, one, 1.0 / BETTER, spectra, band)
+
+    return _has_as_much(path, several[0], BETTER, spectra, band) or all(map(is_at_its_place, several))
 
 
 def _has_as_much(path: np.ndarray, other: Start, factor: float, spectra: np.ndarray, band: Band) -> bool:
