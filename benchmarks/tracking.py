@@ -121,7 +121,7 @@ def true_paths(geometry: Geometry) -> list[np.ndarray]:
 
 
 def errors(truths: list[np.ndarray], found: list[np.ndarray]) -> list[float]:
-    """Return the rms error of each true path in metres, by the best assignment; infinity for an object that was not found."""
+    """Return the rms error of each true path in its unit, by the best assignment; infinity for an object that was not found."""
     while len(found) < len(truths):
         found = [*found, np.full_like(truths[0], np.inf)]
 

@@ -1,10 +1,10 @@
 """`python -m benchmarks.tracking_pairs`: objects of random shape, whose fields add on small frames, tracked: how many are found, how many
 paths belong to none.
 
-Two or three letters, strokes or groups of discs lie beside each other and move at constant velocities of up to a few pixels of speckle per
-frame. The fields of their speckle travel, add and interfere on 24 to 63 frames of 260 to 700 pixels a side with 0.5 to 10 photoelectrons
-per pixel. Nothing fades, so that only the interference makes the search hard. A path belongs to an object if it ends within three widths
-of a grain of the true one, or within 3 % of the way.
+Two or three characters, groups of strokes or filled shapes lie beside each other and move at constant velocities of up to a few pixels of
+speckle per frame. The fields of their speckle travel, add and interfere on 24 to 63 frames of 260 to 700 pixels a side with 0.5 to 10
+photoelectrons per pixel. Nothing fades, so that only the interference makes the search hard. A path belongs to an object if its rms error
+is below the width of a grain, or 1 % of the way.
 """
 
 from __future__ import annotations
@@ -16,34 +16,20 @@ from typing import Any
 
 import numpy as np
 from scipy.fft import fftfreq, ifft2, next_fast_len
+from scipy.ndimage import map_coordinates
 
 import correlograph as cg
-from benchmarks.tracking import LETTERS
-from correlograph.files.images import read_image
-from scenes import scene_path
-
-CELLS = 128
-"""Cells on a side of an object."""
+from benchmarks.tracking import errors
+from data_gen.shapes import filled_shape, glyph, strokes
 
 MARGIN = 160
 """Pixels of the pattern beyond the frame, which objects may bring into view."""
 
 
 def draw_object(rng: np.random.Generator) -> np.ndarray:
-    """Return the albedo (`CELLS`, `CELLS`) of a letter, of strokes, or of discs."""
-    kind, count = int(rng.integers(3)), int(rng.integers(2, 6))
-    if kind == 0:
-        image, _ = read_image(scene_path("corner_letter").with_name(f"{rng.choice(LETTERS)}.png"))
-        places = (np.arange(CELLS) * np.array(image.shape)[:, None] // CELLS).astype(int)
-        return (image[np.ix_(*places)] > 0.5).astype(np.float64)
-    points = np.stack(np.meshgrid(*2 * [np.linspace(0.0, 1.0, CELLS)], indexing="ij"), -1)
-    albedo = np.zeros((CELLS, CELLS))
-    for _ in range(count):
-        start, end = rng.uniform(0.15, 0.85, (2, 2))
-        way = end - start if kind == 1 else np.zeros(2)
-        along = np.clip((points - start) @ way / max(way @ way, 1e-9), 0.0, 1.0)
-        albedo[np.linalg.norm(points - start - along[..., None] * way, axis=-1) < rng.uniform(0.05, 0.15)] = 1.0
-    return albedo
+    """Return the albedo (n, n) of a character, of strokes, or of filled shapes."""
+    kind = int(rng.integers(3))
+    return glyph(str(rng.choice(list("ABEFGHJKLNRSTUYZ234579"))), rng) if kind == 0 else (strokes, filled_shape)[kind - 1](rng)
 
 
 def draw_places(rng: np.random.Generator, objects: int) -> np.ndarray:
@@ -66,9 +52,9 @@ def draw(number: int, objects: int) -> tuple[list[np.ndarray], np.ndarray, float
     frequencies = np.stack(np.meshgrid(*(fftfreq(side) for side in sides), indexing="ij"), -1)
     fields = []
     for row, column, side in draw_places(rng, objects):
-        places = np.round(((frequencies * grain - (row, column)) / side + 0.5) * CELLS).astype(int)
-        albedo = draw_object(rng)[tuple(np.clip(np.moveaxis(places, -1, 0), 0, CELLS - 1))]
-        albedo = np.where(((places >= 0) & (places < CELLS)).all(-1), albedo, 0.0)
+        albedo = draw_object(rng)
+        places = np.moveaxis((frequencies * grain - (row, column)) / side + 0.5, -1, 0) * len(albedo)
+        albedo = map_coordinates(albedo.astype(np.float64), places, order=0, mode="constant")
         field = np.sqrt(albedo) * (rng.normal(size=sides) + 1j * rng.normal(size=sides))
         fields.append(field / np.linalg.norm(field) * np.sqrt(rng.uniform(0.35, 1.0)))
     velocities = rng.normal(size=(objects, 2)) * rng.uniform(0.1, 1.2, (objects, 1))
@@ -90,20 +76,18 @@ def measure(number: int, objects: int) -> dict[str, Any]:
         track = cg.track(cg.Capture(frames))
     except cg.InputError as error:
         return row | {"found": 0, "of_none": 0, "refused": str(error)}
-    ways, left, of_none = velocities * (len(frames) - 1), list(range(objects)), 0
-    for one in (track, *track.others):
-        away = [np.linalg.norm(one.path_pixels[-1] - ways[number]) for number in left]
-        near = [
-            number
-            for distance, number in zip(away, left, strict=True)
-            if distance < max(3.0 * grain, 0.03 * np.linalg.norm(ways[number]))
-        ]
-        if near:
-            left.remove(near[0])
-        else:
-            of_none += 1
-    steps = [one.step_pixels.round(3).tolist() for one in (track, *track.others)]
-    return row | {"steps": steps, "found": objects - len(left), "of_none": of_none}
+    tracks = [track, *track.others]
+    ways = [np.outer(np.arange(len(frames)), one) for one in velocities]
+    missed = errors(ways, [one.path_pixels for one in tracks])
+    limits = [max(grain, 0.01 * float(np.linalg.norm(way[-1]))) for way in ways]
+    found = sum(one < limit for one, limit in zip(missed, limits, strict=True))
+    steps = [one.step_pixels.round(3).tolist() for one in tracks]
+    return row | {
+        "steps": steps,
+        "rms_pixels": [one if np.isfinite(one) else None for one in missed],
+        "found": found,
+        "of_none": len(tracks) - found,
+    }
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -33,11 +33,12 @@ than the largest is left if other light or a second polarisation has lowered the
 MAX_BLUR = 2.3
 """Largest standard deviation of a candidate in 1/256 of a patch; more leaves too few lags."""
 
-MIN_GAIN_NATS, MIN_GAIN_FRACTION = 200.0, 0.6
-"""Minimum reduction of the log-likelihood deficit by a reconstruction made with the blur, in nats and as a fraction."""
+MIN_GAIN_NATS = 200.0
+"""Minimum reduction of the log-likelihood deficit by a blur, in nats."""
 
-MIN_GAIN_FRACTION_OF_ALL = 0.2
-"""Minimum fractional reduction of the lowest log-likelihood deficit over the reconstructions of all blurs."""
+MIN_GAIN_FRACTION, MIN_GAIN_FRACTION_OF_ALL = 0.6, 0.2
+"""Minimum fractional reduction of the deficit by a reconstruction made with the blur, and of the lowest deficit over the reconstructions of
+all blurs."""
 
 RECONSTRUCTIONS_PER_BLUR = 2
 """Reconstructions per blur; the one with the lower misfit counts."""
@@ -90,16 +91,21 @@ def estimate_blur(
     if not MIN_GAIN_NATS < unexplained < np.inf:
         return estimate, sharp[0]
     made = [attempts(one) for one in tried]
-    if unexplained - min(map(misfit, tried, made)) < max(MIN_GAIN_NATS, MIN_GAIN_FRACTION * unexplained):
+    if not _explains_more(min(map(misfit, tried, made)), unexplained, MIN_GAIN_FRACTION):
         return estimate, sharp[0]
-    # A reconstruction made with one blur may fit better with another.
+    # A reconstruction made with one blur may fit better with another, or without.
     together = [*sharp, *chain(*made)]
     left = [misfit(one, together) for one in tried]
-    if min(left) > (1.0 - MIN_GAIN_FRACTION_OF_ALL) * misfit(estimate, together):
+    if not _explains_more(min(left), misfit(estimate, together), MIN_GAIN_FRACTION_OF_ALL):
         return estimate, sharp[0]
     best = int(np.argmin(left))
     record = replace(estimate.record, blur_found_pixels=tried[best].blur_pixels)
     return replace(tried[best], record=record), made[best][0]
+
+
+def _explains_more(left: float, unexplained: float, fraction: float) -> bool:
+    """Return whether a blur lowers what is left unexplained by `MIN_GAIN_NATS` and by a fraction."""
+    return unexplained - left >= max(MIN_GAIN_NATS, fraction * unexplained)
 
 
 def possible_blurs(estimate: Estimate) -> list[Estimate]:

@@ -14,7 +14,7 @@ from correlograph.errors import InputError
 from invert.tracking.breaks import follow_over_jumps, mend
 from invert.tracking.separation import subtract_light
 from invert.tracking.spectra import Band
-from invert.tracking.start import MAX_BLOCKS, Start, are_apart, find_brightest, paths_at, share_along, way_apart
+from invert.tracking.start import Start, are_apart, find_brightest, paths_at, share_along, way_apart
 
 MAX_LAG, MAX_LAG_SHARE = 32, 0.6
 """Largest distance of the frames by which several objects are told apart, in frames and over their number. Halves of it follow."""
@@ -26,8 +26,8 @@ moves."""
 FRAMES_FOR_NUMBER = 64
 """Number of frames, in the middle of the capture, that decide whether there are several objects."""
 
-LONGER = 4
-"""Factor between the lengths of blocks that are tried."""
+BLOCKS = (8, 2)
+"""Numbers of blocks of frames that are tried for further objects: many follow a curved path, few see less light."""
 
 MIN_PERSISTENCE = 0.2
 """Least share of an object in frames at another distance over that at the distance by which it was found."""
@@ -137,10 +137,7 @@ def _pursue(spectra: np.ndarray, band: Band, lags: Iterable[int]) -> list[Start]
 
 def _most(spectra: np.ndarray, band: Band, lag: int, known: list[Start]) -> list[Start]:
     """Return the new objects at a distance of frames, from blocks of the length that shows most."""
-    pairs = len(spectra) - lag
-    lengths = [max(1, pairs // MAX_BLOCKS)]
-    while 2 * LONGER * lengths[-1] <= pairs:
-        lengths.append(LONGER * lengths[-1])
+    lengths = dict.fromkeys(max(1, (len(spectra) - lag) // blocks) for blocks in BLOCKS)
     tried = [_new(paths_at(spectra, band, lag, length)[0], known, spectra, band) for length in lengths]
     return max(tried, key=lambda some: (len(some), sum(one.significance for one in some)))
 
