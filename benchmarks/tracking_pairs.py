@@ -83,6 +83,7 @@ def measure(number: int, objects: int) -> dict[str, Any]:
     found = sum(one < limit for one, limit in zip(missed, limits, strict=True))
     steps = [one.step_pixels.round(3).tolist() for one in tracks]
     return row | {
+        "warnings": track.warnings,
         "steps": steps,
         "rms_pixels": [one if np.isfinite(one) else None for one in missed],
         "found": found,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -72,6 +73,8 @@ def main(argv: Sequence[str] | None = None) -> None:
             interval_s=interval_s,
             binning=options.binning,
         )
+        for warning in found.warnings:
+            print(f"warning: {warning}", file=sys.stderr)
     found.save(options.output)
     print(found)
 

@@ -13,6 +13,7 @@ import numpy as np
 from correlograph.errors import InputError
 from invert.tracking.breaks import follow_over_jumps, mend
 from invert.tracking.separation import subtract_light
+from invert.tracking.shifts import weight_of
 from invert.tracking.spectra import Band
 from invert.tracking.start import Start, are_apart, find_brightest, paths_at, share_along, way_apart
 
@@ -41,6 +42,12 @@ LITTLE = 0.5
 MIN_RELATIVE_SHARE = 0.15
 """Least share of an object over that of the brightest. Maxima beside those of the brightest have a fifth of its height, of which the
 subtraction of its light leaves a half."""
+
+ALONE_SHARE = 1.0 / (1.0 + MIN_RELATIVE_SHARE)
+"""Share of the speckle along one path that leaves too little for another object."""
+
+FADING_SIGMA = 3.0
+"""Standard errors by which speckle along a path fades before it is said to."""
 
 
 def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
@@ -77,15 +84,29 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
 def _lags_for_others(path: np.ndarray, spectra: np.ndarray, band: Band) -> list[int]:
     """Return the distances of frames by which further objects could be found: those larger than one at which a single object leaves too
     little of the power for another."""
-    lags = [min(MAX_LAG, int(MAX_LAG_SHARE * len(spectra)))]
+    lags = [_largest_lag(len(spectra))]
     while lags[-1] > 3:
         lags.append(lags[-1] // 2)
     lags = [one for one in lags if one > 1]
-    enough = 1.0 / (1.0 + MIN_RELATIVE_SHARE)
     for index, lag in enumerate(lags):
-        if share_along(spectra, band, path, lag) > enough:
+        if share_along(spectra, band, path, lag) > ALONE_SHARE:
             return lags[:index]
     return lags
+
+
+def _largest_lag(frames: int) -> int:
+    return min(MAX_LAG, int(MAX_LAG_SHARE * frames))
+
+
+def fading_along(spectra: np.ndarray, band: Band, path: np.ndarray) -> tuple[int, float] | None:
+    """Return a distance of frames and the part of what consecutive ones share along the path (frames, 2) of a single object that frames so
+    far apart still share; None if it leaves no room for another object."""
+    lag, weight = _largest_lag(len(spectra)), weight_of(band, 0.0)
+    if lag < 2:
+        return None
+    near, far = (share_along(spectra, band, path, one) for one in (1, lag))
+    error = weight.deviation / (weight.full * (len(spectra) - lag) ** 0.5)
+    return (lag, max(far, 0.0) / near) if far + FADING_SIGMA * error < ALONE_SHARE * near else None
 
 
 def _explains(alone: Start, several: list[Start], spectra: np.ndarray, band: Band) -> bool:

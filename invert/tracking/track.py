@@ -18,7 +18,7 @@ from correlograph.files.captured_frames import check_copies, check_finite, check
 from correlograph.files.figures import figure_as_html
 from invert.tracking.breaks import follow_over_jumps
 from invert.tracking.joint import follow_several
-from invert.tracking.pursuit import find_objects
+from invert.tracking.pursuit import fading_along, find_objects
 from invert.tracking.spectra import Band, Reader
 from invert.tracking.tables import check_frames, exposure_of, save_table
 from invert.tracking.to_object import metres_per_pixel, stretch_by_illumination
@@ -48,7 +48,7 @@ class Track:
         error_pixels: standard error of each position of the speckle, (frames, 2). What the illumination adds is in `error_m`.
         significance: significance of the common motion, in standard deviations.
         share: share of the power of the speckle that frames have in common by this object: consecutive ones, or, of several objects,
-            those 2 to 16 apart by which it was found.
+            those 2 to 32 apart by which it was found.
         frames_per_position: number of frames that were registered together, for lack of light.
         metres_per_pixel: displacement of the object (rows, columns) per pixel of its speckle, (2, 2); None if its geometry is unknown.
         interval_s: time between frames; None if unknown.
@@ -58,6 +58,8 @@ class Track:
             single object.
         stretch: standard deviation of what the illumination adds to a displacement of the speckle, in pixels (rows, columns) per metre
             of the object's displacement, (2,); None if the geometry is unknown.
+        fading: distance of frames, and part of what consecutive frames share that frames so far apart share along the path of a single
+            object; None if it is no less than noise explains.
     """
 
     path_pixels: np.ndarray
@@ -71,6 +73,18 @@ class Track:
     bend_error_pixels: np.ndarray = field(default_factory=lambda: np.zeros(2))
     in_common: np.ndarray = field(default_factory=lambda: np.zeros(0))
     stretch: np.ndarray | None = None
+    fading: tuple[int, float] | None = None
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What makes the path doubtful, in words."""
+        if self.fading is None:
+            return ()
+        apart, part = self.fading
+        return (
+            f"frames {apart} apart share {100.0 * part:.0f} % of what consecutive ones share: the illumination of the object changes, or "
+            "several objects have not moved apart by a grain of their speckle, and this path lies between theirs",
+        )
 
     @property
     def smooth_path_pixels(self) -> np.ndarray:
@@ -189,6 +203,7 @@ class Track:
             "velocity_m_s": None if speed is None else speed.tolist(),
             "velocity_error_m_s": None if speed_error is None else speed_error.tolist(),
             "vibrations": self.vibrations,
+            "warnings": list(self.warnings),
             "others": [one.as_dict() for one in self.others],
         }
 
@@ -257,6 +272,7 @@ def track(
             bend_error_pixels=opened.bend_error * binning,
             in_common=one.in_common,
             stretch=stretch,
+            fading=fading_along(spectra, band, one.path) if is_alone else None,
         )
         tracks.append(found)
     return replace(tracks[0], others=tuple(tracks[1:]))
