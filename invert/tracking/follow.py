@@ -155,8 +155,7 @@ def _register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndar
         weight = weight_of(band, float(np.clip(alike[0], 0.05, 1.0)), usual)
         height, slope, curvature = derivatives(_pull_of_surroundings(sums, band, places, reach, weight))
         inverse = np.linalg.inv(-curvature.sum(0) / pairs.sum())
-        pull = weight.full / usual * _pull_of_windows(places, band, alike[:reach]) @ weight.tilt.T
-        correction = _solve((slope - pull) @ inverse, reach)
+        correction = _solve(slope @ inverse, reach)
         places = places + correction
         if np.abs(np.diff(correction, axis=0)).max() < CONVERGED_GRAINS * band.grain_pixels:
             break
@@ -166,8 +165,10 @@ def _register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndar
     walked = numbers[:, None] / np.sum(np.arange(1.0, reach + 1.0) ** 2) * of_pair
     walked = walked + _walk_by_change(places, alike, band)
     significance = float(np.median(height)) / weight.deviation
-    drawn = WINDOW_ERROR * _solve(pull @ inverse, reach)
-    return places, np.sqrt(variance + walked + drawn**2), reach, of_pair, significance
+    # Where grains are large in a frame, this pull is known to first order only, and would grow with each round.
+    pull = weight.full / usual * _pull_of_windows(places, band, alike[:reach]) @ weight.tilt.T
+    drawn = _solve(pull @ inverse, reach)
+    return places - drawn, np.sqrt(variance + walked + (WINDOW_ERROR * drawn) ** 2), reach, of_pair, significance
 
 
 def _pull_of_surroundings(sums: np.ndarray, band: Band, places: np.ndarray, reach: int, weight: Weight) -> np.ndarray:

@@ -1,24 +1,28 @@
 """Spectra of frames in the band of their speckle.
 
 A frame is not periodic. Without a window, the jump between its opposite edges stays at its place while the speckle moves, and draws every
-shift towards zero. The window falls to zero at the edges like a cosine.
+shift towards zero. The window falls to zero at the edges like a cosine, over several grains of the speckle: a steeper edge, which stays at
+its place, too, would outweigh the speckle at high frequencies.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.fft import irfft2, rfft2
+from scipy.fft import fft, fftfreq, irfft2, rfft2
 from scipy.ndimage import label, map_coordinates, maximum_filter1d, uniform_filter
 from scipy.signal.windows import tukey
 
 from invert.tracking.parts import on_all_cores
 
-TAPER = 0.12
-"""Fraction of each side of a frame over which the window falls, both ends together."""
+TAPER, MAX_TAPER = 0.12, 0.48
+"""Least and largest fraction of each side of a frame over which the window falls, both ends together."""
+
+FALL_GRAINS = 4.0
+"""Least width over which the window falls at each end, in rms radii of a grain along that axis, below the largest fraction."""
 
 FRAMES_FOR_POWER = 32
 """Number of frames from which the power spectrum is measured."""
@@ -36,7 +40,7 @@ SIGNAL_SIGMA = 3.0
 """Significance, in standard deviations, above which a frequency counts as signal."""
 
 SLOW_PERIODS = 2
-"""Frequencies up to this many periods per frame belong to uneven light and are left out."""
+"""Frequencies up to this many periods per frame belong to uneven light and are left out; a window mixes as many with their neighbours."""
 
 MAX_LIKENESS = 0.35
 """Largest autocorrelation of the speckle, over its maximum, halfway between two displacements that are told apart: there, both objects
@@ -56,6 +60,7 @@ class Band:
         counts: how often a coefficient stands for itself and its conjugate, (R, C); 0 outside the band.
         signal: power of the speckle, (R, C).
         floor: power of the noise; (R, C) where other objects add to it.
+        taper: fraction of each side over which the window falls, both ends together.
     """
 
     shape: tuple[int, int]
@@ -64,6 +69,7 @@ class Band:
     counts: np.ndarray
     signal: np.ndarray
     floor: float | np.ndarray
+    taper: float = TAPER
 
     def part(self, rows: slice) -> Band:
         """Return some rows of the band."""
@@ -98,8 +104,15 @@ class Band:
     @cached_property
     def noise_gain(self) -> float:
         """Factor by which the window raises the variance of sums over frequencies, whose noise it correlates."""
-        windows = [tukey(side, TAPER) for side in self.shape]
+        windows = [tukey(side, self.taper) for side in self.shape]
         return float(np.prod([(one**4).mean() / (one**2).mean() ** 2 for one in windows]))
+
+    @property
+    def needs_wider_taper(self) -> bool:
+        """Whether the window falls over too few grains, and can fall over more."""
+        radii = 1.0 / (2.0 * np.pi * np.sqrt(self._mean_squares.diagonal()))
+        falls = 0.5 * self.taper * np.array(self.shape)
+        return bool((falls < FALL_GRAINS * radii).any()) and self.taper < MAX_TAPER
 
     def are_apart(self, difference: np.ndarray) -> bool:
         """Return whether two objects are told apart if their displacements have a difference (2,), in pixels.
@@ -130,7 +143,7 @@ class Band:
         """Slopes of the logarithm of the overlap of two windows over their distance in pixels, along rows (H,) and columns (W,)."""
         slopes = []
         for side in self.shape:
-            window = tukey(side, TAPER)
+            window = tukey(side, self.taper)
             overlap = np.correlate(window, window, "full")[side - 1 :]
             slopes.append(np.gradient(np.log(np.maximum(overlap, 1e-3 * overlap[0]))))
         return slopes
@@ -145,12 +158,11 @@ class Reader:
 
     def __init__(self, shape: tuple[int, int], binning: int) -> None:
         self.shape, self._binning = (shape[0] // binning, shape[1] // binning), binning
-        self._window = np.outer(*(tukey(side, TAPER) for side in self.shape)).astype(np.float32)
 
-    def whole(self, frame: np.ndarray) -> np.ndarray:
+    def whole(self, frame: np.ndarray, taper: float = TAPER) -> np.ndarray:
         """Return the spectrum (rows, columns // 2 + 1) of a frame without its mean, complex64."""
         image = self._bin(frame)
-        return rfft2((image - image.mean()) * self._window)
+        return rfft2((image - image.mean()) * _window(self.shape, taper))
 
     def _bin(self, frame: np.ndarray) -> np.ndarray:
         """Return means of blocks of pixels, float32. Sums of strided views take a fifth of the time of a library's pooling."""
@@ -168,8 +180,14 @@ class Reader:
 
     def band(self, frames: Sequence[np.ndarray]) -> Band | None:
         """Return the band of the speckle, from the first frames; None if they show none."""
-        first = range(min(len(frames), FRAMES_FOR_POWER))
-        powers = np.array(on_all_cores(lambda number: np.abs(self.whole(frames[number])) ** 2, first))
+        first, taper = frames[:FRAMES_FOR_POWER], TAPER
+        while (band := self._band(first, taper)) is not None and band.needs_wider_taper:
+            taper = 2.0 * taper
+        return band
+
+    def _band(self, first: Sequence[np.ndarray], taper: float) -> Band | None:
+        """Return the band of frames through a window."""
+        powers = np.array(on_all_cores(lambda frame: np.abs(self.whole(frame, taper)) ** 2, first))
         power = np.tensordot(brightness_limits(powers) ** 2, powers, 1).astype(np.float64) / len(powers)
         rows, columns = np.fft.fftfreq(self.shape[0]), np.fft.rfftfreq(self.shape[1])
         radius = np.hypot(rows[:, None], columns[None]) / 0.5
@@ -177,28 +195,37 @@ class Reader:
         for side in SMOOTHING:
             smooth = uniform_filter(power, side, mode="wrap")
             floor = float(np.median(smooth[(radius > OUTER) & (radius <= 1.0)]))
-            is_signal = smooth - floor > SIGNAL_SIGMA * floor / (len(first) * side**2) ** 0.5  # of exponential variables
+            leaked = _leaked(smooth - floor, self.shape, taper)
+            signal = smooth - floor - leaked
+            is_signal = signal > SIGNAL_SIGMA * floor / (len(first) * side**2) ** 0.5  # of exponential variables
             # Noise exceeds the limit here and there at high frequencies, which would make the maximum falsely sharp.
             regions, _ = label(np.roll(is_signal, len(rows) // 2, 0))
             if middle := regions[len(rows) // 2, 0]:
                 inside = np.roll(regions == middle, -(len(rows) // 2), 0) & ~is_slow
                 if inside.any(1).sum() > 1 and inside.any(0).sum() > 1:
-                    return self._crop(smooth - floor, inside, floor)
+                    return replace(self._crop(signal, inside, floor + leaked), taper=taper)
         return None
 
-    def _crop(self, signal: np.ndarray, inside: np.ndarray, floor: float) -> Band:
+    def _crop(self, signal: np.ndarray, inside: np.ndarray, floor: np.ndarray) -> Band:
         rows, columns = np.fft.fftfreq(self.shape[0]), np.fft.rfftfreq(self.shape[1])
         highest = int(np.abs(np.round(rows[inside.any(1)] * self.shape[0])).max())
         kept = np.arange(-highest, min(highest, self.shape[0] - highest - 1) + 1)
         across = int(np.flatnonzero(inside.any(0)).max()) + 1
         is_double = (np.arange(across) > 0) & (np.arange(across) < (self.shape[1] + 1) // 2)
         counts = inside[kept][:, :across] * np.where(is_double, 2.0, 1.0)
-        return Band(self.shape, rows[kept], columns[:across], counts, np.where(inside, signal, 0.0)[kept][:, :across], floor)
+        return Band(
+            self.shape,
+            rows[kept],
+            columns[:across],
+            counts,
+            np.where(inside, signal, 0.0)[kept][:, :across],
+            floor[kept][:, :across],
+        )
 
     def spectra(self, frame: np.ndarray, band: Band) -> np.ndarray:
         """Return the spectrum of a frame in a band, complex64 (R, C)."""
         kept = np.round(band.rows * self.shape[0]).astype(int)
-        return self.whole(frame)[kept][:, : len(band.columns)]
+        return self.whole(frame, band.taper)[kept][:, : len(band.columns)]
 
     def all_spectra(self, frames: Sequence[np.ndarray], band: Band, advance: Callable[[], object] = lambda: None) -> np.ndarray:
         """Return the spectra of frames in a band, (n, R, C); `advance` is called after each."""
@@ -211,6 +238,25 @@ class Reader:
         found = np.stack(on_all_cores(read, range(len(frames))))
         limits = brightness_limits(np.array([np.vdot(one, one).real for one in found]))
         return found if limits.min() == 1.0 else found * limits[:, None, None]
+
+
+@lru_cache(maxsize=4)
+def _window(shape: tuple[int, int], taper: float) -> np.ndarray:
+    return np.outer(*(tukey(side, taper) for side in shape)).astype(np.float32)
+
+
+def _leaked(power: np.ndarray, shape: tuple[int, int], taper: float) -> np.ndarray:
+    """Return the part of a power spectrum (H, W // 2 + 1) that a window brings to each frequency from those more than `SLOW_PERIODS` away.
+
+    It moves with the phases of those frequencies, so that it would draw displacements towards zero.
+    """
+    whole, near = [], []
+    for side in shape:
+        spread = np.abs(fft(tukey(side, taper))) ** 2
+        spread /= spread.sum()
+        whole.append(fft(spread).real)
+        near.append(fft(np.where(np.abs(fftfreq(side, 1.0 / side)) <= SLOW_PERIODS, spread, 0.0)).real)
+    return np.maximum(rfft2(irfft2(power, s=shape) * (np.outer(*whole) - np.outer(*near))).real, 0.0)
 
 
 def brightness_limits(powers: np.ndarray) -> np.ndarray:
