@@ -42,6 +42,9 @@ SIGNAL_SIGMA = 3.0
 SLOW_PERIODS = 2
 """Frequencies up to this many periods per frame belong to uneven light and are left out; a window mixes as many with their neighbours."""
 
+STEPS = 8
+"""Steps between two frequencies in which the spectrum of a window is averaged."""
+
 MAX_LIKENESS = 0.35
 """Largest autocorrelation of the speckle, over its maximum, halfway between two displacements that are told apart: there, both objects
 interfere."""
@@ -252,7 +255,9 @@ def _leaked(power: np.ndarray, shape: tuple[int, int], taper: float) -> np.ndarr
     """
     whole, near = [], []
     for side in shape:
-        spread = np.abs(fft(tukey(side, taper))) ** 2
+        # The mean over a step of the frequencies: the spectrum of the speckle has power between them, too.
+        fine = np.abs(fft(tukey(side, taper), STEPS * side)) ** 2
+        spread = np.roll(fine, STEPS // 2).reshape(side, STEPS).mean(1)
         spread /= spread.sum()
         whole.append(fft(spread).real)
         near.append(fft(np.where(np.abs(fftfreq(side, 1.0 / side)) <= SLOW_PERIODS, spread, 0.0)).real)

@@ -1,0 +1,55 @@
+"""The window of a frame stays where it is: what it leaks to other frequencies does not hold speckle back, however large its grains."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import correlograph as cg
+from benchmarks.tracking_pairs import draw
+from invert.tracking.spectra import TAPER, Reader, _leaked
+from invert.tracking.track import track
+
+
+def test_power_beyond_the_band_is_what_the_window_leaks():
+    """A field within 0.02 cycles per pixel, so that the intensity has no power beyond 0.04."""
+    rng, shape, side = np.random.default_rng(5), (180, 250), 1024
+    reader, frequencies = Reader(shape, 1), np.fft.fftfreq(side)
+    inside = np.hypot(frequencies[:, None], frequencies) < 0.02
+    through_window, whole = [], []
+    for _ in range(60):
+        field = np.fft.ifft2(inside * (rng.normal(size=inside.shape) + 1j * rng.normal(size=inside.shape)))
+        intensity = np.abs(field) ** 2 / np.mean(np.abs(field) ** 2)
+        through_window.append(np.abs(reader.whole(intensity[: shape[0], : shape[1]])) ** 2)
+        whole.append(np.abs(np.fft.fft2(intensity - intensity.mean())) ** 2)
+    measured = np.mean(through_window, 0)
+    rows, columns = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])
+    far = np.hypot(rows, columns) > 0.08
+    # The power without the window, at the frequencies of the frame.
+    true = np.zeros_like(measured)
+    band = np.hypot(rows, columns) < 0.04
+    autocorrelation = np.fft.ifft2(np.mean(whole, 0)).real[np.ix_(*(np.fft.fftfreq(one, 1 / one).astype(int) for one in shape))]
+    full = np.fft.fft2(autocorrelation).real[:, : true.shape[1]].clip(0.0)
+    true[band] = full[band] * measured[band].sum() / full[band].sum()
+    assert _leaked(true, shape, TAPER)[far].sum() == pytest.approx(measured[far].sum(), rel=0.2)
+
+
+@pytest.mark.parametrize("number", [203, 206])
+def test_speckle_of_large_grains_is_followed_within_its_errors(number):
+    """Random objects of ten to fifteen grains across a frame; a steep window would hold them back by seven to seventeen errors."""
+    frames, velocities, _ = draw(number, 1)
+    found = track(cg.Capture(frames))
+    deviation = found.path_pixels - np.arange(len(frames))[:, None] * velocities[0]
+    assert (np.abs(deviation[1:]) < 4.0 * found.error_pixels[1:]).all()
+    assert not found.others
+    assert not found.warnings
+
+
+def test_a_path_between_those_of_two_objects_is_doubted():
+    frames, velocities, _ = draw(9, 2)
+    found = track(cg.Capture(frames))
+    away = [np.linalg.norm(found.path_pixels[-1] - (len(frames) - 1) * one) for one in velocities]
+    assert not found.others
+    assert min(away) > 5.0 * np.linalg.norm(found.error_pixels[-1]) or found.warnings
+    assert "several objects have not moved apart" in " ".join(found.warnings)
+    assert found.as_dict()["warnings"] == list(found.warnings)
