@@ -23,7 +23,7 @@ import correlograph as cg
 from benchmarks.tracking import errors
 from data_gen.shapes import filled_shape, glyph, strokes
 
-MARGIN = 160
+BORDER = 160
 """Pixels of the pattern beyond the frame, which objects may bring into view."""
 
 
@@ -49,7 +49,7 @@ def draw(number: int, objects: int) -> tuple[list[np.ndarray], np.ndarray, float
     rng = np.random.default_rng([number, objects, 4648])
     shape = rng.integers(*((260, 400) if number % 2 else (420, 700)), 2)
     grain, light, count = rng.uniform(2.2, 5.0), 10.0 ** rng.uniform(-0.3, 1.0), int(rng.integers(24, 64))
-    sides = [next_fast_len(int(side) + MARGIN) for side in shape]
+    sides = [next_fast_len(int(side) + BORDER) for side in shape]
     frequencies = np.stack(np.meshgrid(*(fftfreq(side) for side in sides), indexing="ij"), -1)
     fields = []
     for row, column, side in draw_places(rng, objects):

@@ -15,14 +15,7 @@ from correlograph.errors import InputError
 from invert.tracking.follow import Followed, follow
 from invert.tracking.maxima import highest
 from invert.tracking.parts import on_all_cores, sum_over_rows
-from invert.tracking.shifts import (
-    APART_GRAINS,
-    MIN_SIGNIFICANCE,
-    fold,
-    move_back,
-    overlap_share,
-    weight_of,
-)
+from invert.tracking.shifts import MIN_SIGNIFICANCE, fold, move_back, overlap_share, weight_of
 from invert.tracking.spectra import Band
 from invert.tracking.start import Start, share_along
 
@@ -46,6 +39,9 @@ GROUPS = (4, 16)
 """Numbers of frames on each side of a boundary that are added where single ones are too dim."""
 
 ROUNDS = 3
+
+APART_GRAINS = 3.0
+"""Least way off an exact path that is a jump, in rms radii of a grain."""
 
 
 class Boundaries(NamedTuple):

@@ -19,9 +19,6 @@ NEWTON_STEPS = 5
 MIN_SIGNIFICANCE = 6.0
 """Standard deviations above which a motion counts as found; the highest of a million shifts of noise lies at 5."""
 
-APART_GRAINS = 3.0
-"""Least distance of two displacements that differ, in rms radii of a grain."""
-
 MAX_COMMON = 0.99
 """Share of the speckle that two frames have in common at most, so that bright frames do not rely on their highest frequencies alone."""
 

@@ -198,7 +198,7 @@ class Reader:
         for side in SMOOTHING:
             smooth = uniform_filter(power, side, mode="wrap")
             floor = float(np.median(smooth[(radius > OUTER) & (radius <= 1.0)]))
-            leaked = _leaked(smooth - floor, self.shape, taper)
+            leaked = _leakage(smooth - floor, self.shape, taper)
             signal = smooth - floor - leaked
             is_signal = signal > SIGNAL_SIGMA * floor / (len(first) * side**2) ** 0.5  # of exponential variables
             # Noise exceeds the limit here and there at high frequencies, which would make the maximum falsely sharp.
@@ -248,7 +248,7 @@ def _window(shape: tuple[int, int], taper: float) -> np.ndarray:
     return np.outer(*(tukey(side, taper) for side in shape)).astype(np.float32)
 
 
-def _leaked(power: np.ndarray, shape: tuple[int, int], taper: float) -> np.ndarray:
+def _leakage(power: np.ndarray, shape: tuple[int, int], taper: float) -> np.ndarray:
     """Return the part of a power spectrum (H, W // 2 + 1) that a window brings to each frequency from those more than `SLOW_PERIODS` away.
 
     It moves with the phases of those frequencies, so that it would draw displacements towards zero.

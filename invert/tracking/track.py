@@ -77,7 +77,7 @@ class Track:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What makes the path doubtful, in words."""
+        """Doubts about the path, in words."""
         if self.fading is None:
             return ()
         apart, part = self.fading

@@ -7,7 +7,7 @@ import pytest
 
 import correlograph as cg
 from benchmarks.tracking_pairs import draw
-from invert.tracking.spectra import TAPER, Reader, _leaked
+from invert.tracking.spectra import TAPER, Reader, _leakage
 from invert.tracking.track import track
 
 
@@ -31,7 +31,7 @@ def test_power_beyond_the_band_is_what_the_window_leaks():
     autocorrelation = np.fft.ifft2(np.mean(whole, 0)).real[np.ix_(*(np.fft.fftfreq(one, 1 / one).astype(int) for one in shape))]
     full = np.fft.fft2(autocorrelation).real[:, : true.shape[1]].clip(0.0)
     true[band] = full[band] * measured[band].sum() / full[band].sum()
-    assert _leaked(true, shape, TAPER)[far].sum() == pytest.approx(measured[far].sum(), rel=0.2)
+    assert _leakage(true, shape, TAPER)[far].sum() == pytest.approx(measured[far].sum(), rel=0.2)
 
 
 @pytest.mark.parametrize("number", [203, 206])
