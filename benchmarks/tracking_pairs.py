@@ -106,7 +106,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         print(json.dumps(rows[-1]), flush=True)
     found, of_none = (sum(row[key] for row in rows) for key in ("found", "of_none"))
     if options.objects == 1:
-        worst = sorted(row.get("largest_deviation_in_errors", 0.0) for row in rows)
+        worst = sorted(row["largest_deviation_in_errors"] for row in rows if "refused" not in row)
         print(f"largest deviations in standard errors: {', '.join(f'{one:.2g}' for one in worst)}")
     print(f"{found} of {options.objects * options.count} objects found, {of_none} paths of none")
 

@@ -46,8 +46,8 @@ subtraction of its light leaves a half."""
 ALONE_SHARE = 1.0 / (1.0 + MIN_RELATIVE_SHARE)
 """Share of the speckle along one path that leaves too little for another object."""
 
-FADING_SIGMA = 3.0
-"""Standard errors by which speckle along a path fades before it is said to."""
+FADING_SIGMA, MAX_WAY_SHARE = 3.0, 0.2
+"""Standard errors by which speckle along a path fades before it is said to, and share of a side by which it moves meanwhile at most."""
 
 
 def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
@@ -101,12 +101,16 @@ def _largest_lag(frames: int) -> int:
 def fading_along(spectra: np.ndarray, band: Band, path: np.ndarray) -> tuple[int, float] | None:
     """Return a distance of frames and the part of what consecutive ones share along the path (frames, 2) of a single object that frames so
     far apart still share; None if it leaves no room for another object."""
-    lag, weight = _largest_lag(len(spectra)), weight_of(band, 0.0)
+    weight = weight_of(band, 0.0)
+    # The overlap of windows far apart is known less well.
+    steps = np.abs(path[-1] - path[0]) / (len(path) - 1) / np.array(band.shape)
+    lag = min(_largest_lag(len(spectra)), int(MAX_WAY_SHARE / max(steps.max(), 1e-9)))
     if lag < 2:
         return None
     near, far = (share_along(spectra, band, path, one) for one in (1, lag))
-    error = weight.deviation / (weight.full * (len(spectra) - lag) ** 0.5)
-    return (lag, max(far, 0.0) / near) if far + FADING_SIGMA * error < ALONE_SHARE * near else None
+    noise = weight.deviation / (weight.full * (len(spectra) - lag) ** 0.5)
+    error = np.hypot(noise, near / band.cells**0.5)  # of bright speckle, each cell is seen once
+    return (lag, max(far, 0.0) / near) if 0.0 < near and far + FADING_SIGMA * error < ALONE_SHARE * near else None
 
 
 def _explains(alone: Start, several: list[Start], spectra: np.ndarray, band: Band) -> bool:

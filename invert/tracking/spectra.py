@@ -196,7 +196,7 @@ class Reader:
         radius = np.hypot(rows[:, None], columns[None]) / 0.5
         is_slow = np.hypot(rows[:, None] * self.shape[0], columns[None] * self.shape[1]) <= SLOW_PERIODS
         for side in SMOOTHING:
-            smooth = uniform_filter(power, side, mode="wrap")
+            smooth = uniform_filter(_full_plane(power, self.shape[1]), side, mode="wrap")[:, : power.shape[1]]
             floor = float(np.median(smooth[(radius > OUTER) & (radius <= 1.0)]))
             leaked = _leakage(smooth - floor, self.shape, taper)
             signal = smooth - floor - leaked
@@ -246,6 +246,12 @@ class Reader:
 @lru_cache(maxsize=4)
 def _window(shape: tuple[int, int], taper: float) -> np.ndarray:
     return np.outer(*(tukey(side, taper) for side in shape)).astype(np.float32)
+
+
+def _full_plane(power: np.ndarray, columns: int) -> np.ndarray:
+    """Return a power spectrum (H, columns) whose columns of zero or more are given, (H, columns // 2 + 1)."""
+    opposite = np.roll(power[::-1], 1, 0)[:, 1 : columns - power.shape[1] + 1]
+    return np.concatenate([power, opposite[:, ::-1]], 1)
 
 
 def _leakage(power: np.ndarray, shape: tuple[int, int], taper: float) -> np.ndarray:

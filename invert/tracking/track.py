@@ -59,7 +59,7 @@ class Track:
         stretch: standard deviation of what the illumination adds to a displacement of the speckle, in pixels (rows, columns) per metre
             of the object's displacement, (2,); None if the geometry is unknown.
         fading: distance of frames, and part of what consecutive frames share that frames so far apart share along the path of a single
-            object; None if it is no less than noise explains.
+            object; None if it leaves no room for another object, or three standard errors do.
     """
 
     path_pixels: np.ndarray

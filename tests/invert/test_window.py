@@ -34,6 +34,20 @@ def test_power_beyond_the_band_is_what_the_window_leaks():
     assert _leakage(true, shape, TAPER)[far].sum() == pytest.approx(measured[far].sum(), rel=0.2)
 
 
+def test_the_spectrum_of_round_grains_is_round():
+    """The columns of zero are smoothed with their opposite, not with the highest."""
+    rng, side = np.random.default_rng(3), 256
+    inside = np.hypot(np.fft.fftfreq(side)[:, None], np.fft.fftfreq(side)) < 0.05
+    frames = []
+    for _ in range(32):
+        frames.append(np.abs(np.fft.ifft2(inside * (rng.normal(size=inside.shape) + 1j * rng.normal(size=inside.shape)))) ** 2)
+    band = Reader((side, side), 1).band([rng.poisson(50.0 * one / np.mean(one)).astype(np.float32) for one in frames])
+    assert band is not None
+    middle, lags = int(np.argmin(np.abs(band.rows))), np.arange(4, 16)
+    along = 0.5 * (band.signal[middle + lags, 0] + band.signal[middle - lags, 0])
+    assert along.sum() == pytest.approx(band.signal[middle, lags].sum(), rel=0.1)
+
+
 @pytest.mark.parametrize("number", [203, 206])
 def test_speckle_of_large_grains_is_followed_within_its_errors(number):
     """Random objects of ten to fifteen grains across a frame; a steep window would hold them back by seven to seventeen errors."""
@@ -46,10 +60,8 @@ def test_speckle_of_large_grains_is_followed_within_its_errors(number):
 
 
 def test_a_path_between_those_of_two_objects_is_doubted():
-    frames, velocities, _ = draw(9, 2)
+    frames, _, _ = draw(14, 2)
     found = track(cg.Capture(frames))
-    away = [np.linalg.norm(found.path_pixels[-1] - (len(frames) - 1) * one) for one in velocities]
     assert not found.others
-    assert min(away) > 5.0 * np.linalg.norm(found.error_pixels[-1]) or found.warnings
     assert "several objects have not moved apart" in " ".join(found.warnings)
     assert found.as_dict()["warnings"] == list(found.warnings)
