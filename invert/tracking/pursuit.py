@@ -110,7 +110,7 @@ def fading_along(spectra: np.ndarray, band: Band, path: np.ndarray) -> tuple[int
     near, far = (share_along(spectra, band, path, one) for one in (1, lag))
     noise = weight.deviation / (weight.full * (len(spectra) - lag) ** 0.5)
     error = np.hypot(noise, near / band.cells**0.5)  # of bright speckle, each cell is seen once
-    return (lag, max(far, 0.0) / near) if 0.0 < near and far + FADING_SIGMA * error < ALONE_SHARE * near else None
+    return (lag, max(far, 0.0) / near) if near > 0.0 and far + FADING_SIGMA * error < ALONE_SHARE * near else None
 
 
 def _explains(alone: Start, several: list[Start], spectra: np.ndarray, band: Band) -> bool:
