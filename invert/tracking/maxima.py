@@ -68,9 +68,11 @@ def highest(cross: np.ndarray, band: Band, weight: Weight) -> tuple[np.ndarray, 
     return place, float(heights[0])
 
 
-def maxima(crossed: Crossed, band: Band, weight: Weight, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def maxima(
+    crossed: Crossed, band: Band, weight: Weight, most: int, min_height: float = MIN_RELATIVE_HEIGHT
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the displacements of objects over the largest distance, (k, 2) in pixels, the mean heights of their maxima, and their
-    significance, (k,) each; those above `MIN_SIGNIFICANCE`, at most a number.
+    significance, (k,) each; those above `MIN_SIGNIFICANCE` and a height over that of the highest, at most a number.
 
     Each displacement found is subtracted, with all that belongs to it, before the next. What lies so close to another one that both would
     interfere is not another one.
@@ -85,7 +87,7 @@ def maxima(crossed: Crossed, band: Band, weight: Weight, most: int) -> tuple[np.
         deviation = max(deviation, noise)
         height = float(each.mean())
         largest = max(height, largest)
-        if height < max(MIN_SIGNIFICANCE * deviation, MIN_RELATIVE_HEIGHT * largest):
+        if height < max(MIN_SIGNIFICANCE * deviation, min_height * largest):
             break
         if all(band.are_apart(mean_scale * (exact - other)) for other in places):
             places = np.concatenate([places, exact[None]])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from correlograph.errors import InputError
-from invert.tracking.maxima import Crossed, correlate, maxima
+from invert.tracking.maxima import MIN_RELATIVE_HEIGHT, Crossed, correlate, maxima
 from invert.tracking.parts import on_all_cores, sum_over_rows
 from invert.tracking.shifts import MIN_SIGNIFICANCE, heights_at, overlap_share, weight_of
 from invert.tracking.spectra import Band
@@ -19,6 +19,9 @@ MAX_PEAKS = 4
 
 SCALES = (1.0, 0.85, 0.7, 0.55)
 """Distances of frames over the largest, at which an object must have moved in proportion."""
+
+MIN_RIVAL_HEIGHT = 0.3
+"""The least height of a maximum over that of the highest at which its object could be the brightest of all blocks."""
 
 MEAN_SCALE = sum(SCALES) / len(SCALES)
 
@@ -61,7 +64,7 @@ def find_brightest(spectra: np.ndarray, band: Band) -> Start:
     pairs = len(spectra) - 1
     doubled = (2**power for power in range(pairs.bit_length()))
     for length in dict.fromkeys([max(1, pairs // MAX_BLOCKS), *doubled]):
-        found, is_clear = paths_at(spectra, band, 1, length)
+        found, is_clear = paths_at(spectra, band, 1, length, MIN_RIVAL_HEIGHT)
         if found and is_clear:
             return found[0]
     weight = weight_of(band, 0.0)
@@ -99,9 +102,11 @@ def are_apart(one: np.ndarray, other: np.ndarray, lag: int, band: Band) -> bool:
     return band.are_apart(MEAN_SCALE * np.median(relative[lag:] - relative[:-lag], axis=0))
 
 
-def paths_at(spectra: np.ndarray, band: Band, lag: int, length: int) -> tuple[list[Start], bool]:
+def paths_at(
+    spectra: np.ndarray, band: Band, lag: int, length: int, min_height: float = MIN_RELATIVE_HEIGHT
+) -> tuple[list[Start], bool]:
     """Return the objects by the displacement of frames that are up to `lag` apart, in blocks of `length` pairs, the brightest first, and
-    whether nearly all blocks show one."""
+    whether nearly all blocks show one. `min_height` is that of a maximum over the highest."""
     pairs, weight = len(spectra) - lag, weight_of(band, 0.0)
     lags = np.unique(np.round(lag * np.array(SCALES)).astype(int))[::-1]
     blocks = np.array_split(np.arange(pairs), max(1, pairs // length))
@@ -115,7 +120,7 @@ def paths_at(spectra: np.ndarray, band: Band, lag: int, length: int) -> tuple[li
                 total += first.conj() * spectra[number + (lag - one) // 2 + one]
             own += first.real**2 + first.imag**2
         crossed = Crossed(cross / len(block), lags / lag, np.maximum(own / len(block) - band.floor, 0.0), len(block))
-        return *maxima(crossed, band, weight, MAX_PEAKS), len(block)
+        return *maxima(crossed, band, weight, MAX_PEAKS, min_height), len(block)
 
     found = on_all_cores(peaks_of, blocks)
     middles = np.array([block.mean() + 0.5 * lag for block in blocks])
