@@ -34,7 +34,7 @@ T = TypeVar("T")
 ALL_METHODS = ("unet:fast", "unet:balanced", "unet:best", "classical:balanced", "hio:balanced")
 
 
-def timed(run: Callable[..., T], *args: Any, **options: Any) -> tuple[T, float]:
+def time_of(run: Callable[..., T], *args: Any, **options: Any) -> tuple[T, float]:
     """Return what a call returns, and its CPU seconds."""
     begin = time.process_time()
     return run(*args, **options), time.process_time() - begin
@@ -64,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     options.output.mkdir(parents=True, exist_ok=True)
     torch.set_num_threads(1)
     cg.reconstruct(cg.render(cg.load("corner_letter"), frames=2), quality="balanced")  # loads all modules
-    unit = min(timed(fft_pairs)[1] for _ in range(5))
+    unit = min(time_of(fft_pairs)[1] for _ in range(5))
     print(f"one unit: {unit:.3f} CPU s\n\n| pixels | method | correlation | units |\n|---|---|---|---|")
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
     axes = figure.subplots()
@@ -72,7 +72,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         scene, capture = render(text, options.output)
         for number, choice in enumerate(options.methods):
             method, quality = choice.split(":")
-            result, seconds = timed(cg.reconstruct, capture, method=method, quality=quality, lags=lags, pitch_m=pitch_m)
+            result, seconds = time_of(cg.reconstruct, capture, method=method, quality=quality, lags=lags, pitch_m=pitch_m)
             grid = result.estimate.record.grid
             correlation = cg.aligned_pearson(result.albedo, lag_grid_albedo(scene.geometry, grid.size, grid.lags)[0])[0]
             print(f"| {lags + 1} | {choice} | {correlation:.2f} | {seconds / unit:.1f} |", flush=True)
@@ -80,7 +80,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         if text is None:
             seen = make_observation([result.measurement])
             with torch.no_grad():
-                seconds = timed(predict, PaperUnet().eval(), seen)[1]
+                seconds = time_of(predict, PaperUnet().eval(), seen)[1]
             print(f"| {lags + 1} | U-net of Metzler et al. 2020 | | {seconds / unit:.2f} |", flush=True)
     axes.legend(fontsize=6, ncols=len(SIZES))
     axes.set_xlabel("CPU time of one thread, in ten thousand pairs of real 128 x 128 FFTs")

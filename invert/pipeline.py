@@ -149,7 +149,7 @@ def estimate_following(request: Request, capture: Capture, groups: int = MIN_GRO
     """
     estimate = estimate_from_frames(capture, request)
     if request.mean_model != "auto":
-        return estimate, Stabilised.unmoved(capture)
+        return estimate, Stabilised.at_rest(capture)
     followed = follow_travel(capture, estimate.filtered_frames, groups)
     if followed.travel is not None:
         pooled = estimate_from_frames(followed.capture, replace(request, mean_model="pooled", sums_file=None, object_number=1))

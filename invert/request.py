@@ -105,11 +105,11 @@ class Request:
         if isinstance(patch, Integral):
             self._set("patch", PATCH.check("patch", int(patch)))
         elif not (patch is None or (isinstance(patch, str) and patch == "fit")):
-            raise InputError("patch", 'a number of pixels, None or "fit"', f"{patch!r:.60}", "correct it")
+            raise InputError("patch", 'a number of pixels, None or "fit"', f"{patch!r:.60}", "leave it at None")
         if isinstance(blur, Real):
             BLUR.check("blur_pixels", cast(float, blur))
         elif not (blur is None or (isinstance(blur, str) and blur == "auto")):
-            raise InputError("blur_pixels", 'a number of pixels, None or "auto"', f"{blur!r:.60}", "correct it")
+            raise InputError("blur_pixels", 'a number of pixels, None or "auto"', f"{blur!r:.60}", 'use "auto"')
         if self.lags is not None:
             self._set("lags", LAG_COUNT.check("lags", self.lags))
         if self.pitch_m is not None:

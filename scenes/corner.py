@@ -28,9 +28,9 @@ class Corner:
         detector_distance_m: from the object to the virtual detector, along the normal.
         camera_angle_deg: angle of the camera off the normal of the virtual detector, on the side away from the virtual source.
         pixel_pitch_m, frame_shape: pitch on the sensor; rows and columns.
-        magnification, focal_length_m, f_number: of the lens; the camera stands at f (1 + 1 / magnification).
+        magnification, focal_length_m, f_number: the lens; the camera stands at f (1 + 1 / magnification).
         wall_albedo: reflectance of both walls, Lambertian and rough.
-        read_noise, full_well, bits: of the camera, electrons; zero for none.
+        read_noise, full_well, bits: the sensor, in electrons; zero for none.
 
     Raises InputError for values that are impossible, and for walls that stand in each other's way.
     """

@@ -21,7 +21,7 @@ class LightPath:
     Attributes:
         share: its photons in units of those of the hidden object; None without light from the object.
         visibility: factor gamma^2 by which its beats with the object are lowered; 0 for light of another source.
-        effect: what it does to a frame, in a few words.
+        effect: its effect on a frame, in a few words.
     """
 
     name: str

@@ -38,7 +38,7 @@ class Scene:
 
     Attributes:
         mitsuba: the `mi.Scene`.
-        name, digest, parameters: of the scene file, for sim.json; the digest is empty for a scene without a file.
+        name, digest, parameters: properties of the scene file, for sim.json; the digest is empty for a scene without a file.
         sensor: index of the selected sensor; None if the scene has only one.
     """
 

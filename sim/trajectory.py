@@ -91,9 +91,9 @@ def read_trajectory(file: str | Path, name: str) -> Trajectory:
                 raise ValueError(f"columns {', '.join(names)} and {len(rows)} rows")
             values = np.array([[float(cell) for cell in row] for row in rows if row])
     except (OSError, ValueError) as error:
-        raise InputError(name, expected, f"{file} ({error})", "correct the file") from None
+        raise InputError(name, expected, f"{file} ({error})", "write one row of numbers for each time") from None
     if values.ndim != 2 or values.shape[1] != len(names) or not np.isfinite(values).all():
-        raise InputError(name, "finite numbers in every column", str(file), "correct the file")
+        raise InputError(name, "finite numbers in every column", str(file), "remove or complete such rows")
     if (np.diff(values[:, 0]) <= 0.0).any():
         raise InputError(name, "times that ascend", str(file), "sort its rows by time, and remove repeated times")
     turns = values[:, 4:] if len(names) > len(COLUMNS) else np.zeros((len(values), 3))

@@ -67,7 +67,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Shuffle the files of tests that may run out of time, anew every day, so that the same ones are not skipped again and again."""
+    """Shuffle the files of tests that may run out of time, differently every day, so that the same ones are not skipped again and again."""
     until = config.getoption("--until")
     if until is not None:
         files = sorted({item.path for item in items})

@@ -77,7 +77,7 @@ def are_intact(folder: Path, names: Iterable[str]) -> bool:
     return all(name in known and (folder / name).is_file() and digest_of(folder / name) == known[name][-1] for name in names)
 
 
-def recorded(folder: Path) -> dict[str, str]:
+def digests_in(folder: Path) -> dict[str, str]:
     """Return the names in the manifest of a folder with their latest digests, without temporary ones."""
     return {name: known[-1] for name, known in _read(folder).items() if _TEMPORARY not in known}
 

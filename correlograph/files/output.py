@@ -21,9 +21,9 @@ from correlograph.files.manifest import (
     PARTIAL,
     claim,
     digest_of,
+    digests_in,
     record,
     record_temporary,
-    recorded,
     remove_temporary,
     remove_unused_manifest,
 )
@@ -144,7 +144,7 @@ def replace_files(staging: Path, folder: Path, older: Iterable[str], last: str) 
     """
     new = [path.name for path in staging.iterdir() if path.name != MANIFEST]
     claim(folder, dict.fromkeys([*new, *older]))  # files may have appeared during the work
-    record(folder, recorded(staging))
+    record(folder, digests_in(staging))
     (folder / last).unlink(missing_ok=True)
     for name in older:
         if name not in new:

@@ -100,7 +100,7 @@ def read_description(file: Path) -> dict[str, object]:
     try:
         content = json.loads(description.read_bytes()[:MAX_SIDECAR_BYTES])
     except (OSError, ValueError, RecursionError) as problem:
-        raise InputError("frame", f"JSON in {description.name}", type(problem).__name__, "correct the file") from None
+        raise InputError("frame", f"JSON in {description.name}", type(problem).__name__, "write valid JSON into it") from None
     if not isinstance(content, dict):
-        raise InputError("frame", f"an object in {description.name}", f"{content!r:.40}", "correct the file")
+        raise InputError("frame", f"an object in {description.name}", f"{content!r:.40}", "put the description in braces")
     return content

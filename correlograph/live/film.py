@@ -39,7 +39,7 @@ class Look:
 
 @dataclass(frozen=True)
 class _Image:
-    """What a film keeps of a reconstruction."""
+    """The part of a reconstruction that a film keeps."""
 
     albedo: np.ndarray
     confidence: float

@@ -30,7 +30,7 @@ PICTURES = ("frame", "histogram and contrast", "autocorrelation", "reconstructio
 MIN_SILENCE_S = 3.0
 """Time without a frame after which the page states it."""
 
-SKIPPED = 4
+HISTOGRAM_STEP = 4
 """Step over rows and columns of a frame for its histogram."""
 
 
@@ -145,7 +145,7 @@ def draw_trend(frame: np.ndarray, contrasts: list[float]) -> bytes:
     """Return the histogram of a frame, and the contrast of the latest frames, as a PNG file."""
     figure = Figure(figsize=(3.2, 3.2), layout="constrained")
     histogram, trend = figure.subplots(2, 1)
-    histogram.hist(frame[::SKIPPED, ::SKIPPED].ravel(), 64, log=True, color="0.3")
+    histogram.hist(frame[::HISTOGRAM_STEP, ::HISTOGRAM_STEP].ravel(), 64, log=True, color="0.3")
     histogram.set_xlabel("value of a pixel", fontsize=8)
     trend.plot(contrasts, color="0.3")
     trend.set_xlabel("frame", fontsize=8)

@@ -36,7 +36,7 @@ class Acquisition:
         film: the reconstructions so far.
         received, dropped: frames of the source, and how many of them were never added.
         skipped: frames that the session refused, with the reason.
-        pending_quality: of the reconstruction that was asked for and is not complete; empty if there is none.
+        pending_quality: quality of the reconstruction that was asked for and is not complete; empty if there is none.
         problem: why the source or the estimate ended; empty while all is well.
         until: confidence of a reconstruction at which reading stops; None to continue.
     """

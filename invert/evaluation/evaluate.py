@@ -63,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     methods = _check(options)
     from tqdm import tqdm
 
-    from correlograph.files.manifest import claim, recorded
+    from correlograph.files.manifest import claim, digests_in
     from correlograph.files.output import output_folder, sole_writer
     from correlograph.progress import stage
     from invert.evaluation.report import write_report
@@ -75,7 +75,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     cells = output_folder(output / "cells")
     with sole_writer(output), sole_writer(cells):
         claim(output, ["table.md", "results.json", "pareto.png", *_figure_names(options)], overwrite=options.overwrite)
-        claim(cells, recorded(cells), overwrite=options.overwrite)
+        claim(cells, digests_in(cells), overwrite=options.overwrite)
         results = [
             _cell(cells, level, name, settings, options)
             for level in tqdm(levels, unit="level", disable=None)

@@ -26,7 +26,7 @@ class Field:
         wall_shape: samples of the field on the wall (rows, columns) that is its Fourier transform.
         frame_shape: samples of the wall that the frame covers.
         pitches_m: width of a cell on the object along rows and columns; None if the camera is unknown.
-        wavelength_m, distance_m: as in `CameraMetadata`.
+        wavelength_m, distance_m: wavelength, and distance from the object to the wall, in metres.
     """
 
     samples: np.ndarray

@@ -49,7 +49,7 @@ class Ascent:
         """Take a preconditioned conjugate-gradient step whose length follows from the curvature.
 
         Pixels of zero albedo stay at zero if the gradient of the log-likelihood there is negative. The state returned has the
-        likelihood of the albedo before; see `evaluated`.
+        likelihood of the albedo before; see `evaluate`.
 
         Args:
             moves: whether each albedo moves, (n, 1, 1).
@@ -69,10 +69,10 @@ class Ascent:
         """Take steps from the beginning; return the albedos."""
         ascent = self
         for number in range(steps):
-            ascent = (ascent.evaluated(likelihood) if number else ascent).step()
+            ascent = (ascent.evaluate(likelihood) if number else ascent).step()
         return ascent.albedo
 
-    def evaluated(self, likelihood: Likelihood) -> Ascent:
+    def evaluate(self, likelihood: Likelihood) -> Ascent:
         """Return the state with the likelihood of its albedo."""
         return replace(self, at=likelihood.at(self.albedo))
 
@@ -97,7 +97,7 @@ def ascend_to_deviance(
         moves = present > deviance
         if not bool(moves.any()):
             break
-        reached = ascent.step(moves[:, None, None]).evaluated(likelihood)
+        reached = ascent.step(moves[:, None, None]).evaluate(likelihood)
         lower = reached.at.deviance()
         share = ((present - deviance) / (present - lower).clamp_min(1e-9)).clamp(0.0, 1.0) * moves
         between = ascent.albedo + share[:, None, None] * (reached.albedo - ascent.albedo)

@@ -120,7 +120,7 @@ class Mixture:
             relative = self.tracks[one].path_pixels - self.tracks[other].path_pixels
             for apart, common in enumerate(self.in_common[one] * self.in_common[other], 1):
                 if common:
-                    found[:, :, one, other] += common * _turned(relative[apart:] - relative[:-apart], grid)
+                    found[:, :, one, other] += common * _interference(relative[apart:] - relative[:-apart], grid)
         return found / np.diagonal(found, axis1=2, axis2=3)[..., None]
 
     def separate(self, number: int, grid: PatchGrid, joint: np.ndarray) -> np.ndarray:
@@ -140,7 +140,7 @@ class Mixture:
         return found[..., number]
 
 
-def _turned(away: np.ndarray, grid: PatchGrid) -> np.ndarray:
+def _interference(away: np.ndarray, grid: PatchGrid) -> np.ndarray:
     """Return the sum of cos(2 pi f D) over relative displacements D (pairs, 2) at the lags of a grid, as the estimator sees it."""
     steps = np.arange(-grid.lags, grid.lags + 1)
     rows, columns = (

@@ -136,7 +136,7 @@ class NormalEquations:
 
     @cached_property
     def _hats(self) -> csr_array:
-        """How much each position contributes to each frame, (frames, positions): straight lines between them."""
+        """Contributions of positions to frames, (frames, positions): straight lines between them."""
         at = np.arange(self.frames)
         before, part = at // self.length, at % self.length / self.length
         places = np.concatenate([before, np.minimum(before + 1, self.positions - 1)])

@@ -27,7 +27,7 @@ ANGLES = 180
 FINE_ANGLES = 1440
 """Turns at which the correlation of two groups is computed."""
 
-SMOOTHED = (3, 9)
+SMOOTHING_SIDES = (3, 9)
 """Rings and angles over which the power of the noise is averaged."""
 
 MIN_POWER = 6.0
@@ -91,7 +91,7 @@ def find_turns(estimates: np.ndarray, aspect: float = 1.0) -> Turns:
         series = np.stack([rings.series(group, *state) for group, state in enumerate(zip(angle, scale, strict=True))])
         residual = series - series.mean(0)
         variance = ndimage.uniform_filter(
-            (rings.on_rings(residual) ** 2).sum(0) / (count - 1), SMOOTHED, mode=("nearest", "wrap")
+            (rings.on_rings(residual) ** 2).sum(0) / (count - 1), SMOOTHING_SIDES, mode=("nearest", "wrap")
         )
         # without the group itself, whose own noise would hold it where it is
         others = (series.sum(0) - series) / (count - 1)

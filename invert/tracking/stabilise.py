@@ -49,7 +49,7 @@ class Stabilised:
     obstacle: str = ""
 
     @classmethod
-    def unmoved(
+    def at_rest(
         cls, capture: Capture, travel: Travel | None = None, track: Track | None = None, obstacle: str = ""
     ) -> Stabilised:
         """Return the frames as they are."""
@@ -86,12 +86,12 @@ def follow_travel(capture: Capture, filtered: FilteredFrames | None, groups: int
         groups: minimum number of groups that are left.
     """
     if filtered is None or not may_travel(filtered.spectra) or (travel := find_travel(capture)) is None:
-        return Stabilised.unmoved(capture)
+        return Stabilised.at_rest(capture)
     try:
         path = track(capture)
     except InputError as error:  # too dim, or too many frames for the memory
-        return Stabilised.unmoved(capture, travel, obstacle=str(error))
-    return Stabilised.unmoved(capture, travel, path) if path.others else stabilise(capture, path, groups)
+        return Stabilised.at_rest(capture, travel, obstacle=str(error))
+    return Stabilised.at_rest(capture, travel, path) if path.others else stabilise(capture, path, groups)
 
 
 def stabilise(capture: Capture, path: Track, least: int = MIN_GROUPS) -> Stabilised:

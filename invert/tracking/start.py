@@ -38,7 +38,7 @@ class Start:
 
     Attributes:
         path: approximate position of its speckle in each frame, (frames, 2) pixels.
-        significance: of its maximum in the sum over all blocks, each at its own displacement, in standard deviations.
+        significance: height of its maximum in the sum over all blocks, each at its own displacement, in standard deviations.
         share: share of the power of the speckle that frames `lag` apart have in common by it.
         frames_per_block: number of frames in the blocks from which the path was found.
         lag: distance of the frames by whose displacement it was found.

@@ -1,4 +1,4 @@
-"""What paths, rotations and films have in common: the check of their frames, and a folder with table, numbers and plot."""
+"""Check of the frames of paths, rotations and films, and the folder with table, numbers and plot in which each is saved."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ BENDS = 7
 SHARED_BY_WINDOW = 35.0 / 18.0
 """Factor by which the window raises the variance of a mean of neighbouring powers: 1 + 2 (2/3)^2 + 2 (1/6)^2."""
 
-LEAST_SIDE = 4
+MIN_SIDE_FREQUENCIES = 4
 """Least number of frequencies on a side with which a maximum is compared."""
 
 
@@ -69,12 +69,12 @@ def _chance(power: np.ndarray, free: np.ndarray, place: int) -> float:
     Args:
         power: (frequencies, 2). free: frequencies that belong to no vibration found before.
     """
-    reach = max(3 * LEAST_SIDE, len(power) // 16)
+    reach = max(3 * MIN_SIDE_FREQUENCIES, len(power) // 16)
     sides = np.s_[max(0, place - LOBE - reach) : max(0, place - LOBE)], np.s_[place + LOBE + 1 : place + LOBE + 1 + reach]
     below, above = (power[one][free[one]] for one in sides)
-    if not free[place] or len(below) < LEAST_SIDE:
+    if not free[place] or len(below) < MIN_SIDE_FREQUENCIES:
         return 1.0
-    used = [below, above] if len(above) >= LEAST_SIDE else [below]
+    used = [below, above] if len(above) >= MIN_SIDE_FREQUENCIES else [below]
     noise, count = np.max([np.median(one, 0) for one in used], 0) / np.log(2.0), sum(len(one) for one in used)
     if len(used) == 1:  # a median varies as much as the mean of half as many
         count *= np.log(2.0) ** 2

@@ -44,7 +44,7 @@ class Film:
         path: path of its speckle; None if the laser moves, or if the object stays where it is.
         pitches_m: pitch of the pixels along rows and columns; None if the camera is unknown.
         interval_s: time between frames; None if unknown.
-        notes: what was done to the frames.
+        notes: corrections and choices made for the frames.
     """
 
     albedos: np.ndarray

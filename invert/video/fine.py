@@ -19,7 +19,7 @@ from invert.video.turning import turn
 from invert.video.windows import Window
 
 
-def with_fields(
+def retrieve_fields(
     request: Request, capture: Capture, looks: Looks, still: Window, coarse: list[Result], times: np.ndarray
 ) -> tuple[list[Result], list[str]]:
     """Return a result with fields for each window in which the object is at rest, at its own angle, and notes.

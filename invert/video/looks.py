@@ -43,10 +43,10 @@ class Looks:
         for frame in tqdm(capture.frames, desc="autocorrelations", unit="frame", disable=None, leave=False):
             estimator = estimator_of(grid, whole.record.background.mean, request.device)
             estimator.add(frame)
-            values.append(_without_zero_lag(estimator.estimate()))
+            values.append(_fill_zero_lag_by_neighbours(estimator.estimate()))
         every = np.stack(values)
         if whole.record.background.fixed_pattern_lags:
-            every -= every.mean(0) - _without_zero_lag(whole.values)
+            every -= every.mean(0) - _fill_zero_lag_by_neighbours(whole.values)
         return cls(every, whole, np.zeros(len(every)))
 
     @property
@@ -86,7 +86,7 @@ class Looks:
         return replace(self.whole, values=values, record=record, filtered_frames=None)
 
 
-def _without_zero_lag(values: np.ndarray) -> np.ndarray:
+def _fill_zero_lag_by_neighbours(values: np.ndarray) -> np.ndarray:
     middle = len(values) // 2
     beside = [values[middle + row, middle + column] for row, column in ((0, 1), (1, 0), (1, 1), (1, -1))]
     return fill_zero_lag(values, float(np.mean(beside)))

@@ -24,7 +24,7 @@ from invert.tracking.rotation import rotation_of, signal_of
 from invert.tracking.tables import check_frames
 from invert.tracking.track import Track
 from invert.video.film import Film
-from invert.video.fine import of_one_size, with_fields
+from invert.video.fine import of_one_size, retrieve_fields
 from invert.video.looks import Looks
 from invert.video.pooling import Pooling, pool, spread
 from invert.video.sequence import register_sequence
@@ -71,7 +71,7 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
     found, frames = _reconstruct(request, looks, pooling.weights[numbers]), pooling.frames
     if request.retrieves_fields:
         still = choose_window(looks.with_angles(np.zeros(len(looks.values))))
-        found, of_fields = with_fields(request, followed.capture, looks, still, found, numbers)
+        found, of_fields = retrieve_fields(request, followed.capture, looks, still, found, numbers)
         images, numbers = of_one_size([one.albedo for one in found]), np.array(still.middles())
         frames = min(2 * still.half_width + 1, still.frames)
     else:
@@ -116,7 +116,7 @@ def _film_of_one(alone: Result, path: Track, interval_s: float | None, notes: li
 
 
 def _read(request: Request, source: Source) -> tuple[Capture, list[str]]:
-    """Return prepared frames, and notes. Raises InputError for what is no sequence of frames."""
+    """Return prepared frames, and notes. Raises InputError unless the source is a sequence of frames."""
     request.check_source(source)
     shown = read_source(source, request.camera or CameraMetadata(), request.autocorrelation)
     if not isinstance(shown, Capture):

@@ -49,7 +49,7 @@ class Stage:
         name: name of the effect in the plan.
         parameter: attribute of `Electronics` that enables the stage.
         unit: unit of that parameter.
-        spread: what shares one random value: a pixel, a row or a column.
+        spread: part of a frame that shares one random value: a pixel, a row or a column.
         is_static: whether the noise is the same in all frames. With two frames or more, `invert` subtracts what they share.
     """
 

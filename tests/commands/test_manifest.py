@@ -135,7 +135,7 @@ def test_a_rerun_of_a_store_keeps_a_users_file(inputs, command):
     assert file.read_text() == "mine"
 
 
-def test_a_file_is_own_until_somebody_changes_it(tmp_path):
+def test_a_file_is_own_until_it_is_changed(tmp_path):
     for name in ("plain.json", "two words.json", "back\\slash.json", "line\nbreak.json", os.fsdecode(b"latin-\xe9.json")):
         path = tmp_path / name
         save_json(path, {"a": 1})

@@ -1,4 +1,4 @@
-"""What happens in a lab: unmoved spots, offsets, vignettes, dark frames of every kind, mixed folders. Gains and offsets are random."""
+"""Situations in a lab: unmoved spots, offsets, vignettes, dark frames of every kind, mixed folders. Gains and offsets are random."""
 
 from __future__ import annotations
 

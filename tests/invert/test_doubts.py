@@ -31,7 +31,7 @@ def doubts_of(test: SpeckleTest | None, frames: int = 2, waves: int = 0) -> tupl
     return find_doubts(FOUND, test, lambda: pytest.fail("no samples, no likelihood"), record(frames, waves))
 
 
-def raised(*args, **options) -> list[DoubtKind]:
+def kinds_raised_by(*args, **options) -> list[DoubtKind]:
     return [one.kind for one in doubts_of(*args, **options) if one.is_raised]
 
 
@@ -56,7 +56,7 @@ def test_thresholds_of_scatter_are_exceeded_at_their_rate(allowed):
 
 
 def test_speckle_raises_no_doubt():
-    assert raised(SPECKLE) == raised(SPECKLE, frames=1) == []
+    assert kinds_raised_by(SPECKLE) == kinds_raised_by(SPECKLE, frames=1) == []
     assert lower_confidence(FOUND, doubts_of(SPECKLE)).confidence == 0.9
 
 
@@ -79,9 +79,9 @@ def test_each_fault_raises_its_doubt_alone(changes, frames, kind):
 
 def test_uncertain_third_moments_raise_no_doubt():
     for ratio in (0.0, 2.0):
-        assert raised(replace(SPECKLE, third_moment_ratio=ratio, error=0.9)) == []
-        assert raised(replace(SPECKLE, third_moment_ratio=ratio, error=0.9), frames=1) == []
-    assert raised(replace(SPECKLE, third_moment_ratio=-0.2, error=0.3), frames=1) == [DoubtKind.TEXTURE]
+        assert kinds_raised_by(replace(SPECKLE, third_moment_ratio=ratio, error=0.9)) == []
+        assert kinds_raised_by(replace(SPECKLE, third_moment_ratio=ratio, error=0.9), frames=1) == []
+    assert kinds_raised_by(replace(SPECKLE, third_moment_ratio=-0.2, error=0.3), frames=1) == [DoubtKind.TEXTURE]
 
 
 @pytest.mark.parametrize("error", [0.02, 0.15, 0.3, 0.5, 1.0])

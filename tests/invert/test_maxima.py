@@ -31,7 +31,7 @@ def moved(band: Band, pixels: np.ndarray) -> np.ndarray:
     return band.signal * np.exp(-2j * np.pi * turns)
 
 
-def test_what_moves_in_proportion_is_found_below_a_higher_maximum_that_does_not():
+def test_motion_in_proportion_is_found_below_a_higher_maximum_out_of_proportion():
     band = band_of(np.random.default_rng(0).uniform(size=(30, 42)))
     scales, true, other = np.array([1.0, 0.8, 0.5]), np.array([31.5, -18.25]), np.array([-20.0, 7.0])
     cross = np.stack([0.3 * moved(band, scale * true) for scale in scales])

@@ -1,4 +1,4 @@
-"""Speckle that travels is told from a camera that moves over static light."""
+"""Speckle that travels is distinguished from a camera that moves over static light."""
 
 import numpy as np
 import pytest

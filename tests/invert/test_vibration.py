@@ -56,5 +56,5 @@ def test_neighbours_and_high_frequencies_are_found(frames, periods, rng):
 
 @pytest.mark.parametrize("frames", [1, 3, 13, 14, 20])
 def test_a_short_path_has_none_or_some(frames, rng):
-    """With so few frames there is hardly anything to compare with."""
+    """So few frames have hardly any other frequencies to compare with."""
     assert len(find_vibrations(rng.standard_normal((frames, 2)))) <= 1

@@ -88,7 +88,7 @@ INNER = (slice(60, -60), slice(60, -60))
 
 @pytest.mark.parametrize("degrees", [2.0, -2.0])
 def test_speckle_turns_with_the_object(still, degrees):
-    """By the same angle, about the frame centre if the light comes along the line of sight."""
+    """The patterns turn by the same angle, about the frame centre if the light comes along the line of sight."""
     first, second = two_frames(turning(lit_along_the_line_of_sight(still), degrees))
     assert likeness(turned(first, degrees)[INNER], second[INNER]) > 0.9
     assert likeness(turned(first, -degrees)[INNER], second[INNER]) < 0.2
@@ -157,7 +157,7 @@ def test_a_list_of_positions_is_followed(still, tmp_path):
 
 
 def test_a_camera_that_moves_sees_the_same_speckle_displaced(still):
-    """By its own displacement, whatever the distances."""
+    """The speckle moves by the displacement of the camera, whatever the distances."""
     pitch = still.camera.pixel_pitch_m
     way = 4.0 * pitch * still.camera.down + 7.0 * pitch * still.camera.right
     camera = replace(still.camera, trajectory=Trajectory(velocity_m_s=way / INTERVAL_S))

@@ -86,7 +86,7 @@ def test_background_from_the_contrast(scene, ambient):
 
 @pytest.mark.parametrize(("light", "read"), [(0.3, 0.2), (0.3, 1.0), (3.0, 0.5)])
 def test_clipped_read_noise_is_not_taken_for_light(scene, light, read):
-    """Where few counts meet read noise, clipping below zero raises the mean and lowers the variance."""
+    """With few counts and read noise, clipping below zero raises the mean and lowers the variance."""
     grid, model, prior, intensity = scene
     rng, pixels = np.random.default_rng(12), grid.binning[0] * grid.binning[1]
     frames = [
