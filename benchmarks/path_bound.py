@@ -10,9 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from correlograph.files.capture import Capture
+from invert.tracking.band import Band
 from invert.tracking.components import Components
 from invert.tracking.normal_equations import NormalEquations
-from invert.tracking.spectra import Band, Reader
+from invert.tracking.spectra import Reader
 from invert.tracking.to_object import slope_variance
 from sim.geometry import Geometry
 from sim.optics.object_samples import ObjectSamples, sample_object

@@ -39,7 +39,8 @@ if TYPE_CHECKING:
     from invert.output.truth import Truth
     from invert.pipeline import reconstruct
     from invert.tracking.rotation import Rotation, track_rotation
-    from invert.tracking.track import Track, track
+    from invert.tracking.track import Track
+    from invert.tracking.tracker import track
     from invert.video.film import Film
     from invert.video.video import film
     from sim.plan import Settings
@@ -71,7 +72,7 @@ _MODULES = {
     "reconstruct": "invert.pipeline",
     "render": "sim.rendering",
     "score": "invert.albedo.metrics",
-    "track": "invert.tracking.track",
+    "track": "invert.tracking.tracker",
     "track_rotation": "invert.tracking.rotation",
 }
 

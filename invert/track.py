@@ -53,7 +53,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     from correlograph.files.manifest import claim
     from correlograph.files.output import output_folder
     from invert.tracking.rotation import ROTATION_FILES, track_rotation
-    from invert.tracking.track import TRACK_FILES, track
+    from invert.tracking.track import TRACK_FILES
+    from invert.tracking.tracker import track
 
     angle = tuple(options.source_angle_deg)
     if options.rotation and (options.binning, options.source_distance_m, angle) != (1, None, (0.0, 0.0)):

@@ -1,11 +1,13 @@
 """Motion of hidden objects from the travel of their speckle over the wall, with the laser at rest.
 
-spectra.py   spectra of frames in the band of their speckle
+band.py      frequencies at which frames show speckle
+spectra.py   spectra of frames in this band
 shifts.py    displacements from cross-spectra, with standard errors
 parts.py     work on spectra in parts, on all cores
 start.py     objects and their approximate paths
 pursuit.py   all objects of a capture
 separation.py  frames without the light of objects that were found
+register.py  frames registered to those around them
 follow.py    exact path of a single object, frame by frame
 breaks.py    jumps of a path, and paths across them
 components.py  power and fading of each of several objects
@@ -13,7 +15,8 @@ joint.py     exact paths of several objects together
 normal_equations.py  score and information of these paths
 vibration.py periodic motion in a path
 to_object.py displacements of the object from those of its speckle
-track.py     the whole: frames -> Track
+track.py     Track: a path, and what follows from it
+tracker.py   the whole: frames -> Track
 rings.py     turn and scale of autocorrelations
 rotation.py  rotation and distance: frames -> Rotation
 tables.py    checks and files that both share

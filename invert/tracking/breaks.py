@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from correlograph.errors import InputError
+from invert.tracking.band import Band
 from invert.tracking.follow import Followed, follow
 from invert.tracking.maxima import highest
 from invert.tracking.parts import on_all_cores, sum_over_rows
 from invert.tracking.shifts import MIN_SIGNIFICANCE, fold, move_back, overlap_share, weight_of
-from invert.tracking.spectra import Band
 from invert.tracking.start import Start, share_along
 
 MAX_LOW, MIN_HIGH = 0.3, 0.6

@@ -8,9 +8,10 @@ from itertools import combinations
 import numpy as np
 from scipy.ndimage import uniform_filter
 
+from invert.tracking.band import Band
 from invert.tracking.parts import on_all_cores
 from invert.tracking.shifts import move_back
-from invert.tracking.spectra import SMOOTHING, Band
+from invert.tracking.spectra import SMOOTHING
 from invert.tracking.start import are_apart
 
 MAX_LAG, LAGS = 16, 6

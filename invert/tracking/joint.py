@@ -17,10 +17,11 @@ from itertools import combinations
 
 import numpy as np
 
+from invert.tracking.band import Band
 from invert.tracking.components import MAX_LAG, Components, unmix
-from invert.tracking.follow import Followed, approximate, phase_walk
+from invert.tracking.follow import Followed, approximate
 from invert.tracking.normal_equations import NormalEquations
-from invert.tracking.spectra import Band
+from invert.tracking.register import phase_walk
 from invert.tracking.start import Start, way_apart
 
 FIRST_FREQUENCIES = 4000

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.fft import fftfreq, irfft2, next_fast_len
 from scipy.ndimage import maximum_filter
 
+from invert.tracking.band import Band
 from invert.tracking.shifts import MIN_SIGNIFICANCE, Weight, fold, move_back, refine
-from invert.tracking.spectra import Band
 
 GRID_PER_PERIOD = 1.5
 """Grid points of a cross-correlation per period of twice its highest frequency."""

@@ -10,9 +10,9 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.sparse import csr_array
 
+from invert.tracking.band import Band
 from invert.tracking.components import Components
 from invert.tracking.parts import on_all_cores
-from invert.tracking.spectra import Band
 
 WINDOW = 32
 """Number of frames that are compared with one another. Windows overlap by half; up to twice as many frames are one window."""

@@ -11,10 +11,10 @@ from itertools import combinations
 import numpy as np
 
 from correlograph.errors import InputError
+from invert.tracking.band import Band
 from invert.tracking.breaks import follow_over_jumps, mend
 from invert.tracking.separation import subtract_light
 from invert.tracking.shifts import weight_of
-from invert.tracking.spectra import Band
 from invert.tracking.start import Start, are_apart, find_brightest, paths_at, share_along, way_apart
 
 MAX_LAG, MAX_LAG_SHARE = 32, 0.6

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from invert.tracking.band import Band
 from invert.tracking.shifts import move_back
-from invert.tracking.spectra import Band
 from invert.tracking.start import Start
 
 CHANGING_SHARE = 0.1

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from invert.tracking.spectra import Band
+from invert.tracking.band import Band
 
 NEWTON_STEPS = 5
 MIN_SIGNIFICANCE = 6.0

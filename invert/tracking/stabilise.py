@@ -17,7 +17,8 @@ from correlograph.files.capture import Capture
 from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import read_measurement
 from invert.request import Request
-from invert.tracking.track import Track, track
+from invert.tracking.track import Track
+from invert.tracking.tracker import track
 from invert.tracking.travel import Travel, find_travel, may_travel
 from radiometry.estimation.third_moment import FilteredFrames
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from correlograph.errors import InputError
+from invert.tracking.band import Band
 from invert.tracking.maxima import MIN_RELATIVE_HEIGHT, Crossed, correlate, maxima
 from invert.tracking.parts import on_all_cores, sum_over_rows
 from invert.tracking.shifts import MIN_SIGNIFICANCE, heights_at, overlap_share, weight_of
-from invert.tracking.spectra import Band
 
 MAX_BLOCKS = 32
 """Number of blocks of frames in which objects are sought first."""

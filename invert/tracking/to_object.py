@@ -19,7 +19,7 @@ import numpy as np
 
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata
-from invert.tracking.spectra import Band
+from invert.tracking.band import Band
 
 ROUND_SPOT = np.pi
 """Integral of the covariance of J for an evenly lit round spot and a displacement of 1; half of it for a Gaussian one."""

@@ -1,40 +1,20 @@
-"""Paths of hidden objects from frames with the laser at rest."""
+"""Path of a hidden object, from which its velocity and vibrations follow, with table and plot."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from numbers import Integral
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
 from scipy.linalg import solve_banded
-from tqdm import tqdm
 
-from correlograph.errors import InputError, check_positive, memory_bytes
-from correlograph.files.capture import Capture
-from correlograph.files.captured_frames import check_copies, check_finite, check_frames_in_memory
 from correlograph.files.figures import figure_as_html
-from invert.tracking.breaks import follow_over_jumps
-from invert.tracking.joint import follow_several
-from invert.tracking.pursuit import fading_along, find_objects
-from invert.tracking.spectra import Band, Reader
-from invert.tracking.tables import check_frames, exposure_of, save_table
-from invert.tracking.to_object import metres_per_pixel, stretch_by_illumination
+from invert.tracking.tables import save_table
 from invert.tracking.vibration import find_vibrations
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-BYTES_PER_COEFFICIENT = 84
-"""Measured memory per frame and coefficient of its spectrum, with two objects."""
-
-BYTES_PER_THREAD = 110
-"""Measured memory of a search in one block of frames, per coefficient."""
-
-MIN_SIDE = 16
-"""Minimum side of a frame in pixels after binning."""
 
 TRACK_FILES = ("track.csv", "track.png", "track.json")
 
@@ -225,84 +205,3 @@ class Track:
     def save(self, folder: str | Path) -> Path:
         """Write track.csv, track.json and track.png; return the folder."""
         return save_table(folder, "track", self.columns(), self.as_dict(), self.plot())
-
-
-def track(
-    capture: Capture,
-    *,
-    source_distance_m: float | None = None,
-    source_angle_deg: tuple[float, float] = (0.0, 0.0),
-    interval_s: float | None = None,
-    binning: int = 1,
-) -> Track:
-    """Find the motion of the speckle over the frames of a capture with the laser at rest.
-
-    Args:
-        source_distance_m: distance from the laser spot to the object; with the metadata of the camera, displacements of the object follow.
-        source_angle_deg: angles between the light from the spot and the line of sight, along rows and columns.
-        interval_s: time between the starts of two frames. With the exposure of the frames, it corrects what an open shutter draws
-            displacements of a single object towards zero by.
-        binning: pixels that are added along each axis before the comparison; grains should stay wider than two of them.
-
-    Raises InputError for fewer than three frames, and for frames without common motion.
-    """
-    if source_distance_m is not None:
-        check_positive("source_distance_m", source_distance_m)
-    elif any(source_angle_deg):
-        raise InputError("source_angle_deg", "source_distance_m with it", "an angle alone", "give both")
-    check_frames(capture, interval_s, 3, "path")
-    lever = None if source_distance_m is None else metres_per_pixel(capture.camera, source_distance_m, source_angle_deg)
-    spectra, band = _read_spectra(capture, binning)
-    starts = find_objects(spectra, band)
-    is_alone = len(starts) == 1 and starts[0].lag == 1
-    followed = [follow_over_jumps(spectra, band, starts[0])] if is_alone else follow_several(spectra, band, starts)
-    open_share, tracks = _open_share(capture, interval_s), []
-    for start, one in zip(starts, followed, strict=True):
-        opened = one.for_open_shutter(open_share)
-        its_band = replace(band, signal=one.power)
-        stretch = None if lever is None else stretch_by_illumination(its_band, capture.camera, binning)
-        found = Track(
-            opened.path * binning,
-            opened.error * binning,
-            start.significance,
-            start.share,
-            frames_per_position=opened.frames_per_group,
-            metres_per_pixel=lever,
-            interval_s=interval_s,
-            bend_error_pixels=opened.bend_error * binning,
-            in_common=one.in_common,
-            stretch=stretch,
-            fading=fading_along(spectra, band, one.path) if is_alone else None,
-        )
-        tracks.append(found)
-    return replace(tracks[0], others=tuple(tracks[1:]))
-
-
-def _read_spectra(capture: Capture, binning: int) -> tuple[np.ndarray, Band]:
-    """Return the spectra of all frames, (frames, R, C), and their band. Raises InputError for frames that are not finite, show no speckle,
-    or are copies."""
-    rows, columns = capture.frames[0].shape
-    most = min(rows, columns) // MIN_SIDE
-    if not isinstance(binning, Integral) or not 1 <= binning <= most:
-        expected = f"a whole number from 1 to {most} for frames of {rows} x {columns} pixels"
-        raise InputError("binning", expected, binning, "bin less, or use larger frames")
-    check_frames_in_memory(capture.frames, check_finite)
-    reader = Reader((rows, columns), binning)
-    band = reader.band(capture.frames)
-    if band is None:
-        expected, remedy = "speckle that moves as a whole", "add light, or bin less"
-        raise InputError("frames", expected, "no speckle above the noise", remedy)
-    left = memory_bytes() - torch.get_num_threads() * band.signal.size * BYTES_PER_THREAD
-    largest = max(0, int(left / (band.signal.size * BYTES_PER_COEFFICIENT)))
-    if len(capture.frames) > largest:
-        raise InputError("frames", f"at most {largest} in this memory", len(capture.frames), "track them in parts")
-    with tqdm(total=len(capture.frames), desc="frames", unit="frame", disable=None, leave=False) as bar:
-        spectra = reader.all_spectra(capture.frames, band, bar.update)
-    check_copies(spectra)
-    return spectra, band
-
-
-def _open_share(capture: Capture, interval_s: float | None) -> float:
-    """Return the share of the interval between frames in which the shutter is open; 0 if it is unknown."""
-    exposure_s = exposure_of(capture)
-    return 0.0 if exposure_s is None or interval_s is None else min(exposure_s / interval_s, 1.0)

@@ -16,10 +16,11 @@ import torch
 
 from correlograph.errors import InputError
 from correlograph.files.capture import Capture
+from invert.tracking.band import Band
 from invert.tracking.parts import on_all_cores
 from invert.tracking.pursuit import find_objects
 from invert.tracking.shifts import heights_at, weight_of
-from invert.tracking.spectra import FRAMES_FOR_POWER, Band, Reader
+from invert.tracking.spectra import FRAMES_FOR_POWER, Reader
 from invert.tracking.start import Start, share_along
 from radiometry.autocorrelation import PatchGrid
 from radiometry.estimation.third_moment import narrow

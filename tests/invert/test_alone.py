@@ -6,7 +6,8 @@ import pytest
 import correlograph as cg
 from invert.assess.hypotheses import Hypothesis
 from invert.tracking.alone import Mixture
-from invert.tracking.track import Track, track
+from invert.tracking.track import Track
+from invert.tracking.tracker import track
 from radiometry.autocorrelation import autocorrelate, patch_grid
 from radiometry.estimation.autocorrelation_estimator import estimate_autocorrelation
 from tests.invert.field.speckle import letter, travelling_frames

@@ -29,7 +29,7 @@ from invert.measure.spectrum import Measurement, read_measurement
 from radiometry.autocorrelation import autocorrelate
 from radiometry.noise.detection import TRIALS
 from radiometry.noise.model import draw_estimate
-from tests.invert.test_doubts import FOUND, SPECKLE, raised, record
+from tests.invert.test_doubts import FOUND, SPECKLE, kinds_raised_by, record
 
 
 def is_share(found: float, cases: np.ndarray) -> bool:
@@ -85,7 +85,7 @@ def test_the_probability_of_texture_is_that_of_bayes(error, waves, prior):
 def test_a_single_frame_of_waves_without_a_third_moment_earns_no_confidence():
     unknown = replace(SPECKLE, third_moment_ratio=-30.0, error=60.0)
     probability = 1.0 - texture_probability(unknown, record(1, waves=26))
-    assert raised(unknown, frames=1, waves=26) == []
+    assert kinds_raised_by(unknown, frames=1, waves=26) == []
     assert lower_confidence(FOUND, (), probability).confidence == pytest.approx(0.5, abs=0.01)
 
 

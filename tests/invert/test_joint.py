@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from invert.tracking.band import Band
 from invert.tracking.components import Components, unmix
 from invert.tracking.joint import follow_several
 from invert.tracking.normal_equations import WINDOW, NormalEquations
-from invert.tracking.spectra import Band
 from invert.tracking.start import Start
 
 SHAPE = (300, 420)

@@ -7,10 +7,11 @@ import pytest
 from scipy.fft import fftfreq, fftshift, rfftfreq
 
 from benchmarks.tracking_pairs import draw
+from invert.tracking.band import Band
 from invert.tracking.maxima import Crossed, maxima
 from invert.tracking.pursuit import find_objects
 from invert.tracking.shifts import weight_of
-from invert.tracking.spectra import Band, Reader
+from invert.tracking.spectra import Reader
 
 SHAPE = (150, 210)
 

@@ -7,7 +7,7 @@ import torch
 import correlograph as cg
 from invert.tracking import parts
 from invert.tracking.parts import on_all_cores, sum_over_rows
-from invert.tracking.track import track
+from invert.tracking.tracker import track
 from tests.invert.field.speckle import letter, travelling_frames
 
 

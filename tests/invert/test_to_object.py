@@ -7,9 +7,9 @@ import pytest
 
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata, Capture
-from invert.tracking.spectra import Band
+from invert.tracking.band import Band
 from invert.tracking.to_object import ROUND_SPOT, metres_per_pixel, slope_variance, stretch_by_illumination
-from invert.tracking.track import track
+from invert.tracking.tracker import track
 from tests.invert.field.speckle import letter, travelling_frames
 
 PITCH_M = 5e-5

@@ -14,7 +14,8 @@ pytest.importorskip("mitsuba")
 import correlograph as cg
 from invert.track import main
 from invert.tracking.follow import Followed
-from invert.tracking.track import Track, track
+from invert.tracking.track import Track
+from invert.tracking.tracker import track
 from sim.rendering import render_geometry
 from tests.invert.field.speckle import letter, travelling_frames
 

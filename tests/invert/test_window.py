@@ -7,8 +7,9 @@ import pytest
 
 import correlograph as cg
 from benchmarks.tracking_pairs import draw
-from invert.tracking.spectra import TAPER, Reader, _leakage
-from invert.tracking.track import track
+from invert.tracking.band import TAPER
+from invert.tracking.spectra import Reader, _leakage
+from invert.tracking.tracker import track
 
 
 def test_power_beyond_the_band_is_what_the_window_leaks():

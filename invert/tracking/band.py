@@ -1,0 +1,123 @@
+"""Frequencies at which frames show speckle, and the size and shape of its grains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.fft import irfft2
+from scipy.ndimage import map_coordinates, maximum_filter1d
+from scipy.signal.windows import tukey
+
+TAPER, MAX_TAPER = 0.12, 0.48
+"""Least and largest fraction of each side of a frame over which the window falls, both ends together."""
+
+FALL_GRAINS = 4.0
+"""Least width over which the window falls at each end, in rms radii of a grain along that axis, below the largest fraction."""
+
+MAX_LIKENESS = 0.35
+"""Largest autocorrelation of the speckle, over its maximum, halfway between two displacements that are told apart: there, both objects
+interfere."""
+
+DIRECTIONS, CONE = 36, 4
+"""Number of directions within half a turn in which the autocorrelation is searched, and of those on either side that count as one."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """Frequencies at which frames show speckle.
+
+    Attributes:
+        shape: pixels of a frame (rows, columns) after binning.
+        rows, columns: frequencies in cycles per pixel, (R,) and (C,); columns of zero or more only.
+        counts: how often a coefficient stands for itself and its conjugate, (R, C); 0 outside the band.
+        signal: power of the speckle, (R, C).
+        floor: power of the noise; (R, C) where other objects add to it.
+        taper: fraction of each side over which the window falls, both ends together.
+    """
+
+    shape: tuple[int, int]
+    rows: np.ndarray
+    columns: np.ndarray
+    counts: np.ndarray
+    signal: np.ndarray
+    floor: float | np.ndarray
+    taper: float = TAPER
+
+    def part(self, rows: slice) -> Band:
+        """Return some rows of the band."""
+        floor = self.floor[rows] if isinstance(self.floor, np.ndarray) else self.floor
+        return replace(self, rows=self.rows[rows], counts=self.counts[rows], signal=self.signal[rows], floor=floor)
+
+    @cached_property
+    def grain_pixels(self) -> float:
+        """Width of a grain: one over the rms frequency of the speckle in cycles per pixel, over 2 pi."""
+        return float(1.0 / (2.0 * np.pi * max(self._mean_squares.trace(), 1e-12) ** 0.5))
+
+    @cached_property
+    def inverse_spread(self) -> np.ndarray:
+        """Inverse of the covariance of places on the object along rows and columns, in cycles per pixel, (2, 2): the spectrum of the
+        speckle is the autocorrelation of its albedo, whose covariance is twice that of the albedo."""
+        return np.linalg.inv(0.5 * self._mean_squares + 1e-12 * np.eye(2))
+
+    @cached_property
+    def _mean_squares(self) -> np.ndarray:
+        """Mean squares and product of the frequencies of the speckle along rows and columns, (2, 2)."""
+        power = self.counts * self.signal
+        rows, columns = power.sum(1), power.sum(0)
+        product = self.rows @ power @ self.columns
+        squares = np.array([[rows @ self.rows**2, product], [product, columns @ self.columns**2]])
+        return squares / max(power.sum(), 1e-300)
+
+    @cached_property
+    def cells(self) -> float:
+        """Area of the object, int(w)^2 / int(w^2) of its albedo w, in coefficients of the spectrum."""
+        return max(1.0, float((self.counts * self.signal).sum() / max(float(self.signal.max()), 1e-300)))
+
+    @cached_property
+    def noise_gain(self) -> float:
+        """Factor by which the window raises the variance of sums over frequencies, whose noise it correlates."""
+        windows = [tukey(side, self.taper) for side in self.shape]
+        return float(np.prod([(one**4).mean() / (one**2).mean() ** 2 for one in windows]))
+
+    @property
+    def needs_wider_taper(self) -> bool:
+        """Whether the window falls over too few grains, and can fall over more."""
+        radii = 1.0 / (2.0 * np.pi * np.sqrt(self._mean_squares.diagonal()))
+        falls = 0.5 * self.taper * np.array(self.shape)
+        return bool((falls < FALL_GRAINS * radii).any()) and self.taper < MAX_TAPER
+
+    def are_apart(self, difference: np.ndarray) -> bool:
+        """Return whether two objects are told apart if their displacements have a difference (2,), in pixels.
+
+        Parts of the scene beside each other make fringes within a grain. The autocorrelation halfway between the two is therefore the
+        largest one from there on in about this direction.
+        """
+        radii, largest = self._likeness
+        halfway = 0.5 * float(np.linalg.norm(difference))
+        direction = np.arctan2(difference[1], difference[0]) / np.pi * DIRECTIONS
+        return float(np.interp(halfway, radii, largest[round(direction) % DIRECTIONS])) < MAX_LIKENESS
+
+    @cached_property
+    def _likeness(self) -> tuple[np.ndarray, np.ndarray]:
+        """Radii in pixels, and the largest autocorrelation of the speckle at and beyond them, (`DIRECTIONS`, radii)."""
+        spectrum = np.zeros((self.shape[0], self.shape[1] // 2 + 1))
+        kept = np.round(self.rows * self.shape[0]).astype(int)
+        spectrum[kept, : len(self.columns)] = np.where(self.counts > 0.0, self.signal, 0.0)
+        likeness = irfft2(spectrum, s=self.shape)
+        radii = np.arange(0.0, 0.5 * min(self.shape), 0.5 * self.grain_pixels)
+        angles = np.pi * np.arange(DIRECTIONS)[:, None] / DIRECTIONS
+        polar = map_coordinates(likeness, [radii * np.cos(angles), radii * np.sin(angles)], order=1, mode="grid-wrap")
+        polar = maximum_filter1d(polar, 2 * CONE + 1, axis=0, mode="wrap")
+        return radii, np.maximum.accumulate(polar[:, ::-1], axis=1)[:, ::-1] / likeness[0, 0]
+
+    @cached_property
+    def overlap_slopes(self) -> list[np.ndarray]:
+        """Slopes of the logarithm of the overlap of two windows over their distance in pixels, along rows (H,) and columns (W,)."""
+        slopes = []
+        for side in self.shape:
+            window = tukey(side, self.taper)
+            overlap = np.correlate(window, window, "full")[side - 1 :]
+            slopes.append(np.gradient(np.log(np.maximum(overlap, 1e-3 * overlap[0]))))
+        return slopes

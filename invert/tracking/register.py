@@ -1,0 +1,167 @@
+"""Registration of groups of frames to the sums of those around them, and the standard errors of their places."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import solveh_banded
+from scipy.special import erf
+
+from invert.tracking.band import Band
+from invert.tracking.parts import sum_over_rows
+from invert.tracking.shifts import Weight, derivatives, moments, move_back, weight_of, window_slopes
+
+MAX_REACH = 16
+"""Number of groups on each side, at most, to which one is registered."""
+
+MIN_LIKENESS = 0.6
+"""Share of the common speckle of neighbours that groups must still have in common."""
+
+PAIRS = 48
+"""Pairs of groups from which a likeness is measured."""
+
+WINDOW_ERROR = 0.35
+"""Relative error of what the window draws paths by, where grains are large in a frame (docs/tracking.md, "Limits")."""
+
+ROUNDS = 8
+CONVERGED_GRAINS = 0.01
+"""Largest change of a displacement between neighbours, in radii of a grain, at which a registration ends."""
+
+
+def register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, np.ndarray, float]:
+    """Return positions of groups (n, 2), their standard errors, the largest distance of the pairs, the variance of the displacement of a
+    pair (2,), and the median significance.
+
+    All pairs within the reach are registered together by Gauss-Newton steps on the sum of their cross-correlations. All pairs have
+    the same curvature, so that what the noise of a pair moves its two members by cancels beyond them; own curvatures would add it up twice
+    along the path.
+    """
+    count = len(sums)
+    numbers = np.arange(count)
+    for _ in range(ROUNDS):
+        alike = likeness(sums, band, places)
+        reach = reach_of(alike)
+        pairs = np.minimum(numbers, reach) + np.minimum(numbers[::-1], reach)
+        usual = max(1, int(np.median(pairs)))
+        weight = weight_of(band, float(np.clip(alike[0], 0.05, 1.0)), usual)
+        height, slope, curvature = derivatives(_pull_of_surroundings(sums, band, places, reach, weight))
+        inverse = np.linalg.inv(-curvature.sum(0) / pairs.sum())
+        correction = _solve(slope @ inverse, reach)
+        places = places + correction
+        if np.abs(np.diff(correction, axis=0)).max() < CONVERGED_GRAINS * band.grain_pixels:
+            break
+    of_pair = np.diag(inverse @ weight.slope_variance @ inverse) / usual
+    variance = of_pair / pairs[:, None]
+    # Over distances beyond the reach, errors add up like resistances of a chain in which each member is joined to its neighbours.
+    walked = numbers[:, None] / np.sum(np.arange(1.0, reach + 1.0) ** 2) * of_pair
+    walked = walked + _walk_by_change(places, alike, band)
+    significance = float(np.median(height)) / weight.deviation
+    # Where grains are large in a frame, this pull is known to first order only, and would grow with each round.
+    pull = weight.full / usual * _pull_of_windows(places, band, alike[:reach]) @ weight.tilt.T
+    drawn = _solve(pull @ inverse, reach)
+    return places - drawn, np.sqrt(variance + walked + (WINDOW_ERROR * drawn) ** 2), reach, of_pair, significance
+
+
+def _pull_of_surroundings(sums: np.ndarray, band: Band, places: np.ndarray, reach: int, weight: Weight) -> np.ndarray:
+    """Return the moments (n, 3, 3) at zero shift of the cross-correlations of groups, moved back to their places, with the sums of all
+    others within the reach."""
+    count = len(sums)
+    low, high = (np.clip(np.arange(count) + side, 0, count) for side in (-reach, reach + 1))
+
+    def pull(rows: slice) -> np.ndarray:
+        part, values = band.part(rows), weight.part(rows).values
+        moved = move_back(sums[:, rows], part, places)
+        total = np.zeros((count + 1, *moved.shape[1:]), moved.dtype)
+        np.cumsum(moved, 0, out=total[1:])
+        around = total[high] - total[low] - moved
+        return moments(around.conj() * moved * values.astype(np.float32), part, np.zeros((count, 2)))
+
+    return sum_over_rows(pull, sums)
+
+
+def _pull_of_windows(places: np.ndarray, band: Band, alike: np.ndarray) -> np.ndarray:
+    """Return by how much the logarithms of the overlaps of windows fall at the distances of places (n, 2), summed over the neighbours of
+    each with the likenesses as weights, (n, 2): the windows stay where they are, and draw the places towards each other."""
+    pull = np.zeros_like(places)
+    for step, likeness_ in enumerate(alike, start=1):
+        slopes = likeness_ * window_slopes(places[step:] - places[:-step], band)
+        pull[step:] += slopes
+        pull[:-step] -= slopes
+    return pull
+
+
+def _solve(slopes: np.ndarray, reach: int) -> np.ndarray:
+    """Return corrections (n, 2) of positions, whose differences over all pairs within the reach add up to the slopes (n, 2); 0 for the
+    first."""
+    count = len(slopes)
+    bands = np.zeros((reach + 1, count))
+    for step in range(1, min(reach + 1, count)):
+        bands[step, : count - step] = -1.0
+        bands[0, : count - step] += 1.0
+        bands[0, step:] += 1.0
+    bands[0] += 1e-6  # what no pair joins stays; the slopes add up to zero, and the mean with them
+    found = solveh_banded(bands, slopes, lower=True)
+    return found - found[0]
+
+
+def reach_of(alike: np.ndarray) -> int:
+    """Return the number of distances, at least 1, over which the likeness stays above `MIN_LIKENESS` of the first."""
+    faded = np.flatnonzero(alike < MIN_LIKENESS * alike[0])
+    return max(1, int(faded[0]) if len(faded) else len(alike))
+
+
+def likeness(spectra: np.ndarray, band: Band, path: np.ndarray) -> np.ndarray:
+    """Return the share of the speckle that spectra (n, R, C) 1, 2, ... apart have in common along a path (n, 2), (at most `MAX_REACH`,)."""
+    weight = np.where(band.counts > 0.0, band.counts / np.maximum(band.signal + band.floor, 1e-300), 0.0)
+    count = len(spectra)
+    chosen = np.unique(np.linspace(0, count - 1, PAIRS).astype(int))
+
+    def common(rows: slice) -> np.ndarray:
+        moved = move_back(spectra[:, rows], band.part(rows), path)
+        weighted = moved * weight[rows].astype(np.float32)
+        pairs = [(chosen[chosen + step < count], step) for step in range(1, min(MAX_REACH + 1, count))]
+        return np.array([np.vecdot(weighted[one], moved[one + step]).real.sum(1).mean() for one, step in pairs], np.float64)
+
+    return sum_over_rows(common, spectra) / (weight * band.signal).sum()
+
+
+def phase_walk(places: np.ndarray, fading: float, band: Band) -> np.ndarray:
+    """Return the variance of positions (n, 2) by the phases of the illumination on the object, which change while the likeness falls.
+
+    The likeness falls like exp(-x^2). The object has as many cells as it has coefficients. On its way, the field g of each changes by dg,
+    and its phase by Im(g* dg). The mean slope of these phases across the object, summed along the path, has the variance
+    (sqrt(pi) x erf(x) + exp(-x^2) - 1) / 2 over the cells and their mean square distance.
+
+    Args:
+        fading: square of x from frame to frame.
+    """
+    x = _ways(places, fading)
+    phase = 0.5 * (np.pi**0.5 * x * erf(x) + np.exp(-(x**2)) - 1.0)
+    return band.noise_gain * phase * band.inverse_spread.diagonal() / (4.0 * np.pi**2 * band.cells)
+
+
+def _ways(places: np.ndarray, fading: float) -> np.ndarray:
+    """Return the ways x along positions (n, 2), (n, 1), whose mean square from one to the next is the fading."""
+    ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    return fading**0.5 * np.concatenate([[0.0], np.cumsum(ways)])[:, None] / max(float(ways.mean()), 1e-9)
+
+
+def _walk_by_change(places: np.ndarray, alike: np.ndarray, band: Band) -> np.ndarray:
+    """Return the variance of positions (n, 2) by the change of the illumination on the object.
+
+    Besides `phase_walk`, each way of the likeness c = `MIN_LIKENESS` replaces the pattern by another one. The Cramer-Rao
+    bound of the displacement of two patterns whose coefficients are independent has the variance (1 - c^2) / c^2 over the sum of the
+    squares of the angular frequencies, of those above the noise.
+    """
+    faded = np.flatnonzero(alike < MIN_LIKENESS * alike[0])
+    fading = fading_of(alike[: faded[0] + 1] if len(faded) else alike)
+    clear = band.counts * (band.signal / np.maximum(band.signal + band.floor, 1e-300)) ** 2
+    information = np.array([(clear * (2.0 * np.pi * turn) ** 2).sum() for turn in (band.rows[:, None], band.columns)])
+    replaced = _ways(places, fading) / np.log(1.0 / MIN_LIKENESS) ** 0.5 * (1.0 / MIN_LIKENESS**2 - 1.0) / information
+    return phase_walk(places, fading, band) + band.noise_gain * replaced
+
+
+def fading_of(alike: np.ndarray) -> float:
+    """Return the fading from the first and the last of the likenesses exp(-fading k^2) of frames k = 1, 2, ... apart."""
+    if len(alike) < 2 or alike[0] <= 0.0:
+        return 0.0
+    return float(np.log(1.0 / np.clip(alike[-1] / alike[0], 1e-3, 1.0)) / (len(alike) ** 2 - 1.0))
