@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -78,9 +79,19 @@ def _name_other_pictures(folder: Path, kept: Sequence[Path]) -> None:
         print(f"skipped {skipped[0]}{others} in {folder}; frames are {', '.join(FRAME_KINDS)}", file=sys.stderr)
 
 
+def by_number(path: Path) -> list[tuple[str, int]]:
+    """Return a key that sorts files by name, with the numbers in it by value: frame_2 is before frame_10."""
+    parts = re.split("([0-9]+)", path.name)
+    return [
+        *((text, int(digits or "0")) for text, digits in zip_longest(parts[::2], parts[1::2], fillvalue="")),
+        (path.name, 0),
+    ]
+
+
 def frames_inside(folder: Path) -> list[Path]:
-    """Return the frame files of a folder in order. Raises InputError for frames of several types, such as TIFF and PNG."""
-    named = sorted(path for path in folder.iterdir() if not path.name.startswith(".") and path.suffix.lower() in FRAME_KINDS)
+    """Return the frame files of a folder in order of their numbers. Raises InputError for frames of several types, such as TIFF and PNG."""
+    named = (path for path in folder.iterdir() if not path.name.startswith(".") and path.suffix.lower() in FRAME_KINDS)
+    named = sorted(named, key=by_number)
     if odd := [path for path in named if not is_stack(path)]:
         raise InputError("frames", "files", f"a folder, a pipe or a link that leads nowhere: {odd[0]}", "move it elsewhere")
     inside = [path for path in named if not _is_result(path)]

@@ -19,7 +19,7 @@ from invert.tracking.parts import on_all_cores, sum_over_rows
 from invert.tracking.shifts import MIN_SIGNIFICANCE, fold, move_back, overlap_share, weight_of
 from invert.tracking.start import Start, share_along
 
-MAX_LOW, MIN_HIGH = 0.3, 0.6
+MAX_LOW, MIN_HIGH = 0.3, 0.45
 """Likeness of frames, over the usual one, below which a jump is sought, and above which it is found. The interference of two objects
 lowers it to any value, but is nowhere as high as the speckle of one."""
 
@@ -34,6 +34,9 @@ JUMP_FACTOR = 1.5
 
 NOTHING = 0.05
 """Likeness over the usual one below which frames have nothing in common."""
+
+MAX_SIGMA = 3.0
+"""Significance of the likeness of clear frames below which they have nothing in common along a path."""
 
 GROUPS = (4, 16)
 """Numbers of frames on each side of a boundary that are added where single ones are too dim."""
@@ -110,9 +113,28 @@ def follow_over_jumps(spectra: np.ndarray, band: Band, start: Start) -> Followed
             path = _jump(found.path, where[far][chosen], jumps[far][chosen])
             found = follow(spectra, band, replace(start, path=path))
         if at_path.is_clear:
-            _check_continuity(at_path)
+            _check_sums(at_path)
             break
     return found
+
+
+def check_continuity(spectra: np.ndarray, band: Band, path: np.ndarray) -> None:
+    """Raise InputError if there is a boundary across which clear frames have nothing in common along the path (frames, 2) of the only
+    object: neither the two frames beside it, nor two on each side, of which one may be dark."""
+    single = _boundaries(spectra, band, path, 1)
+    if single.is_clear and len(path) >= 4:
+        double = _boundaries(spectra, band, path, 2)
+        is_broken = np.maximum(single.alike * single.scale, double.alike * double.scale) < MAX_SIGMA
+        if is_broken.any():
+            raise _broken_after(int(np.argmax(is_broken)) + 1)
+
+
+def _broken_after(frame: int) -> InputError:
+    expected, remedy = (
+        "speckle that continues from frame to frame",
+        "track the frames before and after apart, without dark ones",
+    )
+    return InputError("frames", expected, f"nothing in common across the boundary after frame {frame}", remedy)
 
 
 def _boundaries(spectra: np.ndarray, band: Band, path: np.ndarray, group: int) -> Boundaries:
@@ -182,15 +204,13 @@ def _separate(where: np.ndarray, heights: np.ndarray, group: int) -> np.ndarray:
     return np.array(chosen, int)
 
 
-def _check_continuity(at_path: Boundaries) -> None:
+def _check_sums(at_path: Boundaries) -> None:
     """Raise InputError if frames share nothing across a boundary, while those on each side of it do."""
     group, clear = at_path.group, MIN_HIGH * at_path.usual
     inside = np.abs(at_path.alike[group:-group])
     is_broken = (inside < NOTHING * clear) & (at_path.alike[: -2 * group] > clear) & (at_path.alike[2 * group :] > clear)
     if is_broken.any():
-        last = int(np.argmax(is_broken)) + group + 1
-        expected, remedy = "speckle that continues from frame to frame", "track the frames before and after apart"
-        raise InputError("frames", expected, f"nothing in common across the boundary after frame {last}", remedy)
+        raise _broken_after(int(np.argmax(is_broken)) + group + 1)
 
 
 def _sums(values: np.ndarray, group: int) -> tuple[np.ndarray, np.ndarray]:

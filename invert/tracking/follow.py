@@ -13,15 +13,16 @@ import numpy as np
 from scipy.interpolate import interp1d
 
 from invert.tracking.band import Band
-from invert.tracking.register import fading_of, likeness, register
+from invert.tracking.register import fading_along_steps, register
 from invert.tracking.shifts import MIN_SIGNIFICANCE, move_back
+from invert.tracking.smoothing import smooth
 from invert.tracking.start import Start
 
 MIN_GROUP_SIGNIFICANCE = 5.0
 """Median significance of a group of frames in its surroundings from which it is registered on its own."""
 
 MAX_FADING = 0.6
-"""Maximum of `Followed.fading`; it limits the correction for an open shutter to a quarter of the path."""
+"""Maximum of the fading from frame to frame; it limits the correction for an open shutter to a quarter of a step."""
 
 SHUTTER_ERROR = 0.1
 """Relative error of this correction, because the likeness is not quite a Gaussian."""
@@ -38,7 +39,7 @@ class Followed:
         power: power of its speckle, (R, C).
         significance: median significance of a group in its surroundings; 0 where none was measured.
         bend_error: standard error of a second difference of the path, (2,); zero for an approximate path.
-        fading: square of the way from frame to frame over that in which the likeness of frames falls to 1 / e.
+        fading: mean square of the way from frame to frame over the square of that in which the likeness of frames falls to 1 / e.
         in_common: share of all power that frames 1, 2, ... apart have in common by one of several objects.
     """
 
@@ -55,11 +56,19 @@ class Followed:
         """Return the path for a shutter that is open for a share of the interval between frames. The end of one exposure is then closer to
         the beginning of the next than their middles are, and more alike, which draws displacements towards zero by the third of the fading.
 
-        The fading itself appears smaller by the same share, because likenesses are means over both exposures.
+        The fading itself appears smaller by the same share, because likenesses are means over both exposures. It is proportional to the
+        square of the step from frame to frame, where noise leaves these known. As far as a step differs from the usual, its correction is
+        part of the error, because the fading is a fit to all steps.
         """
-        fading = min(self.fading, MAX_FADING)
-        longer = fading * (1.0 + fading * share**2 / 3.0) * share**2 / 3.0
-        return replace(self, path=self.path * (1.0 + longer), error=np.hypot(self.error, SHUTTER_ERROR * longer * self.path))
+        steps, fading = np.diff(self.path, axis=0), np.full((len(self.path) - 1, 1), self.fading)
+        if self.bend_error.any():
+            squares = (np.diff(smooth(self.path, self.bend_error), axis=0) ** 2).sum(1, keepdims=True)
+            fading *= squares / max(float(squares.mean()), 1e-12)
+        known = np.minimum(fading, MAX_FADING)
+        longer = known * (1.0 + known * share**2 / 3.0) * share**2 / 3.0
+        doubt = SHUTTER_ERROR * longer + np.maximum(np.abs(fading - self.fading), fading - known) * share**2 / 3.0
+        added, error = (np.cumsum(np.concatenate([0.0 * steps[:1], part * steps]), 0) for part in (longer, doubt))
+        return replace(self, path=self.path + added, error=np.hypot(self.error, error))
 
 
 def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:
@@ -73,7 +82,7 @@ def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:
         length *= 2
     if best.significance < MIN_GROUP_SIGNIFICANCE:
         return approximate(start, band)
-    return replace(best, fading=fading_of(likeness(spectra, band, best.path)[:2]))
+    return replace(best, fading=fading_along_steps(spectra, band, best.path))
 
 
 def approximate(start: Start, band: Band) -> Followed:

@@ -6,6 +6,7 @@ Frames further apart tell objects of little different speed from one another, as
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from correlograph.errors import InputError
 from invert.tracking.band import Band
 from invert.tracking.breaks import follow_over_jumps, mend
+from invert.tracking.follow import follow
 from invert.tracking.separation import subtract_light
 from invert.tracking.shifts import weight_of
 from invert.tracking.start import Start, are_apart, find_brightest, paths_at, share_along, way_apart
@@ -123,6 +125,7 @@ def _explains(alone: Start, several: list[Start], spectra: np.ndarray, band: Ban
     """
     try:
         path = follow_over_jumps(spectra, band, alone).path
+        first = replace(several[0], path=follow(spectra, band, several[0]).path)
     except InputError:  # nothing in common across a boundary, which several objects can show as well
         return len(several) == 1
     if len(several) == 1:
@@ -131,7 +134,7 @@ def _explains(alone: Start, several: list[Start], spectra: np.ndarray, band: Ban
     def is_at_its_place(one: Start) -> bool:
         return not are_apart(path, one.path, one.lag, band) and _has_as_much(path, one, 1.0 / BETTER, spectra, band)
 
-    return _has_as_much(path, several[0], BETTER, spectra, band) or all(map(is_at_its_place, several))
+    return _has_as_much(path, first, BETTER, spectra, band) or all(map(is_at_its_place, several))
 
 
 def _has_as_much(path: np.ndarray, other: Start, factor: float, spectra: np.ndarray, band: Band) -> bool:
@@ -151,13 +154,21 @@ def _drop_interference(found: list[Start]) -> list[Start]:
 
 
 def _pursue(spectra: np.ndarray, band: Band, lags: Iterable[int]) -> list[Start]:
-    """Return all objects that frames at some distances, the largest first, show."""
+    """Return all objects that frames at some distances, the largest first, show.
+
+    Beside objects that are known, interference displaces the maxima of others, which are therefore sought without the light of these.
+    Where this finds no second one, whole frames may: what is subtracted contains some of its light.
+    """
     found: list[Start] = []
     for lag in lags:
-        found += _most(spectra, band, lag, found)
-        while found and (best := _most(subtract_light(spectra, band, found, lag), band, lag, found)):
+        while best := _in_what_is_left(spectra, band, lag, found) or (len(found) < 2 and _most(spectra, band, lag, found)):
             found += best
     return found
+
+
+def _in_what_is_left(spectra: np.ndarray, band: Band, lag: int, known: list[Start]) -> list[Start]:
+    """Return the new objects at a distance of frames without the light of those that are known; none before one is."""
+    return _most(subtract_light(spectra, band, known, lag), band, lag, known) if known else []
 
 
 def _most(spectra: np.ndarray, band: Band, lag: int, known: list[Start]) -> list[Start]:

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.linalg import solve_banded
 
 from correlograph.files.figures import figure_as_html
+from invert.tracking.smoothing import smooth
 from invert.tracking.tables import save_table
 from invert.tracking.vibration import find_vibrations
 
@@ -68,18 +68,8 @@ class Track:
 
     @property
     def smooth_path_pixels(self) -> np.ndarray:
-        """The path without what noise bends it by, (frames, 2): displacements are smoothed as far as the second differences of the path are
-        not significantly larger than those of noise (Whittaker's smoother). Vibrations below the noise are smoothed, too."""
-        steps, found = np.diff(self.path_pixels, axis=0), np.zeros_like(self.path_pixels)
-        bends = np.diff(steps, axis=0)
-        for axis, error in enumerate(self.bend_error_pixels):
-            of_noise = max(error**2, 1e-12)
-            of_motion = max(float(np.mean(bends[:, axis] ** 2)) - of_noise, of_noise * (8.0 / max(len(bends), 1)) ** 0.5)
-            penalty = np.full(len(steps), 0.5 * of_noise / of_motion)
-            bands = np.stack([-penalty, 1.0 + 2.0 * penalty, -penalty])
-            bands[1, [0, -1]] -= penalty[0]  # no neighbour beyond the ends
-            found[1:, axis] = np.cumsum(solve_banded((1, 1), bands, steps[:, axis]))
-        return found
+        """The path without what noise bends it by, (frames, 2). Vibrations below the noise are smoothed, too."""
+        return smooth(self.path_pixels, self.bend_error_pixels)
 
     @property
     def step_pixels(self) -> np.ndarray:

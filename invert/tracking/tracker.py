@@ -13,7 +13,7 @@ from correlograph.errors import InputError, check_positive, memory_bytes
 from correlograph.files.capture import Capture
 from correlograph.files.captured_frames import check_copies, check_finite, check_frames_in_memory
 from invert.tracking.band import Band
-from invert.tracking.breaks import follow_over_jumps
+from invert.tracking.breaks import check_continuity, follow_over_jumps
 from invert.tracking.joint import follow_several
 from invert.tracking.pursuit import fading_along, find_objects
 from invert.tracking.spectra import Reader
@@ -52,14 +52,18 @@ def track(
     """
     if source_distance_m is not None:
         check_positive("source_distance_m", source_distance_m)
-    elif any(source_angle_deg):
+    elif np.any(source_angle_deg):
         raise InputError("source_angle_deg", "source_distance_m with it", "an angle alone", "give both")
+    if np.shape(source_angle_deg) != (2,):
+        raise InputError("source_angle_deg", "two angles, along rows and columns", repr(source_angle_deg), "give both")
     check_frames(capture, interval_s, 3, "path")
     lever = None if source_distance_m is None else metres_per_pixel(capture.camera, source_distance_m, source_angle_deg)
     spectra, band = _read_spectra(capture, binning)
     starts = find_objects(spectra, band)
     is_alone = len(starts) == 1 and starts[0].lag == 1
     followed = [follow_over_jumps(spectra, band, starts[0])] if is_alone else follow_several(spectra, band, starts)
+    if len(starts) == 1 and not starts[0].is_continuous:
+        check_continuity(spectra, band, followed[0].path)
     open_share, tracks = _open_share(capture, interval_s), []
     for start, one in zip(starts, followed, strict=True):
         opened = one.for_open_shutter(open_share)

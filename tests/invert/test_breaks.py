@@ -63,6 +63,17 @@ def test_a_laser_that_moved_once_is_named(rng):
         cg.track(cg.Capture(frames))
 
 
+@pytest.mark.parametrize("lost", ["frames", "light"])
+def test_a_gap_across_which_nothing_is_the_same_is_an_error(lost, rng):
+    """Two patterns before and after a gap, or two dark frames between: the path across it cannot be known."""
+    path = NUMBERS[:10, None] * STEP
+    frames = [*frames_along(path[:5], rng, 0.3), *frames_along(path[5:], np.random.default_rng(5), 0.3)]
+    if lost == "light":
+        frames[4], frames[5] = np.zeros_like(frames[4]), np.zeros_like(frames[5])
+    with pytest.raises(cg.InputError, match="nothing in common across the boundary"):
+        cg.track(cg.Capture(frames))
+
+
 SMOOTH = np.arange(192)[:, None]
 
 

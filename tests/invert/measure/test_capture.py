@@ -39,6 +39,14 @@ def header(**changes) -> FrameHeader:
     )
 
 
+def test_frames_are_in_the_order_of_their_numbers(tmp_path, rng):
+    """Cameras that do not pad numbers with zeros write shot_10 after shot_9."""
+    for number in (*range(1, 13), 100):
+        np.save(tmp_path / f"run2_shot_{number}.npy", rng.random((130, 140)).astype(np.float32) + number)
+    capture = read_capture([tmp_path], CameraMetadata())
+    assert [int(frame.mean()) for frame in capture.frames] == [*range(1, 13), 100]
+
+
 @pytest.mark.parametrize("kind", ["npy", "png", "tif", "exr"])
 def test_kinds_of_files(tmp_path, rng, kind):
     frames = [rng.integers(0, 60000, (130, 140)).astype(np.uint16) for _ in range(2)]
