@@ -8,6 +8,7 @@ start.py     objects and their approximate paths
 pursuit.py   all objects of a capture
 separation.py  frames without the light of objects that were found
 register.py  frames registered to those around them
+smoothing.py paths without noise
 follow.py    exact path of a single object, frame by frame
 breaks.py    jumps of a path, and paths across them
 components.py  power and fading of each of several objects

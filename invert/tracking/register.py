@@ -124,9 +124,14 @@ def likeness(spectra: np.ndarray, band: Band, path: np.ndarray) -> np.ndarray:
     return np.array([one.mean() for one in _likeness_of(pairs, spectra, band, path)])
 
 
+def _whitening(band: Band) -> np.ndarray:
+    """Return the weights (R, C) at which all frequencies of the band count by their number."""
+    return np.where(band.counts > 0.0, band.counts / np.maximum(band.signal + band.floor, 1e-300), 0.0)
+
+
 def _likeness_of(pairs: list[tuple[np.ndarray, int]], spectra: np.ndarray, band: Band, path: np.ndarray) -> list[np.ndarray]:
     """Return the share of the speckle that spectra (n, R, C) have in common with those some steps later, for first ones of each step."""
-    weight = np.where(band.counts > 0.0, band.counts / np.maximum(band.signal + band.floor, 1e-300), 0.0)
+    weight = _whitening(band)
 
     def common(rows: slice) -> np.ndarray:
         moved = move_back(spectra[:, rows], band.part(rows), path)
@@ -147,7 +152,7 @@ def fading_along_steps(spectra: np.ndarray, band: Band, path: np.ndarray) -> flo
     """
     chosen = np.unique(np.linspace(0, len(path) - 3, PAIRS).astype(int))
     *alike, power = _likeness_of([(chosen, 1), (chosen, 2), (np.arange(len(path)), 0)], spectra, band, path)
-    weight = np.where(band.counts > 0.0, band.counts / np.maximum(band.signal + band.floor, 1e-300), 0.0)
+    weight = _whitening(band)
     power = np.maximum(power - (weight * band.floor).sum() / (weight * band.signal).sum(), MIN_POWER)
     alike, seen = np.concatenate(alike), np.concatenate([np.sqrt(power[chosen] * power[chosen + step]) for step in (1, 2)])
     way, usual = np.concatenate([((path[chosen + step] - path[chosen]) ** 2).sum(1) for step in (1, 2)]), np.diff(path, axis=0)
