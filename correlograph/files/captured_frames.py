@@ -90,8 +90,8 @@ def by_number(path: Path) -> list[tuple[str, int]]:
 
 def frames_inside(folder: Path) -> list[Path]:
     """Return the frame files of a folder in order of their numbers. Raises InputError for frames of several types, such as TIFF and PNG."""
-    named = (path for path in folder.iterdir() if not path.name.startswith(".") and path.suffix.lower() in FRAME_KINDS)
-    named = sorted(named, key=by_number)
+    files = (path for path in folder.iterdir() if not path.name.startswith(".") and path.suffix.lower() in FRAME_KINDS)
+    named = sorted(files, key=by_number)
     if odd := [path for path in named if not is_stack(path)]:
         raise InputError("frames", "files", f"a folder, a pipe or a link that leads nowhere: {odd[0]}", "move it elsewhere")
     inside = [path for path in named if not _is_result(path)]

@@ -94,12 +94,12 @@ class GrowingFiles:
                 files = [file for file in self.path.iterdir() if is_stack(file) and not file.name.startswith(".")]
             else:
                 files = [self.path]
-            dated = sorted((file.stat().st_mtime_ns, by_number(file), file) for file in files)
+            dated = sorted(files, key=lambda file: (file.stat().st_mtime_ns, by_number(file)))
         except OSError:  # deleted before, or while it was listed
             self.waiting = "" if self.path.exists() else f"nothing at {self.path}; reading goes on when it is back"
             return []
         self.waiting = ""
-        return [file for *_, file in dated]
+        return dated
 
     def _new_frames(self, file: Path, progress: _Progress) -> Iterator[np.ndarray]:
         is_open = False

@@ -67,7 +67,7 @@ class Followed:
         known = np.minimum(fading, MAX_FADING)
         longer = known * (1.0 + known * share**2 / 3.0) * share**2 / 3.0
         doubt = SHUTTER_ERROR * longer + np.maximum(np.abs(fading - self.fading), fading - known) * share**2 / 3.0
-        added, error = (np.cumsum(np.concatenate([0.0 * steps[:1], part * steps]), 0) for part in (longer, doubt))
+        added, error = (np.concatenate([np.zeros((1, 2)), np.cumsum(part * steps, 0)]) for part in (longer, doubt))
         return replace(self, path=self.path + added, error=np.hypot(self.error, error))
 
 

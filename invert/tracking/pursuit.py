@@ -125,11 +125,11 @@ def _explains(alone: Start, several: list[Start], spectra: np.ndarray, band: Ban
     """
     try:
         path = follow_over_jumps(spectra, band, alone).path
-        first = replace(several[0], path=follow(spectra, band, several[0]).path)
     except InputError:  # nothing in common across a boundary, which several objects can show as well
         return len(several) == 1
     if len(several) == 1:
         return _has_as_much(path, several[0], LITTLE, spectra, band)
+    first = replace(several[0], path=follow(spectra, band, several[0]).path)  # as exact as that of the single one
 
     def is_at_its_place(one: Start) -> bool:
         return not are_apart(path, one.path, one.lag, band) and _has_as_much(path, one, 1.0 / BETTER, spectra, band)

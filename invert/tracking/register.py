@@ -155,8 +155,8 @@ def fading_along_steps(spectra: np.ndarray, band: Band, path: np.ndarray) -> flo
     weight = _whitening(band)
     power = np.maximum(power - (weight * band.floor).sum() / (weight * band.signal).sum(), MIN_POWER)
     alike, seen = np.concatenate(alike), np.concatenate([np.sqrt(power[chosen] * power[chosen + step]) for step in (1, 2)])
-    way, usual = np.concatenate([((path[chosen + step] - path[chosen]) ** 2).sum(1) for step in (1, 2)]), np.diff(path, axis=0)
-    way /= max(float((usual**2).sum(1).mean()), 1e-12)
+    usual = max(float((np.diff(path, axis=0) ** 2).sum(1).mean()), 1e-12)
+    way = np.concatenate([((path[chosen + step] - path[chosen]) ** 2).sum(1) for step in (1, 2)]) / usual
 
     def misfit(fading: float) -> float:
         shape = seen * np.exp(-fading * way)

@@ -50,12 +50,12 @@ def track(
 
     Raises InputError for fewer than three frames, and for frames without common motion.
     """
-    if source_distance_m is not None:
-        check_positive("source_distance_m", source_distance_m)
-    elif np.any(source_angle_deg):
-        raise InputError("source_angle_deg", "source_distance_m with it", "an angle alone", "give both")
     if np.shape(source_angle_deg) != (2,):
         raise InputError("source_angle_deg", "two angles, along rows and columns", repr(source_angle_deg), "give both")
+    if source_distance_m is not None:
+        check_positive("source_distance_m", source_distance_m)
+    elif any(source_angle_deg):
+        raise InputError("source_angle_deg", "source_distance_m with it", "an angle alone", "give both")
     check_frames(capture, interval_s, 3, "path")
     lever = None if source_distance_m is None else metres_per_pixel(capture.camera, source_distance_m, source_angle_deg)
     spectra, band = _read_spectra(capture, binning)
