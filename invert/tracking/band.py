@@ -53,16 +53,16 @@ class Band:
     @cached_property
     def grain_pixels(self) -> float:
         """Width of a grain: one over the rms frequency of the speckle in cycles per pixel, over 2 pi."""
-        return float(1.0 / (2.0 * np.pi * max(self._mean_squares.trace(), 1e-12) ** 0.5))
+        return float(1.0 / (2.0 * np.pi * max(self.mean_squares.trace(), 1e-12) ** 0.5))
 
     @cached_property
     def inverse_spread(self) -> np.ndarray:
         """Inverse of the covariance of places on the object along rows and columns, in cycles per pixel, (2, 2): the spectrum of the
         speckle is the autocorrelation of its albedo, whose covariance is twice that of the albedo."""
-        return np.linalg.inv(0.5 * self._mean_squares + 1e-12 * np.eye(2))
+        return np.linalg.inv(0.5 * self.mean_squares + 1e-12 * np.eye(2))
 
     @cached_property
-    def _mean_squares(self) -> np.ndarray:
+    def mean_squares(self) -> np.ndarray:
         """Mean squares and product of the frequencies of the speckle along rows and columns, (2, 2)."""
         power = self.counts * self.signal
         rows, columns = power.sum(1), power.sum(0)
@@ -84,7 +84,7 @@ class Band:
     @property
     def needs_wider_taper(self) -> bool:
         """Whether the window falls over too few grains, and can fall over more."""
-        radii = 1.0 / (2.0 * np.pi * np.sqrt(self._mean_squares.diagonal()))
+        radii = 1.0 / (2.0 * np.pi * np.sqrt(self.mean_squares.diagonal()))
         falls = 0.5 * self.taper * np.array(self.shape)
         return bool((falls < FALL_GRAINS * radii).any()) and self.taper < MAX_TAPER
 

@@ -15,17 +15,10 @@ from scipy.interpolate import interp1d
 from invert.tracking.band import Band
 from invert.tracking.register import fading_along_steps, register
 from invert.tracking.shifts import MIN_SIGNIFICANCE, move_back
-from invert.tracking.smoothing import smooth
 from invert.tracking.start import Start
 
 MIN_GROUP_SIGNIFICANCE = 5.0
 """Median significance of a group of frames in its surroundings from which it is registered on its own."""
-
-MAX_FADING = 0.6
-"""Maximum of the fading from frame to frame; it limits the correction for an open shutter to a quarter of a step."""
-
-SHUTTER_ERROR = 0.1
-"""Relative error of this correction, because the likeness is not quite a Gaussian."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +34,7 @@ class Followed:
         bend_error: standard error of a second difference of the path, (2,); zero for an approximate path.
         fading: mean square of the way from frame to frame over the square of that in which the likeness of frames falls to 1 / e.
         in_common: share of all power that frames 1, 2, ... apart have in common by one of several objects.
+        shortened: largest part by which an open shutter shortens a step.
     """
 
     path: np.ndarray
@@ -51,24 +45,7 @@ class Followed:
     bend_error: np.ndarray = field(default_factory=lambda: np.zeros(2))
     fading: float = 0.0
     in_common: np.ndarray = field(default_factory=lambda: np.zeros(0))
-
-    def for_open_shutter(self, share: float) -> Followed:
-        """Return the path for a shutter that is open for a share of the interval between frames. The end of one exposure is then closer to
-        the beginning of the next than their middles are, and more alike, which draws displacements towards zero by the third of the fading.
-
-        The fading itself appears smaller by the same share, because likenesses are means over both exposures. It is proportional to the
-        square of the step from frame to frame, where noise leaves these known. As far as a step differs from the usual, its correction is
-        part of the error, because the fading is a fit to all steps.
-        """
-        steps, fading = np.diff(self.path, axis=0), np.full((len(self.path) - 1, 1), self.fading)
-        if self.bend_error.any():
-            squares = (np.diff(smooth(self.path, self.bend_error), axis=0) ** 2).sum(1, keepdims=True)
-            fading *= squares / max(float(squares.mean()), 1e-12)
-        known = np.minimum(fading, MAX_FADING)
-        longer = known * (1.0 + known * share**2 / 3.0) * share**2 / 3.0
-        doubt = SHUTTER_ERROR * longer + np.maximum(np.abs(fading - self.fading), fading - known) * share**2 / 3.0
-        added, error = (np.concatenate([np.zeros((1, 2)), np.cumsum(part * steps, 0)]) for part in (longer, doubt))
-        return replace(self, path=self.path + added, error=np.hypot(self.error, error))
+    shortened: float = 0.0
 
 
 def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 TRACK_FILES = ("track.csv", "track.png", "track.json")
 
+MAX_SHORTENED = 0.2
+"""Part by which an open shutter shortens a step, above which the path is doubtful: a change of the step then shows by 0.6 of it only."""
+
 
 @dataclass(frozen=True)
 class Track:
@@ -40,6 +43,7 @@ class Track:
             of the object's displacement, (2,); None if the geometry is unknown.
         fading: distance of frames, and part of what consecutive frames share that frames so far apart share along the path of a single
             object; None if it leaves no room for another object, or three standard errors do.
+        shortened: largest part by which the open shutter shortens a step; corrected, but not well if large.
     """
 
     path_pixels: np.ndarray
@@ -54,17 +58,24 @@ class Track:
     in_common: np.ndarray = field(default_factory=lambda: np.zeros(0))
     stretch: np.ndarray | None = None
     fading: tuple[int, float] | None = None
+    shortened: float = 0.0
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Doubts about the path, in words."""
-        if self.fading is None:
-            return ()
-        apart, part = self.fading
-        return (
-            f"frames {apart} apart share {100.0 * part:.0f} % of what consecutive ones share: the illumination of the object changes, or "
-            "several objects have not moved apart by a grain of their speckle, and this path lies between theirs",
-        )
+        doubts = []
+        if self.shortened > MAX_SHORTENED:
+            doubts.append(
+                f"the open shutter shortens steps by up to {100.0 * self.shortened:.0f} %; such steps are corrected by a rough estimate: "
+                "shorten the exposure"
+            )
+        if self.fading is not None:
+            apart, part = self.fading
+            doubts.append(
+                f"frames {apart} apart share {100.0 * part:.0f} % of what consecutive ones share: the illumination of the object changes, "
+                "or several objects have not moved apart by a grain of their speckle, and this path lies between theirs"
+            )
+        return tuple(doubts)
 
     @property
     def smooth_path_pixels(self) -> np.ndarray:

@@ -16,6 +16,7 @@ from invert.tracking.band import Band
 from invert.tracking.breaks import check_continuity, follow_over_jumps
 from invert.tracking.joint import follow_several
 from invert.tracking.pursuit import fading_along, find_objects
+from invert.tracking.shutter import for_open_shutter
 from invert.tracking.spectra import Reader
 from invert.tracking.tables import check_frames, exposure_of
 from invert.tracking.to_object import metres_per_pixel, stretch_by_illumination
@@ -66,8 +67,8 @@ def track(
         check_continuity(spectra, band, followed[0].path)
     open_share, tracks = _open_share(capture, interval_s), []
     for start, one in zip(starts, followed, strict=True):
-        opened = one.for_open_shutter(open_share)
         its_band = replace(band, signal=one.power)
+        opened = for_open_shutter(one, its_band, open_share)
         stretch = None if lever is None else stretch_by_illumination(its_band, capture.camera, binning)
         found = Track(
             opened.path * binning,
@@ -81,6 +82,7 @@ def track(
             in_common=one.in_common,
             stretch=stretch,
             fading=fading_along(spectra, band, one.path) if is_alone else None,
+            shortened=opened.shortened,
         )
         tracks.append(found)
     return replace(tracks[0], others=tuple(tracks[1:]))

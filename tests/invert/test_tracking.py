@@ -13,7 +13,6 @@ pytest.importorskip("mitsuba")
 
 import correlograph as cg
 from invert.track import main
-from invert.tracking.follow import Followed
 from invert.tracking.track import Track
 from invert.tracking.tracker import track
 from sim.rendering import render_geometry
@@ -151,34 +150,6 @@ def drifting(rng, path, light, shape=(300, 340)):
         frames.append(intensity[top : top + shape[0], left : left + shape[1]])
     frames = np.array(frames)
     return [rng.poisson(light * frame / frames.mean()).astype(np.float32) for frame in frames]
-
-
-@pytest.mark.parametrize("share", [0.5, 1.0])
-@pytest.mark.parametrize("fading", [0.1, 0.3, 0.6])
-def test_an_open_shutter_is_corrected_as_the_integral_says(fading, share):
-    """Likenesses exp(-fading k^2) of all instants of two exposures: their mean, and the mean distance that they weight."""
-    apart = np.linspace(-1.0, 1.0, 2001)
-
-    def mean(values, distance):
-        return (values * (1.0 - np.abs(apart)) * np.exp(-fading * (distance + share * apart) ** 2)).mean()
-
-    alike = [mean(1.0, distance) for distance in (1.0, 2.0)]
-    shortened = mean(1.0 + share * apart, 1.0) / alike[0]
-    truth = np.arange(4.0)[:, None] * np.array([3.0, -2.0])
-    seen = Followed(shortened * truth, np.zeros((4, 2)), 1, np.ones((1, 1)), fading=float(np.log(alike[0] / alike[1]) / 3.0))
-    corrected = seen.for_open_shutter(share)
-    np.testing.assert_allclose(corrected.path, truth, rtol=0.012)
-    np.testing.assert_array_less(np.abs(corrected.path - truth)[1:], corrected.error[1:])
-
-
-def test_an_open_shutter_shortens_fast_steps_more():
-    """Fading is proportional to the square of the step: with a mean of 0.1, steps of 1 and 3 pixels have 0.02 and 0.18."""
-    truth = np.cumsum(np.array([[0.0, 0.0], *[[1.0, 0.0]] * 4, *[[0.0, 3.0]] * 4]), 0)
-    fading = 0.02 * np.array([[1.0]] * 4 + [[9.0]] * 4)
-    seen = np.concatenate([[[0.0, 0.0]], np.cumsum(np.diff(truth, axis=0) * (1.0 - fading / 3.0), 0)])
-    found = Followed(seen, np.zeros((9, 2)), 1, np.ones((1, 1)), fading=0.1, bend_error=np.full(2, 1e-3)).for_open_shutter(1.0)
-    np.testing.assert_allclose(found.path, truth, rtol=0.01, atol=0.02)
-    np.testing.assert_array_less(np.abs(found.path - truth)[1:], found.error[1:] + 0.01)
 
 
 def test_a_window_does_not_draw_paths_of_large_grains_towards_zero():
