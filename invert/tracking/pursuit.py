@@ -17,7 +17,7 @@ from invert.tracking.breaks import follow_over_jumps, mend
 from invert.tracking.follow import follow
 from invert.tracking.separation import subtract_light
 from invert.tracking.shifts import weight_of
-from invert.tracking.start import Start, are_apart, find_brightest, paths_at, share_along, way_apart
+from invert.tracking.start import Start, are_apart, distances, find_brightest, paths_at, share_along, way_apart
 
 MAX_LAG, MAX_LAG_SHARE = 32, 0.6
 """Largest distance of the frames by which several objects are told apart, in frames and over their number. Halves of it follow."""
@@ -138,9 +138,10 @@ def _explains(alone: Start, several: list[Start], spectra: np.ndarray, band: Ban
 
 
 def _has_as_much(path: np.ndarray, other: Start, factor: float, spectra: np.ndarray, band: Band) -> bool:
-    """Return whether frames at the lag of another object have more in common along a path (frames, 2) than a factor times what they have
-    along that of the other."""
-    return share_along(spectra, band, path, other.lag) > factor * share_along(spectra, band, other.path, other.lag)
+    """Return whether frames at the distances by which another object was found have more in common along a path (frames, 2) than a factor
+    times what they have along that of the other."""
+    own, others = (sum(share_along(spectra, band, one, lag) for lag in distances(other.lag)) for one in (path, other.path))
+    return own > factor * others
 
 
 def _drop_interference(found: list[Start]) -> list[Start]:

@@ -90,6 +90,11 @@ def share_along(spectra: np.ndarray, band: Band, path: np.ndarray, lag: int) -> 
     return float(alike.mean() / (weight.full * max(overlap, 0.1)))
 
 
+def distances(lag: int) -> np.ndarray:
+    """Return the distances of frames, the largest first, at which an object is sought together."""
+    return np.unique(np.round(lag * np.array(SCALES)).astype(int))[::-1]
+
+
 def way_apart(one: np.ndarray, other: np.ndarray, lag: int) -> float:
     """Return the median difference of the displacements along two paths (frames, 2) over `lag` frames, in pixels."""
     relative = one - other
@@ -108,7 +113,7 @@ def paths_at(
     """Return the objects by the displacement of frames that are up to `lag` apart, in blocks of `length` pairs, the brightest first, and
     whether nearly all blocks show one. `min_height` is that of a maximum over the highest."""
     pairs, weight = len(spectra) - lag, weight_of(band, 0.0)
-    lags = np.unique(np.round(lag * np.array(SCALES)).astype(int))[::-1]
+    lags = distances(lag)
     blocks = np.array_split(np.arange(pairs), max(1, pairs // length))
 
     def peaks_of(block: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
