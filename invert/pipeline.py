@@ -165,7 +165,7 @@ def choose_object(request: Request, estimate: Estimate, followed: Stabilised) ->
     objects, number = followed.objects, request.object_number
     if number > max(len(objects), 1):
         found = f"{number}, of {len(objects)} moving objects" if objects else f"{number}, where no object was found to move"
-        raise InputError("object_number", f"1 to {max(len(objects), 1)}", found, "select another, or omit it")
+        raise InputError("object_number (--object)", f"1 to {max(len(objects), 1)}", found, "select another, or omit it")
     if len(objects) < 2:
         return estimate, followed.capture, []
     alone = estimate_alone(followed.capture, objects, number - 1, request, estimate)

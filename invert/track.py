@@ -52,20 +52,24 @@ def main(argv: Sequence[str] | None = None) -> None:
     from correlograph.files.captured_frames import read_capture
     from correlograph.files.manifest import claim
     from correlograph.files.output import output_folder
-    from invert.tracking.rotation import ROTATION_FILES, track_rotation
-    from invert.tracking.track import TRACK_FILES
+    from invert.tracking.rotation import ROTATION_FILES, Rotation, track_rotation
+    from invert.tracking.track import TRACK_FILES, Track
     from invert.tracking.tracker import track
 
     angle = tuple(options.source_angle_deg)
-    if options.rotation and (options.binning, options.source_distance_m, angle) != (1, None, (0.0, 0.0)):
-        expected = "no --binning, --source-distance-m and --source-angle-deg, which concern paths"
-        raise InputError("--rotation", expected, "one of them", "omit it")
+    of_paths = {
+        "--binning": options.binning != 1,
+        "--source-distance-m": options.source_distance_m is not None,
+        "--source-angle-deg": any(angle),
+    }
+    if options.rotation and any(of_paths.values()):
+        raise InputError("--rotation", "no option of paths", ", ".join(name for name in of_paths if of_paths[name]), "omit it")
     claim(output_folder(options.output), ROTATION_FILES if options.rotation else TRACK_FILES, overwrite=options.overwrite)
     known = CameraMetadata(options.wavelength_m, options.pixel_pitch_m, options.distance_m)
     capture = read_capture([Path(one) for one in options.inputs], known)
     interval_s = None if options.frames_per_s is None else 1.0 / options.frames_per_s
     if options.rotation:
-        found = track_rotation(capture, interval_s=interval_s)
+        found: Rotation | Track = track_rotation(capture, interval_s=interval_s)
     else:
         found = track(
             capture,
@@ -74,8 +78,8 @@ def main(argv: Sequence[str] | None = None) -> None:
             interval_s=interval_s,
             binning=options.binning,
         )
-        for warning in found.warnings:
-            print(f"warning: {warning}", file=sys.stderr)
+    for warning in found.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
     found.save(options.output)
     print(found)
 

@@ -21,6 +21,7 @@ from invert.measure.spectrum import read_measurement
 from invert.request import Request
 from invert.tracking.rings import Turns, find_turns, group_means
 from invert.tracking.tables import check_frames, save_table
+from invert.tracking.travel import common_share
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,6 +42,9 @@ MIN_SIGMA = 5.0
 """Minimum correlation of consecutive groups in standard deviations; among fifty pairs and fifty angles, chance exceeds it with a
 probability of 0.001."""
 
+MIN_COMMON = 0.1
+"""Share of the speckle that consecutive frames have in common, from which the laser is said to be at rest; others share static light."""
+
 ROTATION_FILES = ("rotation.csv", "rotation.png", "rotation.json")
 
 
@@ -54,6 +58,7 @@ class Rotation:
         angle_error_deg, distance_error: standard errors of a difference between two groups.
         frames_per_angle: number of frames in a group.
         interval_s: time between frames; None if unknown.
+        common: share of the power of the speckle that consecutive frames have in common, because the laser is at rest.
     """
 
     angle_deg: np.ndarray
@@ -62,6 +67,17 @@ class Rotation:
     distance_error: float
     frames_per_angle: int
     interval_s: float | None = None
+    common: float = 0.0
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Doubts about angles and distances, in words."""
+        if self.common < MIN_COMMON:
+            return ()
+        return (
+            f"consecutive frames share {100.0 * self.common:.0f} % of their speckle, as if the laser were at rest: its light does not turn "
+            "with the object, and angles and distances are wrong by more than stated; move the laser between frames",
+        )
 
     @classmethod
     def of(cls, turns: Turns, frames_per_angle: int, interval_s: float | None) -> Rotation:
@@ -122,6 +138,7 @@ class Rotation:
             "mean_rate_deg_per_s": rate,
             "distance_ratio": float(self.distance_ratio[-1]),
             "distance_error": self.distance_error,
+            "warnings": list(self.warnings),
         }
 
     def columns(self) -> dict[str, np.ndarray]:
@@ -133,7 +150,7 @@ class Rotation:
 
     def save(self, folder: str | Path) -> Path:
         """Write rotation.csv, rotation.json and rotation.png; return the folder."""
-        return save_table(folder, "rotation", self.columns(), self.as_dict(), self.plot())
+        return save_table(folder, ROTATION_FILES, (self.columns(), self.as_dict(), self.plot()))
 
 
 def track_rotation(capture: Capture, *, interval_s: float | None = None) -> Rotation:
@@ -146,7 +163,7 @@ def track_rotation(capture: Capture, *, interval_s: float | None = None) -> Rota
     Raises InputError for too few frames, frames that are too small or equal, too little light, and objects that look alike at every angle.
     """
     check_frames(capture, interval_s, 2 * MIN_ANGLES, "rotation")
-    return rotation_of(*_signals(capture), interval_s)
+    return replace(rotation_of(*_signals(capture), interval_s), common=common_share(capture.frames))
 
 
 def rotation_of(signals: Sequence[np.ndarray], aspect: float, interval_s: float | None = None) -> Rotation:
@@ -169,7 +186,7 @@ def rotation_of(signals: Sequence[np.ndarray], aspect: float, interval_s: float 
         "frames",
         expected,
         "none",
-        "add light, or more frames per second if the rate of rotation changes; a round object shows no angle",
+        "add light, or more frames per second if the rate of rotation changes; a jump or a round object shows no angle",
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from correlograph.errors import InputError, check_positive
 from correlograph.files.capture import Capture
 from correlograph.files.figures import save_figure
-from correlograph.files.output import atomic, output_folder, save_json, sole_writer
+from correlograph.files.output import atomic, output_folder, replace_files, save_json, sole_writer, staging_folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,12 +37,26 @@ def exposure_of(capture: Capture) -> float | None:
     return capture.headers[0].exposure_s if capture.headers else capture.file_metadata.exposure_s
 
 
-def save_table(folder: str | Path, name: str, table: dict[str, np.ndarray], numbers: dict[str, Any], figure: Figure) -> Path:
-    """Write NAME.csv with a column for each entry of a table, NAME.json and NAME.png; return the folder."""
-    target = output_folder(str(folder))
-    with sole_writer(target):
-        with atomic(target / f"{name}.csv") as partial:
+def save_table(
+    folder: str | Path,
+    files: Sequence[str],
+    content: tuple[dict[str, np.ndarray], dict[str, Any], Figure],
+    write_more: Callable[[Path], None] = lambda staging: None,
+) -> Path:
+    """Write NAME.csv with a column for each entry of a table, NAME.json and NAME.png, which replace earlier ones as a whole; return the
+    folder.
+
+    Args:
+        files: names of all files; the first one gives NAME.
+        content: table, numbers and figure.
+        write_more: writes the other files into a folder.
+    """
+    target, name, (table, numbers, figure) = output_folder(str(folder)), Path(files[0]).stem, content
+    with sole_writer(target), staging_folder(target) as staging:
+        with atomic(staging / f"{name}.csv") as partial:
             np.savetxt(partial, np.column_stack([*table.values()]), "%.9g", ",", header=",".join(table), comments="")
-        save_figure(target / f"{name}.png", figure)
-        save_json(target / f"{name}.json", numbers)
+        save_figure(staging / f"{name}.png", figure)
+        save_json(staging / f"{name}.json", numbers)
+        write_more(staging)
+        replace_files(staging, target, files, f"{name}.json")
     return target

@@ -205,4 +205,4 @@ class Track:
 
     def save(self, folder: str | Path) -> Path:
         """Write track.csv, track.json and track.png; return the folder."""
-        return save_table(folder, "track", self.columns(), self.as_dict(), self.plot())
+        return save_table(folder, TRACK_FILES, (self.columns(), self.as_dict(), self.plot()))

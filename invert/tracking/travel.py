@@ -21,7 +21,7 @@ from invert.tracking.parts import on_all_cores
 from invert.tracking.pursuit import find_objects
 from invert.tracking.shifts import heights_at, weight_of
 from invert.tracking.spectra import FRAMES_FOR_POWER, Reader
-from invert.tracking.start import Start, share_along
+from invert.tracking.start import Start, find_brightest, share_along
 from radiometry.autocorrelation import PatchGrid
 from radiometry.estimation.third_moment import narrow
 
@@ -66,6 +66,17 @@ def may_travel(spectra: Sequence[torch.Tensor]) -> bool:
     rows, columns = cross.shape
     found = torch.fft.irfft2(cross, s=(rows, 2 * columns - 1))
     return float(found.max() / found.square().mean().sqrt().clamp_min(1e-30)) > MIN_RATIO
+
+
+def common_share(frames: Sequence[np.ndarray]) -> float:
+    """Return the share of the power of the speckle that consecutive frames have in common at one displacement; 0 if they share nothing."""
+    first = frames[:FRAMES_FOR_POWER]
+    reader = Reader(first[0].shape, 1)
+    band = reader.band(first)
+    try:
+        return 0.0 if band is None else find_brightest(reader.all_spectra(first, band), band).share
+    except InputError:
+        return 0.0
 
 
 def find_travel(capture: Capture) -> Travel | None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from correlograph.files.figures import add_scale_bar, figure_as_html
 from correlograph.files.manifest import claim
-from correlograph.files.output import atomic, output_folder, save_array, sole_writer
+from correlograph.files.output import atomic, output_folder, save_array
 from invert.tracking.tables import save_table
 from invert.tracking.track import Track
 from invert.video.pooling import spread
@@ -139,12 +139,12 @@ class Film:
         Args:
             overwrite: whether to replace files of these names that this program did not write.
         """
-        target = output_folder(str(folder))
-        claim(target, FILM_FILES, overwrite=overwrite)
-        with sole_writer(target):
-            save_array(target / "film.npy", self.albedos)
-            self._save_gif(target / "film.gif")
-        return save_table(target, "film", self.columns(), self.as_dict(), self.plot())
+        claim(output_folder(str(folder)), FILM_FILES, overwrite=overwrite)
+        return save_table(folder, FILM_FILES, (self.columns(), self.as_dict(), self.plot()), self._save_images)
+
+    def _save_images(self, folder: Path) -> None:
+        save_array(folder / "film.npy", self.albedos)
+        self._save_gif(folder / "film.gif")
 
     def _save_gif(self, path: Path) -> None:
         """Write the film in real time, if times are known and it lasts longer than a second."""

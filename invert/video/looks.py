@@ -16,6 +16,10 @@ from invert.video.turning import turn
 from radiometry.estimation.autocorrelation_estimator import estimator_of
 from radiometry.noise.measured_noise import fill_zero_lag, read_noise_level
 
+MIN_POWER = 0.01
+"""Power of a frame over the usual one, below which it cannot show what others show: with a hundredth of the light in faint frames, a tenth
+in bright ones."""
+
 
 @dataclass(frozen=True)
 class Looks:
@@ -64,6 +68,13 @@ class Looks:
     def floor(self) -> float:
         """Noise floor of the mean over all frames."""
         return read_noise_level(self.values.mean(0)).floor
+
+    @property
+    def are_dark(self) -> np.ndarray:
+        """Whether a frame has next to no light compared with others, (frames,): its power is below `MIN_POWER` of the median of those
+        that have any."""
+        power = self.values.mean((1, 2))
+        return power < MIN_POWER * np.median(power[power > 0.0])
 
     def with_angles(self, angle_deg: np.ndarray) -> Looks:
         """Return the same with the angle of the object in each frame, (frames,)."""

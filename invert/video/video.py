@@ -16,6 +16,7 @@ from invert.assess.motion_blur import doubt_motion
 from invert.assess.reliability import confidence_limit
 from invert.measure.estimate import Estimate
 from invert.measure.spectrum import read_measurement
+from invert.methods import empty_reconstruction
 from invert.output.result import Result
 from invert.pipeline import choose_object, estimate_following, fulfil, read_prepared
 from invert.request import Request
@@ -68,7 +69,7 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
     looks = Looks.of(followed.capture, whole, request)
     looks, pooling, of_turn = _turn_back(looks)
     numbers, of_fields = pooling.times(MAX_IMAGES), []
-    found, frames = _reconstruct(request, looks, pooling.weights[numbers]), pooling.frames
+    found, frames = _reconstruct(request, looks, pooling.weights, numbers), pooling.frames
     if request.retrieves_fields:
         still = choose_window(looks.with_angles(np.zeros(len(looks.values))))
         found, of_fields = retrieve_fields(request, followed.capture, looks, still, found, numbers)
@@ -159,15 +160,18 @@ def _turn_back(looks: Looks) -> tuple[Looks, Pooling, list[str]]:
     pooling = pool(turned)
     if pooling.patterns >= unturned.patterns:
         return looks, unturned, []
-    return turned, pooling, [f"the object turns by {rotation.angle_deg[-1]:.0f} degrees; frames were turned back and pooled"]
+    return turned, pooling, [f"the object turns by {turned.turns[-1]:.0f} degrees; frames were turned back and pooled"]
 
 
-def _reconstruct(request: Request, looks: Looks, weights: np.ndarray) -> list[Result]:
-    """Return the results from sums of all frames with weights (images, frames), at the angle of the first frame. Raises InputError if none
-    shows an object."""
+def _reconstruct(request: Request, looks: Looks, weights: np.ndarray, numbers: np.ndarray) -> list[Result]:
+    """Return the results at the times of frames of some numbers, from sums of all frames with weights (frames, frames), at the angle of the
+    first frame. Raises InputError if none shows an object."""
     options = request.for_estimate()
-    images = tqdm(weights, desc="images", unit="image", disable=None, leave=False)
+    images = tqdm(weights[numbers], desc="images", unit="image", disable=None, leave=False)
     found = [fulfil(options, looks.combine(looks.upright, chosen)) for chosen in images]
+    for number in np.flatnonzero(looks.are_dark[numbers]):  # what others leave of one another there is no image
+        nothing = empty_reconstruction(len(found[number].coarse_albedo))
+        found[number] = replace(found[number], reconstruction=nothing)
     shown = [number for number, one in enumerate(found) if one.object_found]
     if not shown:
         raise InputError("frames", "light of a hidden object", "none at any time", "add light or frames")
