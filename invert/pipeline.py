@@ -87,11 +87,11 @@ def fulfil(request: Request, source: Source) -> Result:
     shown, notes = read_prepared(request, source)
     seconds = {"read": time.perf_counter() - begin}
     if isinstance(shown, Estimate):
-        capture, estimate, path = None, shown, None
+        capture, estimate, path, may_shake = None, shown, None, False
     else:
         estimate, followed = estimate_following(request, shown)
         estimate, capture, of_objects = choose_object(request, estimate, followed)
-        path = followed.path_of(request.object_number)
+        path, may_shake = followed.path_of(request.object_number), followed.may_shake
         notes += followed.notes + of_objects + describe_files(shown)
     seconds["autocorrelation"] = estimate.seconds
 
@@ -102,7 +102,8 @@ def fulfil(request: Request, source: Source) -> Result:
     doubts = find_doubts(found, test, likelihood, estimate.record)
     if path is not None and found.object_found:
         doubts += doubt_motion(path.path_pixels, estimate.record, measurement)
-    hypotheses = weigh_hypotheses(measurement, estimate.record, test, None if path is None else path.significance)
+    motion = None if path is None else path.significance
+    hypotheses = weigh_hypotheses(measurement, estimate.record, test, motion, may_shake=may_shake)
     of_object = object_probability(hypotheses)
     found = lower_confidence(found, doubts, of_object)
     warnings = [one.advice for one in doubts if one.is_raised] + describe_frames(estimate.record, measurement)

@@ -2,9 +2,9 @@
 sharp one, or a blurred one.
 
 Each number decides one question, by Bayes' rule with stated probabilities before it is known. The significance of the signal decides
-whether there is any light of an object; the third moment of a single frame, whether that light is speckle; the significance of a common
-motion, whether the object moves while the laser is at rest; the extent of r*r, whether the object is wider than the lags; the contrast of
-the speckle and the search for a blur, whether it is blurred.
+whether there is any light of an object; the third moment, and the contrast of frames that share light, whether that light is speckle; the
+significance of a common motion, whether the object moves while the laser is at rest; the extent of r*r, whether the object is wider than
+the lags; the contrast of the speckle and the search for a blur, whether it is blurred.
 """
 
 from __future__ import annotations
@@ -35,6 +35,10 @@ SHIFTS = 10**6
 PRIOR_TEXTURE, PRIOR_WITH_WAVES = 0.05, 0.5
 """Probability, before its third moment is known, that the signal of a single frame comes from texture of the relay wall or of the
 sensor; the second number holds if periodic waves were found."""
+
+PRIOR_SHARED, ALL_LAGS = 0.3, 0.9
+"""The same for several frames that share light at this fraction of the lags, which leaves texture if the level of a lamp changes, and for
+few frames whose light moves, as with a camera that shakes."""
 
 PRIOR_BLURRED, PRIOR_OTHER_LIGHT = 0.1, 0.1
 """Probabilities, before the contrast is known, that frames are blurred, and that other light or a second polarisation lowers their
@@ -67,16 +71,22 @@ class Hypothesis(Enum):
 
 
 def weigh_hypotheses(
-    measurement: Measurement, record: EstimateRecord | None, test: SpeckleTest | None, motion: float | None = None
+    measurement: Measurement,
+    record: EstimateRecord | None,
+    test: SpeckleTest | None,
+    motion: float | None = None,
+    *,
+    may_shake: bool = False,
 ) -> dict[Hypothesis, float]:
     """Return the probability of each hypothesis; they add up to 1.
 
     Args:
         record: origin of the estimate; None for a published one, which cannot show texture or blur.
         motion: significance of the motion of the speckle; None if none was found.
+        may_shake: whether light moves from frame to frame that a camera may move, which shakes.
     """
     none = noise_probability(measurement.detection, TRIALS)
-    texture = 0.0 if record is None else texture_probability(test, record)
+    texture = 0.0 if record is None else texture_probability(test, record, may_shake=may_shake)
     blur = 0.0 if record is None else blur_probability(record.contrast, record.blur_found_pixels is not None)
     speckle = (1.0 - none) * (1.0 - texture)
     moving = 0.0 if motion is None else speckle * (1.0 - noise_probability(motion, SHIFTS))
@@ -119,16 +129,30 @@ def noise_probability(significance: float, trials: int) -> float:
     return odds[0] / sum(odds)
 
 
-def texture_probability(test: SpeckleTest | None, record: EstimateRecord) -> float:
-    """Return the probability that a single frame shows texture, whose third moment is 0 in the unit of that of speckle; 0 for several
-    frames, which share texture."""
-    if record.frames != 1:
+def texture_probability(test: SpeckleTest | None, record: EstimateRecord, *, may_shake: bool = False) -> float:
+    """Return the probability that frames show texture, whose third moment is 0 in the unit of that of speckle; 0 for several frames that
+    share no light. The contrast of texture has any value below 1."""
+    if record.frames == 1:
+        prior, (full, lowered) = texture_before(record), (1.0, 1.0)
+    elif (record.background.fixed_pattern_lags or 0.0) > ALL_LAGS or may_shake:
+        prior, (full, lowered) = PRIOR_SHARED, contrast_evidence(record.contrast)
+    else:
         return 0.0
-    prior = texture_before(record)
+    sharp = 1.0 - PRIOR_BLURRED - PRIOR_OTHER_LIGHT
+    odds = prior * lowered / ((1.0 - prior) * max(sharp * full + (1.0 - sharp) * lowered, 1e-300))
     if test is None or test.third_moment_ratio is None or test.error is None or not math.isfinite(test.error):
-        return prior
-    log_odds = math.log(prior / (1.0 - prior)) - (float(test.third_moment_ratio) - 0.5) / max(float(test.error), 1e-9) ** 2
-    return float(expit(log_odds))
+        return odds / (1.0 + odds)
+    return float(
+        expit(math.log(max(odds, 1e-300)) - (float(test.third_moment_ratio) - 0.5) / max(float(test.error), 1e-9) ** 2)
+    )
+
+
+def contrast_evidence(contrast: Contrast | None) -> tuple[float, float]:
+    """Return the probability density of a squared contrast if the true one is 1, and if it has any value between 0 and 1."""
+    if contrast is None:
+        return 1.0, 1.0
+    error = max(contrast.error, 1e-6)
+    return float(norm.pdf(contrast.square, 1.0, error)), float(norm.sf(contrast.square, 1.0, error))
 
 
 def texture_before(record: EstimateRecord) -> float:
@@ -158,10 +182,8 @@ def blur_probability(contrast: Contrast | None, is_found: bool) -> float:
         is_found: whether a blur was found.
     """
     sharp, other, blur = 1.0 - PRIOR_BLURRED - PRIOR_OTHER_LIGHT, PRIOR_OTHER_LIGHT, PRIOR_BLURRED
-    if contrast is not None:
-        error = max(contrast.error, 1e-6)
-        lowered = float(norm.sf(contrast.square, 1.0, error))
-        sharp, other, blur = sharp * float(norm.pdf(contrast.square, 1.0, error)), other * lowered, blur * lowered
+    full, lowered = contrast_evidence(contrast)
+    sharp, other, blur = sharp * full, other * lowered, blur * lowered
     if is_found:
         sharp, other, blur = sharp * BLUR_FOUND_FALSELY, other * BLUR_FOUND_FALSELY, blur * BLUR_FOUND
     total = sharp + other + blur

@@ -76,6 +76,11 @@ def describe_limits(found: Reconstruction, measurement: Measurement, of_object: 
             f"(probability of an object: {of_object:.2g}); "
             f"if there is an object, it needs more than {times:.1f} times the light, or {times**2:.1f} times the frames"
         )
+    elif not measurement.detectable:
+        notes.append(
+            f"a signal of {measurement.detection:.3g} standard deviations does not rise towards zero lag as r*r of an object does, so that "
+            "nothing was reconstructed; check the frames, or take more"
+        )
     if found.object_found and found.features is not None and side > OBJECT_SIDE:
         notes.append(
             f"the confidence is calibrated for {OBJECT_SIDE} lags; on more, here {side}, it exceeds the correlation by more than 0.24 in "

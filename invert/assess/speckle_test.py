@@ -92,7 +92,7 @@ def speckle_test(estimate: Estimate, measurement: Measurement, albedo: np.ndarra
     frames, noise = estimate.filtered_frames, measurement.noise
     likeness, error = frames.likeness(albedo, weight, np.sqrt(transfer), signal, floor, power)
     used = (ring >= rings) & (rings > 1) & measurement.lag_grid.half_plane
-    parts = _judge(frames.power_differences(weight, estimate.values), ALLOWED_PART_DIFFERENCES)
+    parts = _judge(frames.power_differences(weight, estimate.values, signal, albedo), ALLOWED_PART_DIFFERENCES)
     between = _judge(frame_differences(frames, used, noise.inflation), ALLOWED_FRAME_DIFFERENCES)
     return SpeckleTest(likeness, error, *unexplained, *parts, *between)
 

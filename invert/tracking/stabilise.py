@@ -29,6 +29,10 @@ FRAMES_FOR_SIZE = 64
 """Number of frames, in the middle of the capture, by which the size of a group is chosen."""
 
 
+MIN_FRAMES_OF_PATH = 6
+"""Number of frames from which jumps of a path show that it is not smooth."""
+
+
 @dataclass(frozen=True)
 class Stabilised:
     """Frames that follow an object.
@@ -60,6 +64,11 @@ class Stabilised:
     def objects(self) -> tuple[Track, ...]:
         """Path of each object, the brightest first."""
         return () if self.track is None else (self.track, *self.track.others)
+
+    @property
+    def may_shake(self) -> bool:
+        """Whether what travels may be static light before a camera that shakes: few frames do not show that a path is smooth."""
+        return self.travel is not None and len(self.capture.frames) * self.size < MIN_FRAMES_OF_PATH
 
     def path_of(self, number: int) -> Track | None:
         """Return the path of an object alone, 1 for the brightest; None if none was found to move."""

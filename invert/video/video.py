@@ -129,7 +129,8 @@ def _read(request: Request, source: Source) -> tuple[Capture, list[str]]:
     prepared, notes = read_prepared(replace(request, camera=None, autocorrelation=None), shown)
     assert isinstance(prepared, Capture)
     if len(prepared.frames) < len(shown.frames):
-        raise InputError("frames", "light in each frame of a film, whose times would be wrong", notes[0], "remove them")
+        dark = f"none in {notes[0].partition(' left out')[0]}"
+        raise InputError("frames", "light in each frame of a film", dark, "provide the frames before or after")
     if not any(np.any(frame) for frame in prepared.frames):
         raise InputError("frames", "light in each frame of a film", "zeros", "use frames with light")
     return prepared, notes + describe_files(shown)

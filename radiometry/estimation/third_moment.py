@@ -98,17 +98,21 @@ class FilteredFrames:
         every = self._block_means(weight, 3).flatten()
         return float(every.mean()), float(every.std() / len(every) ** 0.5)
 
-    def power_differences(self, weight: np.ndarray, lags: np.ndarray) -> ExcessScatter | None:
+    def power_differences(
+        self, weight: np.ndarray, lags: np.ndarray, signal: np.ndarray, albedo: np.ndarray
+    ) -> ExcessScatter | None:
         """Return the scatter of the mean of J^2 between parts of a frame; None without signal.
 
         A frame has 8 x 8 blocks, and a part is 2 x 2 of them. Speckle has the same statistics everywhere, so parts differ no
         more than expected from the blocks within them (analysis of variance) or from the spectrum: the power of a Gaussian J
         over an area A has the relative variance (2 sum P^2 / (sum P)^2) (a / A), with P = w^2 S and a the area of a patch. The
         larger expectation is used, but at most `MAX_SCATTER`
-        times that from the spectrum: blocks that differ by more, as by a specular highlight, are not speckle.
+        times that from the spectrum: blocks that differ by more, as by a specular highlight, are not speckle. Speckle of few small
+        points varies little within a block, but from part to part: its power goes with the square of the light of a part, whose
+        variance follows from the albedo (`light_variance`).
 
         Args:
-            weight: w (127, 127). lags: the estimate S (127, 127).
+            weight: w (127, 127). lags: the estimate S (127, 127). signal: S without its floor. albedo: a reconstruction (64, 64).
         """
         power = self._block_means(weight, 2)
         power = power / power.mean((1, 2), keepdim=True).clamp_min(1e-300)
@@ -120,7 +124,9 @@ class FilteredFrames:
         spectrum = weight**2 * lags.astype(np.float64)
         share = 2.0 * float((spectrum**2).sum()) / max(float(spectrum.sum()) ** 2, 1e-300)
         expected = 4.0 * share * count * math.prod(self.patch) / math.prod(self.frame)
-        within = min(max(within, expected), MAX_SCATTER * expected)
+        of_signal = float((weight**2 * signal).sum()) / max(float(spectrum.sum()), 1e-300)
+        by_light = 4.0 * (2.0 * of_signal) ** 2 * light_variance(albedo, self.patch, tuple(side // 4 for side in self.frame))
+        within = max(min(max(within, expected), MAX_SCATTER * expected), by_light)
         if within <= 0.0:
             return None
         null = f_distribution(len(power) * (count - 1), len(power) * count * 3)
@@ -167,6 +173,15 @@ def shot_noise_part(weight: np.ndarray, signal: np.ndarray, variance: float, pat
     lags = lag_grid_of(weight).lags
     pairs = autocorrelate(weight)[lags:-lags, lags:-lags]
     return (weight * pairs * (3.0 * signal + variance)).sum((-2, -1)) / patch_pixels**2
+
+
+def light_variance(albedo: np.ndarray, patch: tuple[int, int], area: tuple[int, int]) -> float:
+    """Return the relative variance of the light of speckle from an albedo on an area of a frame (rows, columns in pixels): the sum of r*r,
+    times the power spectrum of the area, over the sum of r*r."""
+    values = autocorrelate(albedo).astype(np.float64)
+    steps = lag_grid_of(values).steps
+    rows, columns = (np.sinc(steps * side / size) ** 2 for side, size in zip(area, patch, strict=True))
+    return float(rows @ values @ columns / max(values.sum(), 1e-300))
 
 
 def expected_third_moment(albedo: np.ndarray, weight: np.ndarray, power: float, patch_pixels: int) -> float:

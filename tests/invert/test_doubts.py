@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.ndimage import uniform_filter
 from scipy.stats import f as f_distribution
 from scipy.stats import norm
 
@@ -14,17 +15,19 @@ import correlograph as cg
 from invert.assess.doubts import FALSE_ALARMS, FALSE_ALARMS_EACH, Doubt, DoubtKind
 from invert.assess.reliability import find_doubts, lower_confidence
 from invert.assess.speckle_test import SpeckleTest
+from invert.measure.contrast import Contrast
 from invert.methods import Reconstruction
 from radiometry.estimation.excess_scatter import ExcessScatter
-from tests.invert.field.speckle import letter, travelling_frames
+from tests.invert.field.speckle import expected_frame, letter, travelling_frames
 
 SPECKLE = SpeckleTest(0.97, 0.05, 0.1, 0.36, 0.05, 0.3, 0.02, 0.12)
 FOUND = Reconstruction(np.ones((64, 64), np.float32), True, 0.9, None)
 
 
-def record(frames: int, waves: int = 0) -> SimpleNamespace:
+def record(frames: int, waves: int = 0, shared: float = 0.0, contrast: Contrast | None = None) -> SimpleNamespace:
     """Return what the doubts read of the origin of an estimate."""
-    return SimpleNamespace(frames=frames, background=SimpleNamespace(spectral_lines=waves))
+    background = SimpleNamespace(spectral_lines=waves, fixed_pattern_lags=shared)
+    return SimpleNamespace(frames=frames, background=background, contrast=contrast)
 
 
 def doubts_of(test: SpeckleTest | None, frames: int = 2, waves: int = 0) -> tuple[Doubt, ...]:
@@ -110,6 +113,14 @@ def test_doubts_survive_json():
         written = json.loads(json.dumps(one.as_dict(), allow_nan=False))
         assert Doubt.from_dict(written) == one
         assert written["raised"] is one.is_raised
+
+
+def test_a_contrast_that_light_cannot_have_is_named(rng):
+    """Frames that a camera sharpened: each pixel and twice its difference from its neighbours."""
+    frames = [rng.poisson(30.0 * expected_frame(letter(64, 28), (300, 340), 128, rng)).astype(np.float32) for _ in range(3)]
+    sharpened = [one + 2.0 * (one - uniform_filter(one, 5)) for one in frames]
+    told = [cg.reconstruct(cg.Capture(some), quality="fast", patch=128, lags=63).warnings for some in (frames, sharpened)]
+    assert ["higher than light makes it" in " ".join(one) for one in told] == [False, True]
 
 
 @pytest.mark.parametrize(

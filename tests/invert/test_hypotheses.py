@@ -12,6 +12,9 @@ from scipy.stats import kstest, norm
 
 import correlograph as cg
 from invert.assess.hypotheses import (
+    PRIOR_BLURRED,
+    PRIOR_OTHER_LIGHT,
+    PRIOR_SHARED,
     PRIOR_WIDER,
     Hypothesis,
     blur_probability,
@@ -78,8 +81,23 @@ def test_the_probability_of_texture_is_that_of_bayes(error, waves, prior):
         assert is_share(
             texture_probability(replace(SPECKLE, third_moment_ratio=moment, error=error), record(1, waves)), is_texture[near]
         )
-    assert texture_probability(None, record(1, waves)) == prior
+    assert texture_probability(None, record(1, waves)) == pytest.approx(prior)
     assert texture_probability(None, record(2, waves)) == 0.0
+
+
+@pytest.mark.parametrize("error", [0.02, 0.3])
+def test_light_that_frames_share_is_texture_if_its_contrast_is_low(error):
+    """Texture has any contrast; one speckle in five has a low one, because of other light or blur."""
+    rng = np.random.default_rng(12)
+    is_texture, is_lowered = rng.random(400000) < PRIOR_SHARED, rng.random(400000) < PRIOR_OTHER_LIGHT + PRIOR_BLURRED
+    true = np.where(is_texture | is_lowered, rng.random(len(is_texture)), 1.0)
+    squares = true + error * rng.standard_normal(len(true))
+    for square in (0.1, 0.6, 1.0):
+        near = np.abs(squares - square) < 0.2 * error
+        shared = record(3, shared=1.0, contrast=Contrast(square, error))
+        assert is_share(texture_probability(None, shared), is_texture[near])
+    assert texture_probability(None, record(3, contrast=Contrast(0.1, error))) == 0.0
+    assert texture_probability(None, record(3, contrast=Contrast(0.1, error)), may_shake=True) > 0.5
 
 
 def test_a_single_frame_of_waves_without_a_third_moment_earns_no_confidence():

@@ -1,6 +1,7 @@
 """Rotation and distance from autocorrelations: exact ones, and those of frames of an independent generator."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ import correlograph as cg
 from correlograph.errors import InputError
 from invert.track import main as track_command
 from invert.tracking.rings import find_turns, group_means
-from tests.invert.field.speckle import expected_frame, letter
+from invert.tracking.rotation import Rotation
+from invert.tracking.travel import common_share
+from tests.invert.field.speckle import expected_frame, letter, travelling_frames
 
 FINE = 4
 """Points per lag along each axis at which an object is turned."""
@@ -130,7 +133,20 @@ def test_frames_that_show_no_rotation_are_refused(rng):
         cg.track_rotation(cg.Capture(frames))
 
 
+def test_a_laser_at_rest_is_named(rng):
+    """Frames that share their speckle, and frames that share none."""
+    rest = travelling_frames(letter(), (300, 320), 128, rng, np.arange(8.0)[:, None] * np.array([1.5, -0.7]), 60.0)
+    apart = [expected_frame(letter(), (300, 320), 128, rng) for _ in range(8)]
+    shares = [common_share([rng.poisson(0.5 * one).astype(np.float32) for one in frames]) for frames in (rest, apart)]
+    assert shares[0] > 0.8
+    assert shares[1] == 0.0
+    found = Rotation(np.zeros(3), np.ones(3), 0.1, 0.01, 2, common=shares[0])
+    assert "move the laser" in found.warnings[0]
+    assert found.as_dict()["warnings"] == list(found.warnings)
+    assert replace(found, common=0.0).warnings == ()
+
+
 def test_options_of_paths_are_refused_for_rotations(command, tmp_path):
     code, _, error = command(track_command, tmp_path, "-o", tmp_path / "out", "--rotation", "--binning", "2")
     assert code == 2
-    assert "--rotation" in error
+    assert "--rotation: expected no option of paths, found --binning" in error

@@ -14,6 +14,7 @@ from invert.__main__ import main as invert_command
 from invert.albedo.registration import correlation_maps, zero_pad
 from invert.measure.estimate import estimate_from_frames
 from invert.request import Request
+from invert.video.film import FILM_FILES
 from invert.video.looks import Looks
 from invert.video.pooling import pool
 from invert.video.sequence import register_sequence
@@ -223,13 +224,40 @@ def test_a_film_of_a_slow_camera_is_written(tmp_path):
         assert gif.info["duration"] == 655_350
 
 
+def test_times_without_light_show_nothing():
+    """The second half is dark. What is left of the letter there once showed a ghost, at a confidence of 0.5 to 0.7."""
+    rng = np.random.default_rng(4)
+    seen = [rng.poisson(0.1 * expected_frame(letter(), (300, 330), 128, rng)).astype(np.float32) for _ in range(8)]
+    film = cg.film(cg.Capture([*seen, *(np.zeros((300, 330), np.float32) for _ in range(8))]), quality="fast", blur_pixels=0)
+    assert len(film.albedos) == 16
+    assert (film.confidence[:8] > 0.5).all()
+    assert not film.confidence[8:].any()
+    assert not film.albedos[8:].any()
+
+
+def test_an_interrupted_film_leaves_the_one_before(tmp_path, monkeypatch):
+    """All files are replaced at the end."""
+    one = cg.Film(np.zeros((2, 16, 16), np.float32), np.array([0.0, 9.0]), np.full(2, 0.9), 4)
+    one.save(tmp_path)
+    before = {name: (tmp_path / name).read_bytes() for name in FILM_FILES}
+
+    def interrupt(path):
+        raise KeyboardInterrupt
+
+    another = replace(one, albedos=np.ones((2, 16, 16), np.float32))
+    monkeypatch.setattr(another.__class__, "_save_gif", lambda self, path: interrupt(path))
+    with pytest.raises(KeyboardInterrupt):
+        another.save(tmp_path)
+    assert {name: (tmp_path / name).read_bytes() for name in FILM_FILES} == before
+
+
 def test_unsuitable_frames_and_options_are_refused(command, tmp_path, rng):
     frames = rng.poisson(2.0, (7, 300, 300)).astype(np.float32)
     with pytest.raises(InputError, match="8 or more for a film"):
         cg.film(cg.Capture(list(frames)))
     with pytest.raises(InputError, match="two patches"):
         cg.film(cg.Capture(list(rng.poisson(2.0, (8, 240, 240)).astype(np.float32))))
-    with pytest.raises(InputError, match="times would be wrong"):
+    with pytest.raises(InputError, match="found none in frame 9"):
         cg.film([*(5.0 * expected_frame(letter(), (300, 300), 128, rng) for _ in range(9)), np.zeros((300, 300))])
     with pytest.raises(InputError, match="found zeros"):
         cg.film([np.zeros((300, 300))] * 9)
