@@ -23,6 +23,9 @@ MIN_GROUPS = 2
 
 MAX_DOUBLINGS = 16
 
+MAX_ERROR = 10.0
+"""Relative error of r*r beyond which a plan says that no object can be detected: a thousand lags have a significance of three then."""
+
 
 @dataclass(frozen=True)
 class MotionPlan:
@@ -52,7 +55,8 @@ class MotionPlan:
         return (
             f"object of {1e3 * self.speed_m_s:.3g} mm/s: {self.frames} frames of {self.exposure_s:.3g} s, added in groups of "
             f"{self.frames_per_group} along its path: error of the estimate {100 * self.error:.3g} % "
-            f"({100 * self.error_unfollowed:.3g} % if they were not added), path within {rows:.2g} and {columns:.2g} um per group"
+            f"({100 * self.error_unfollowed:.3g} % if they were not added), path within {rows:.2g} um along rows and {columns:.2g} um along "
+            "columns per group" + (": no object can be detected, add light" if self.error > MAX_ERROR else "")
         )
 
 
