@@ -104,14 +104,13 @@ def fulfil(request: Request, source: Source) -> Result:
         doubts += doubt_motion(path.path_pixels, estimate.record, measurement)
     motion = None if path is None else path.significance
     hypotheses = weigh_hypotheses(measurement, estimate.record, test, motion, may_shake=may_shake)
-    of_object = object_probability(hypotheses)
-    found = lower_confidence(found, doubts, of_object)
+    found = lower_confidence(found, doubts, object_probability(hypotheses))
     warnings = [one.advice for one in doubts if one.is_raised] + describe_frames(estimate.record, measurement)
     if capture is not None and _may_be_one_pattern(capture, estimate, found):
         single = fulfil(request.for_capture(), mean_frame(capture))
         if single.object_found and is_speckle(single.speckle_test):
             return replace(single, notes=(*notes, ONE_PATTERN, *single.notes))
-    notes += describe_limits(found, measurement, of_object)
+    notes += describe_limits(found, measurement, estimate, hypotheses)
     seconds["retrieval"] = time.perf_counter() - begin
 
     settings = MethodSettings(request.method.name, request.quality.name, request.seed)

@@ -55,8 +55,9 @@ class MotionPlan:
         return (
             f"object of {1e3 * self.speed_m_s:.3g} mm/s: {self.frames} frames of {self.exposure_s:.3g} s, added in groups of "
             f"{self.frames_per_group} along its path: error of the estimate {100 * self.error:.3g} % "
-            f"({100 * self.error_unfollowed:.3g} % if they were not added), path within {rows:.2g} um along rows and {columns:.2g} um along "
-            "columns per group" + (": no object can be detected, add light" if self.error > MAX_ERROR else "")
+            f"({100 * self.error_unfollowed:.3g} % if they were not added), path within {rows:.2g} um along rows and "
+            f"{columns:.2g} um along columns per group"
+            + (": no object can be detected, add light" if self.error > MAX_ERROR else "")
         )
 
 

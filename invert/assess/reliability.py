@@ -12,10 +12,10 @@ from scipy.stats import norm
 from correlograph.lags import OBJECT_SIDE
 from invert.albedo.posterior import Samples
 from invert.assess.doubts import FALSE_ALARMS_EACH, Doubt, DoubtKind
-from invert.assess.hypotheses import texture_before
+from invert.assess.hypotheses import Hypothesis, object_probability, texture_before
 from invert.assess.speckle_test import SpeckleTest
 from invert.likelihood.gamma import Likelihood
-from invert.measure.estimate import EstimateRecord
+from invert.measure.estimate import Estimate, EstimateRecord
 from invert.measure.spectrum import Measurement
 from invert.methods import Reconstruction
 from radiometry.noise.detection import DETECTION_LIMIT
@@ -60,9 +60,11 @@ def confidence_limit(doubts: tuple[Doubt, ...]) -> float:
     return MAX_UNVERIFIED_CONFIDENCE if any(one.is_raised for one in doubts) else 1.0
 
 
-def describe_limits(found: Reconstruction, measurement: Measurement, of_object: float) -> list[str]:
-    """Describe limits set by the frames: how much light an undetected object would need, and for which lags the confidence
-    is calibrated.
+def describe_limits(
+    found: Reconstruction, measurement: Measurement, estimate: Estimate, hypotheses: dict[Hypothesis, float]
+) -> list[str]:
+    """Describe limits set by the frames: how much light an undetected object would need, whether they may be blurred, and for which lags
+    the confidence is calibrated.
 
     The significance of the signal is proportional to the amount of light, if the shot noise of this light sets the floor,
     and to the root of the number of frames. In 19 of 20 cases the true significance is at most two standard deviations above
@@ -73,13 +75,19 @@ def describe_limits(found: Reconstruction, measurement: Measurement, of_object: 
         times = max(1.0, DETECTION_LIMIT / (max(measurement.detection, 0.0) + 2.0))
         notes.append(
             f"no signal: {measurement.detection:.1f} of the {DETECTION_LIMIT:g} standard deviations that detection needs "
-            f"(probability of an object: {of_object:.2g}); "
+            f"(probability of an object: {object_probability(hypotheses):.2g}); "
             f"if there is an object, it needs more than {times:.1f} times the light, or {times**2:.1f} times the frames"
         )
     elif not measurement.detectable:
         notes.append(
             f"a signal of {measurement.detection:.3g} standard deviations does not rise towards zero lag as r*r of an object does, so that "
             "nothing was reconstructed; check the frames, or take more"
+        )
+    contrast = None if estimate.record is None or estimate.blur_pixels is not None else estimate.record.contrast
+    if found.object_found and contrast is not None and not contrast.is_full:
+        notes.append(
+            f"the contrast of the speckle is {contrast.square**0.5:.2f}: other light, a second polarisation or blur lowers it; blur "
+            f"(probability {hypotheses[Hypothesis.BLURRED_OBJECT]:.2g}) would make this image wrong; check the focus"
         )
     if found.object_found and found.features is not None and side > OBJECT_SIDE:
         notes.append(
