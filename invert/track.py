@@ -78,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             interval_s=interval_s,
             binning=options.binning,
         )
-    for warning in found.warnings:
+    for warning in dict.fromkeys(warning for one in (found, *getattr(found, "others", ())) for warning in one.warnings):
         print(f"warning: {warning}", file=sys.stderr)
     found.save(options.output)
     print(found)

@@ -8,6 +8,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from hashlib import sha256
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -222,19 +223,20 @@ def check_frames_in_memory(frames: Sequence[np.ndarray], check: Callable[[np.nda
         (check or check_frame)(np.asarray(frame), Path(f"frame {number}"))
 
 
-COMPARED_ROWS = 8
-"""First rows of frames that are compared before whole frames are; in all but the darkest, they differ."""
+COMPARED = 16
+"""Step of the rows whose digest tells which frames are compared as a whole."""
 
 
 def check_copies(frames: Iterable[np.ndarray]) -> None:
     """Raise InputError if a frame, or its spectrum, is the same as an earlier one, as of a camera that stalls; frames of zeros may be."""
-    seen: dict[bytes, tuple[int, np.ndarray]] = {}
-    for number, one in enumerate(frames, start=1):
-        before, earlier = seen.setdefault(np.ascontiguousarray(one[:COMPARED_ROWS]).tobytes(), (number, one))
-        if before < number and np.array_equal(one, earlier) and np.any(one):
-            raise InputError(
-                "frames", "frames of different times", f"frame {number} is a copy of frame {before}", "leave the copies out"
-            )
+    alike: dict[bytes, list[tuple[int, np.ndarray]]] = {}
+    for number, one in enumerate(frames):
+        others = alike.setdefault(sha256(np.ascontiguousarray(one[::COMPARED])).digest(), [])
+        before = next((earlier for earlier, other in others if np.array_equal(one, other) and np.any(one)), None)
+        if before is not None:
+            found = f"frame {number} is a copy of frame {before}"
+            raise InputError("frames", "frames of different times", found, "leave the copies out")
+        others.append((number, one))
 
 
 def check_finite(pixels: np.ndarray, file: Path) -> tuple[float, float]:

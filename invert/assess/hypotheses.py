@@ -36,9 +36,12 @@ PRIOR_TEXTURE, PRIOR_WITH_WAVES = 0.05, 0.5
 """Probability, before its third moment is known, that the signal of a single frame comes from texture of the relay wall or of the
 sensor; the second number holds if periodic waves were found."""
 
-PRIOR_SHARED, ALL_LAGS = 0.3, 0.9
-"""The same for several frames that share light at this fraction of the lags, which leaves texture if the level of a lamp changes, and for
-few frames whose light moves, as with a camera that shakes."""
+PRIOR_SHARED = 0.3
+"""The same for several frames that share light at nearly all lags, which leaves texture if the level of a lamp changes, and for few frames
+whose light moves, as with a camera that shakes."""
+
+MIN_SHARED_LAGS = 0.9
+"""Fraction of the lags from which frames share light at nearly all of them."""
 
 PRIOR_BLURRED, PRIOR_OTHER_LIGHT = 0.1, 0.1
 """Probabilities, before the contrast is known, that frames are blurred, and that other light or a second polarisation lowers their
@@ -83,7 +86,7 @@ def weigh_hypotheses(
     Args:
         record: origin of the estimate; None for a published one, which cannot show texture or blur.
         motion: significance of the motion of the speckle; None if none was found.
-        may_shake: whether light moves from frame to frame that a camera may move, which shakes.
+        may_shake: whether the motion between frames may be that of a camera that shakes.
     """
     none = noise_probability(measurement.detection, TRIALS)
     texture = 0.0 if record is None else texture_probability(test, record, may_shake=may_shake)
@@ -131,20 +134,20 @@ def noise_probability(significance: float, trials: int) -> float:
 
 def texture_probability(test: SpeckleTest | None, record: EstimateRecord, *, may_shake: bool = False) -> float:
     """Return the probability that frames show texture, whose third moment is 0 in the unit of that of speckle; 0 for several frames that
-    share no light. The contrast of texture has any value below 1."""
+    share no light, or whose third moment was not measured. The contrast of texture has any value below 1."""
+    moment = None if test is None or test.error is None else test.third_moment_ratio
     if record.frames == 1:
         prior, (full, lowered) = texture_before(record), (1.0, 1.0)
-    elif (record.background.fixed_pattern_lags or 0.0) > ALL_LAGS or may_shake:
+    elif moment is not None and ((record.background.fixed_pattern_lags or 0.0) > MIN_SHARED_LAGS or may_shake):
         prior, (full, lowered) = PRIOR_SHARED, contrast_evidence(record.contrast)
     else:
         return 0.0
     sharp = 1.0 - PRIOR_BLURRED - PRIOR_OTHER_LIGHT
     odds = prior * lowered / ((1.0 - prior) * max(sharp * full + (1.0 - sharp) * lowered, 1e-300))
-    if test is None or test.third_moment_ratio is None or test.error is None or not math.isfinite(test.error):
+    if moment is None or not math.isfinite(test.error):
         return odds / (1.0 + odds)
-    return float(
-        expit(math.log(max(odds, 1e-300)) - (float(test.third_moment_ratio) - 0.5) / max(float(test.error), 1e-9) ** 2)
-    )
+    log_odds = math.log(max(odds, 1e-300)) - (float(moment) - 0.5) / max(float(test.error), 1e-9) ** 2
+    return float(expit(log_odds))
 
 
 def contrast_evidence(contrast: Contrast | None) -> tuple[float, float]:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import interp1d
 
 from invert.tracking.band import Band
-from invert.tracking.register import fading_along_steps, register
+from invert.tracking.register import register
 from invert.tracking.shifts import MIN_SIGNIFICANCE, move_back
 from invert.tracking.start import Start
 
@@ -32,7 +32,8 @@ class Followed:
         power: power of its speckle, (R, C).
         significance: median significance of a group in its surroundings; 0 where none was measured.
         bend_error: standard error of a second difference of the path, (2,); zero for an approximate path.
-        fading: mean square of the way from frame to frame over the square of that in which the likeness of frames falls to 1 / e.
+        fading: mean square of the way from frame to frame over the square of that in which the likeness of frames falls to 1 / e; 0 if it
+            is not measured.
         in_common: share of all power that frames 1, 2, ... apart have in common by one of several objects.
         shortened: largest part by which an open shutter shortens a step.
     """
@@ -59,7 +60,7 @@ def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:
         length *= 2
     if best.significance < MIN_GROUP_SIGNIFICANCE:
         return approximate(start, band)
-    return replace(best, fading=fading_along_steps(spectra, band, best.path))
+    return best
 
 
 def approximate(start: Start, band: Band) -> Followed:

@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from correlograph.errors import InputError
-from invert.tracking.band import Band
+from invert.tracking.band import MAX_LIKENESS, MAX_LIKENESS_LEFT, Band
 from invert.tracking.breaks import follow_over_jumps, mend
 from invert.tracking.follow import follow
 from invert.tracking.separation import subtract_light
@@ -67,7 +67,7 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
     some = np.s_[middle : middle + FRAMES_FOR_NUMBER]
     lags = _lags_for_others(alone.path[some], spectra[some], band)
     several = _drop_interference(_pursue(spectra[some], band, lags))
-    if len(several) == 1 and _has_as_much(alone.path[some], several[0], LITTLE, spectra[some], band):
+    if len(several) == 1 and _explains_alone(alone.path[some], several[0], spectra[some], band):
         several = []
     if several and len(spectra) > FRAMES_FOR_NUMBER:
         several = _drop_interference(_pursue(spectra, band, lags))
@@ -128,7 +128,7 @@ def _explains(alone: Start, several: list[Start], spectra: np.ndarray, band: Ban
     except InputError:  # nothing in common across a boundary, which several objects can show as well
         return len(several) == 1
     if len(several) == 1:
-        return _has_as_much(path, several[0], LITTLE, spectra, band)
+        return _explains_alone(path, several[0], spectra, band)
     first = replace(several[0], path=follow(spectra, band, several[0]).path)  # as exact as that of the single one
 
     def is_at_its_place(one: Start) -> bool:
@@ -138,10 +138,18 @@ def _explains(alone: Start, several: list[Start], spectra: np.ndarray, band: Ban
 
 
 def _has_as_much(path: np.ndarray, other: Start, factor: float, spectra: np.ndarray, band: Band) -> bool:
-    """Return whether frames at the distances by which another object was found have more in common along a path (frames, 2) than a factor
-    times what they have along that of the other."""
+    """Return whether frames at the lag of another object have more in common along a path (frames, 2) than a factor times what they have
+    along that of the other."""
+    return share_along(spectra, band, path, other.lag) > factor * share_along(spectra, band, other.path, other.lag)
+
+
+def _explains_alone(path: np.ndarray, other: Start, spectra: np.ndarray, band: Band) -> bool:
+    """Return whether a path (frames, 2) explains the only other object: at its lag, or at all distances together by which it was found.
+    Where nothing is left in common at the largest, noise decides there."""
+    if _has_as_much(path, other, LITTLE, spectra, band):
+        return True
     own, others = (sum(share_along(spectra, band, one, lag) for lag in distances(other.lag)) for one in (path, other.path))
-    return own > factor * others
+    return own > others
 
 
 def _drop_interference(found: list[Start]) -> list[Start]:
@@ -169,23 +177,24 @@ def _pursue(spectra: np.ndarray, band: Band, lags: Iterable[int]) -> list[Start]
 
 def _in_what_is_left(spectra: np.ndarray, band: Band, lag: int, known: list[Start]) -> list[Start]:
     """Return the new objects at a distance of frames without the light of those that are known; none before one is."""
-    return _most(subtract_light(spectra, band, known, lag), band, lag, known) if known else []
+    return _most(subtract_light(spectra, band, known, lag), band, lag, known, MAX_LIKENESS_LEFT) if known else []
 
 
-def _most(spectra: np.ndarray, band: Band, lag: int, known: list[Start]) -> list[Start]:
-    """Return the new objects at a distance of frames, from blocks of the length that shows most."""
+def _most(spectra: np.ndarray, band: Band, lag: int, known: list[Start], likeness: float = MAX_LIKENESS) -> list[Start]:
+    """Return the new objects at a distance of frames, from blocks of the length that shows most; `likeness` is the largest halfway to known
+    ones."""
     lengths = dict.fromkeys(max(1, (len(spectra) - lag) // blocks) for blocks in BLOCKS)
-    tried = [_new(paths_at(spectra, band, lag, length)[0], known, spectra, band) for length in lengths]
+    tried = [_new(paths_at(spectra, band, lag, length)[0], known, spectra, band, likeness) for length in lengths]
     return max(tried, key=lambda some: (len(some), sum(one.significance for one in some)))
 
 
-def _new(candidates: Iterable[Start], known: list[Start], spectra: np.ndarray, band: Band) -> list[Start]:
+def _new(candidates: Iterable[Start], known: list[Start], spectra: np.ndarray, band: Band, likeness: float) -> list[Start]:
     """Return the candidates that persist, are bright enough, and are apart from known objects and from one another."""
     found: list[Start] = []
     for one in candidates:
         others = [*known, *found]
         is_bright = one.share > MIN_RELATIVE_SHARE * max((other.share for other in others), default=0.0)
-        is_apart = all(are_apart(one.path, other.path, one.lag, band) for other in others)
+        is_apart = all(are_apart(one.path, other.path, one.lag, band, likeness) for other in others)
         if is_bright and is_apart and _persists(one, spectra, band):
             found.append(one)
     return found

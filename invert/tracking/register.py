@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.linalg import solveh_banded
-from scipy.optimize import minimize_scalar
 from scipy.special import erf
 
 from invert.tracking.band import Band
@@ -22,12 +21,6 @@ PAIRS = 48
 
 WINDOW_ERROR = 0.35
 """Relative error of what the window draws paths by, where grains are large in a frame (docs/tracking.md, "Limits")."""
-
-MIN_POWER = 0.1
-"""Least power of the speckle of a frame, over the mean, that is used."""
-
-MAX_MEAN_FADING = 2.0
-"""Largest mean fading from frame to frame that is fitted; little is left in common then."""
 
 ROUNDS = 8
 CONVERGED_GRAINS = 0.01
@@ -121,17 +114,19 @@ def likeness(spectra: np.ndarray, band: Band, path: np.ndarray) -> np.ndarray:
     count = len(spectra)
     chosen = np.unique(np.linspace(0, count - 1, PAIRS).astype(int))
     pairs = [(chosen[chosen + step < count], step) for step in range(1, min(MAX_REACH + 1, count))]
-    return np.array([one.mean() for one in _likeness_of(pairs, spectra, band, path)])
+    return np.array([one.mean() for one in likeness_of_pairs(pairs, spectra, band, path)])
 
 
-def _whitening(band: Band) -> np.ndarray:
+def whitening(band: Band) -> np.ndarray:
     """Return the weights (R, C) at which all frequencies of the band count by their number."""
     return np.where(band.counts > 0.0, band.counts / np.maximum(band.signal + band.floor, 1e-300), 0.0)
 
 
-def _likeness_of(pairs: list[tuple[np.ndarray, int]], spectra: np.ndarray, band: Band, path: np.ndarray) -> list[np.ndarray]:
+def likeness_of_pairs(
+    pairs: list[tuple[np.ndarray, int]], spectra: np.ndarray, band: Band, path: np.ndarray
+) -> list[np.ndarray]:
     """Return the share of the speckle that spectra (n, R, C) have in common with those some steps later, for first ones of each step."""
-    weight = _whitening(band)
+    weight = whitening(band)
 
     def common(rows: slice) -> np.ndarray:
         moved = move_back(spectra[:, rows], band.part(rows), path)
@@ -142,27 +137,6 @@ def _likeness_of(pairs: list[tuple[np.ndarray, int]], spectra: np.ndarray, band:
 
     found = sum_over_rows(common, spectra) / (weight * band.signal).sum()
     return np.split(found, np.cumsum([len(one) for one, _ in pairs])[:-1])
-
-
-def fading_along_steps(spectra: np.ndarray, band: Band, path: np.ndarray) -> float:
-    """Return the mean square of the steps along a path (n, 2) over that of the way in which the likeness falls to 1 / e.
-
-    It is fitted to the likenesses of frames one and two apart, which fall like a Gaussian of their distance. Fast steps also lower the
-    power of the speckle while the shutter is open.
-    """
-    chosen = np.unique(np.linspace(0, len(path) - 3, PAIRS).astype(int))
-    *alike, power = _likeness_of([(chosen, 1), (chosen, 2), (np.arange(len(path)), 0)], spectra, band, path)
-    weight = _whitening(band)
-    power = np.maximum(power - (weight * band.floor).sum() / (weight * band.signal).sum(), MIN_POWER)
-    alike, seen = np.concatenate(alike), np.concatenate([np.sqrt(power[chosen] * power[chosen + step]) for step in (1, 2)])
-    usual = max(float((np.diff(path, axis=0) ** 2).sum(1).mean()), 1e-12)
-    way = np.concatenate([((path[chosen + step] - path[chosen]) ** 2).sum(1) for step in (1, 2)]) / usual
-
-    def misfit(fading: float) -> float:
-        shape = seen * np.exp(-fading * way)
-        return float(((alike - (alike @ shape) / (shape @ shape) * shape) ** 2).sum())
-
-    return float(minimize_scalar(misfit, bounds=(0.0, MAX_MEAN_FADING), method="bounded").x)
 
 
 def phase_walk(places: np.ndarray, fading: float, band: Band) -> np.ndarray:

@@ -19,6 +19,7 @@ from correlograph.lags import LAGS
 from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import read_measurement
 from invert.request import Request
+from invert.tracking.pursuit import MIN_SHARE
 from invert.tracking.rings import Turns, find_turns, group_means
 from invert.tracking.tables import check_frames, save_table
 from invert.tracking.travel import common_share
@@ -41,9 +42,6 @@ MIN_SIDE = 4 * LAGS + 2
 MIN_SIGMA = 5.0
 """Minimum correlation of consecutive groups in standard deviations; among fifty pairs and fifty angles, chance exceeds it with a
 probability of 0.001."""
-
-MIN_COMMON = 0.1
-"""Share of the speckle that consecutive frames have in common, from which the laser is said to be at rest; others share static light."""
 
 ROTATION_FILES = ("rotation.csv", "rotation.png", "rotation.json")
 
@@ -72,7 +70,7 @@ class Rotation:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Doubts about angles and distances, in words."""
-        if self.common < MIN_COMMON:
+        if self.common < MIN_SHARE:
             return ()
         return (
             f"consecutive frames share {100.0 * self.common:.0f} % of their speckle, as if the laser were at rest: its light does not turn "

@@ -15,9 +15,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from invert.tracking.band import Band
 from invert.tracking.follow import Followed
+from invert.tracking.register import PAIRS, likeness_of_pairs, whitening
 from invert.tracking.smoothing import smooth
 from radiometry.motion import airy
 
@@ -27,18 +29,49 @@ APART = np.linspace(-1.0, 1.0, 65)
 MAX_FADING = 1.5
 """Largest fading of a step: beyond, the likeness is zero within two exposures."""
 
+MAX_PHASE = 3.0
+"""Largest phase within an exposure, in radians: blur by motion leaves little of the frequencies beyond."""
+
 SHUTTER_ERROR = 0.15
-"""Relative error of the correction: half of its change for a Gaussian spot."""
+"""Relative error of the correction: half of the difference to that for a Gaussian spot."""
+
+MIN_POWER = 0.1
+"""Least power of the speckle of a frame, over the mean, that is used."""
 
 ROUNDS = 30
 
 
 def shortening(fading: np.ndarray, phase: np.ndarray, share: float) -> np.ndarray:
     """Return the factor (n,) by which steps appear shorter, for their fading (n,) and the phase phi (n,), in radians."""
-    likeness = airy(2.0 * np.sqrt(fading)[:, None] * (1.0 + share * APART)) ** 2
-    phase = np.maximum(phase, 1e-3)
+    phase = np.clip(phase, 1e-3, MAX_PHASE / share)
     turned = np.exp(1j * share * phase[:, None] * APART)
-    return 1.0 + np.angle(((1.0 - np.abs(APART)) * likeness * turned).sum(1)) / phase
+    return np.minimum(1.0 + np.angle((_weights(fading, share) * turned).sum(1)) / phase, 1.0)
+
+
+def _weights(fading: np.ndarray, share: float) -> np.ndarray:
+    """Return how often two exposures hold each distance in time, times the likeness there, (n, points)."""
+    return (1.0 - np.abs(APART)) * airy(2.0 * np.sqrt(fading)[:, None] * (1.0 + share * APART)) ** 2
+
+
+def fading_along_steps(spectra: np.ndarray, band: Band, path: np.ndarray, share: float) -> float:
+    """Return the mean square of the steps along a path (n, 2) over that of the way in which the likeness falls to 1 / e.
+
+    It is fitted to the likenesses of exposures one and two apart. Fast steps also lower the power of the speckle while the shutter is open.
+    """
+    chosen = np.unique(np.linspace(0, len(path) - 3, PAIRS).astype(int))
+    *alike, power = likeness_of_pairs([(chosen, 1), (chosen, 2), (np.arange(len(path)), 0)], spectra, band, path)
+    weight = whitening(band)
+    power = np.maximum(power - (weight * band.floor).sum() / (weight * band.signal).sum(), MIN_POWER)
+    alike, seen = np.concatenate(alike), np.concatenate([np.sqrt(power[chosen] * power[chosen + step]) for step in (1, 2)])
+    usual = max(float((np.diff(path, axis=0) ** 2).sum(1).mean()), 1e-12)
+    near, far = (((path[chosen + step] - path[chosen]) ** 2).sum(1) / usual for step in (1, 2))
+
+    def misfit(fading: float) -> float:
+        # Over two intervals, an exposure is half as long.
+        shape = seen * np.concatenate([_weights(fading * near, share).sum(1), _weights(fading * far, 0.5 * share).sum(1)])
+        return float(((alike - (alike @ shape) / max(shape @ shape, 1e-300) * shape) ** 2).sum())
+
+    return float(minimize_scalar(misfit, bounds=(0.0, MAX_FADING), method="bounded").x)
 
 
 def for_open_shutter(found: Followed, band: Band, share: float) -> Followed:
@@ -50,6 +83,8 @@ def for_open_shutter(found: Followed, band: Band, share: float) -> Followed:
     Args:
         band: band with the power of this object.
     """
+    if share == 0.0 or found.fading == 0.0:
+        return found
     steps, are_known = np.diff(found.path, axis=0), bool(found.bend_error.any())
     ways = np.diff(smooth(found.path, found.bend_error), axis=0) if are_known else steps
     squares = (ways**2).sum(1) / max(float((ways**2).sum(1).mean()), 1e-12) if are_known else np.ones(len(ways))

@@ -30,7 +30,7 @@ FRAMES_FOR_SIZE = 64
 
 
 MIN_FRAMES_OF_PATH = 6
-"""Number of frames from which jumps of a path show that it is not smooth."""
+"""Number of frames from which the path of a camera that shakes looks different from that of an object."""
 
 
 @dataclass(frozen=True)

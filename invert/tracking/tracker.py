@@ -16,7 +16,7 @@ from invert.tracking.band import Band
 from invert.tracking.breaks import check_continuity, follow_over_jumps
 from invert.tracking.joint import follow_several
 from invert.tracking.pursuit import fading_along, find_objects
-from invert.tracking.shutter import for_open_shutter
+from invert.tracking.shutter import fading_along_steps, for_open_shutter
 from invert.tracking.spectra import Reader
 from invert.tracking.tables import check_frames, exposure_of
 from invert.tracking.to_object import metres_per_pixel, stretch_by_illumination
@@ -68,6 +68,8 @@ def track(
     open_share, tracks = _open_share(capture, interval_s), []
     for start, one in zip(starts, followed, strict=True):
         its_band = replace(band, signal=one.power)
+        if is_alone and open_share and one.significance:
+            one = replace(one, fading=fading_along_steps(spectra, band, one.path, open_share))
         opened = for_open_shutter(one, its_band, open_share)
         stretch = None if lever is None else stretch_by_illumination(its_band, capture.camera, binning)
         found = Track(

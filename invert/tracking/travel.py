@@ -69,14 +69,19 @@ def may_travel(spectra: Sequence[torch.Tensor]) -> bool:
 
 
 def common_share(frames: Sequence[np.ndarray]) -> float:
-    """Return the share of the power of the speckle that consecutive frames have in common at one displacement; 0 if they share nothing."""
+    """Return the share of the power of the speckle that consecutive frames have in common, unless it may be static light: less than
+    `MIN_SHARE`, and at rest."""
     first = frames[:FRAMES_FOR_POWER]
     reader = Reader(first[0].shape, 1)
     band = reader.band(first)
+    if band is None:
+        return 0.0
     try:
-        return 0.0 if band is None else find_brightest(reader.all_spectra(first, band), band).share
+        found = find_brightest(reader.all_spectra(first, band), band)
     except InputError:
         return 0.0
+    steps = np.linalg.norm(np.diff(found.path, axis=0), axis=1)
+    return found.share if found.share > MIN_SHARE or np.median(steps) > band.grain_pixels else 0.0
 
 
 def find_travel(capture: Capture) -> Travel | None:

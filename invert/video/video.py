@@ -130,7 +130,7 @@ def _read(request: Request, source: Source) -> tuple[Capture, list[str]]:
     assert isinstance(prepared, Capture)
     if len(prepared.frames) < len(shown.frames):
         dark = f"none in {notes[0].partition(' left out')[0]}"
-        raise InputError("frames", "light in each frame of a film", dark, "provide the frames before or after")
+        raise InputError("frames", "light in each frame of a film", dark, "cut the film at the dark frames")
     if not any(np.any(frame) for frame in prepared.frames):
         raise InputError("frames", "light in each frame of a film", "zeros", "use frames with light")
     return prepared, notes + describe_files(shown)
@@ -170,9 +170,9 @@ def _reconstruct(request: Request, looks: Looks, weights: np.ndarray, numbers: n
     options = request.for_estimate()
     images = tqdm(weights[numbers], desc="images", unit="image", disable=None, leave=False)
     found = [fulfil(options, looks.combine(looks.upright, chosen)) for chosen in images]
-    for number in np.flatnonzero(looks.are_dark[numbers]):  # what others leave of one another there is no image
+    for number in np.flatnonzero(looks.are_dark[numbers]):  # a weighted sum of others
         nothing = empty_reconstruction(len(found[number].coarse_albedo))
-        found[number] = replace(found[number], reconstruction=nothing)
+        found[number] = replace(found[number], reconstruction=nothing, warnings=())
     shown = [number for number, one in enumerate(found) if one.object_found]
     if not shown:
         raise InputError("frames", "light of a hidden object", "none at any time", "add light or frames")

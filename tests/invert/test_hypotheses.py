@@ -91,13 +91,14 @@ def test_light_that_frames_share_is_texture_if_its_contrast_is_low(error):
     rng = np.random.default_rng(12)
     is_texture, is_lowered = rng.random(400000) < PRIOR_SHARED, rng.random(400000) < PRIOR_OTHER_LIGHT + PRIOR_BLURRED
     true = np.where(is_texture | is_lowered, rng.random(len(is_texture)), 1.0)
-    squares = true + error * rng.standard_normal(len(true))
+    squares, unknown = true + error * rng.standard_normal(len(true)), replace(SPECKLE, error=math.inf)
     for square in (0.1, 0.6, 1.0):
         near = np.abs(squares - square) < 0.2 * error
         shared = record(3, shared=1.0, contrast=Contrast(square, error))
-        assert is_share(texture_probability(None, shared), is_texture[near])
-    assert texture_probability(None, record(3, contrast=Contrast(0.1, error))) == 0.0
-    assert texture_probability(None, record(3, contrast=Contrast(0.1, error)), may_shake=True) > 0.5
+        assert is_share(texture_probability(unknown, shared), is_texture[near])
+        assert texture_probability(None, shared) == 0.0
+    assert texture_probability(unknown, record(3, contrast=Contrast(0.1, error))) == 0.0
+    assert texture_probability(unknown, record(3, contrast=Contrast(0.1, error)), may_shake=True) > 0.5
 
 
 def test_a_single_frame_of_waves_without_a_third_moment_earns_no_confidence():

@@ -6,7 +6,7 @@ import numpy as np
 
 import correlograph as cg
 from invert.tracking.maxima import highest
-from invert.tracking.pursuit import LITTLE, _has_as_much
+from invert.tracking.pursuit import _explains_alone
 from invert.tracking.shifts import weight_of
 from invert.tracking.start import Start, share_along
 from invert.tracking.tracker import _read_spectra
@@ -36,4 +36,4 @@ def test_a_maximum_of_noise_is_no_object():
     place, _ = highest(cross, band, weight_of(band, 0.0))
     path, by_noise = (np.arange(16)[:, None] * one for one in (step, place / 7.0))
     assert share_along(spectra, band, by_noise, 7) > 2.5 * share_along(spectra, band, path, 7)
-    assert _has_as_much(path, Start(by_noise, 10.0, 0.1, lag=7), LITTLE, spectra, band)
+    assert _explains_alone(path, Start(by_noise, 10.0, 0.1, lag=7), spectra, band)

@@ -134,9 +134,10 @@ def test_frames_that_show_no_rotation_are_refused(rng):
 
 
 def test_a_laser_at_rest_is_named(rng):
-    """Frames that share their speckle, and frames that share none."""
-    rest = travelling_frames(letter(), (300, 320), 128, rng, np.arange(8.0)[:, None] * np.array([1.5, -0.7]), 60.0)
-    apart = [expected_frame(letter(), (300, 320), 128, rng) for _ in range(8)]
+    """Frames that share their speckle, which moves, and frames that share nothing but static light."""
+    rest = travelling_frames(letter(), (300, 320), 128, rng, np.arange(8.0)[:, None] * np.array([5.5, -3.7]), 60.0)
+    wall = ndimage.gaussian_filter(rng.random((300, 320)), 3.0)
+    apart = [expected_frame(letter(), (300, 320), 128, rng) + 20.0 * (wall - wall.min()) for _ in range(8)]
     shares = [common_share([rng.poisson(0.5 * one).astype(np.float32) for one in frames]) for frames in (rest, apart)]
     assert shares[0] > 0.8
     assert shares[1] == 0.0

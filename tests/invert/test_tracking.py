@@ -126,7 +126,8 @@ def test_impossible_arguments_are_refused(lab):
         track(capture, interval_s=1e-12)
     frames = list(capture.frames)
     for spoilt, message in (
-        ([*frames[:4], frames[3], *frames[4:]], "frame 5 is a copy"),
+        ([*frames[:4], frames[3], *frames[4:]], "frame 4 is a copy of frame 3"),
+        ([*frames, frames[2]], "is a copy of frame 2"),
         ([*frames, np.nan * frames[0]], "NaN"),
     ):
         with pytest.raises(cg.InputError, match=message):
