@@ -129,12 +129,13 @@ def _explains(alone: Start, several: list[Start], spectra: np.ndarray, band: Ban
         return len(several) == 1
     if len(several) == 1:
         return _explains_alone(path, several[0], spectra, band)
-    first = replace(several[0], path=follow(spectra, band, several[0]).path)  # as exact as that of the single one
+    exact = replace(several[0], path=follow(spectra, band, several[0]).path)  # as that of the single one; or drawn to others
 
     def is_at_its_place(one: Start) -> bool:
         return not are_apart(path, one.path, one.lag, band) and _has_as_much(path, one, 1.0 / BETTER, spectra, band)
 
-    return _has_as_much(path, first, BETTER, spectra, band) or all(map(is_at_its_place, several))
+    is_better = all(_has_as_much(path, one, BETTER, spectra, band) for one in (several[0], exact))
+    return is_better or all(map(is_at_its_place, several))
 
 
 def _has_as_much(path: np.ndarray, other: Start, factor: float, spectra: np.ndarray, band: Band) -> bool:
