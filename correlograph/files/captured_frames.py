@@ -223,7 +223,7 @@ def check_frames_in_memory(frames: Sequence[np.ndarray], check: Callable[[np.nda
         (check or check_frame)(np.asarray(frame), Path(f"frame {number}"))
 
 
-COMPARED = 16
+ROW_STEP = 16
 """Step of the rows whose digest tells which frames are compared as a whole."""
 
 
@@ -231,7 +231,7 @@ def check_copies(frames: Iterable[np.ndarray]) -> None:
     """Raise InputError if a frame, or its spectrum, is the same as an earlier one, as of a camera that stalls; frames of zeros may be."""
     alike: dict[bytes, list[tuple[int, np.ndarray]]] = {}
     for number, one in enumerate(frames):
-        others = alike.setdefault(sha256(np.ascontiguousarray(one[::COMPARED])).digest(), [])
+        others = alike.setdefault(sha256(np.ascontiguousarray(one[::ROW_STEP])).digest(), [])
         before = next((earlier for earlier, other in others if np.array_equal(one, other) and np.any(one)), None)
         if before is not None:
             found = f"frame {number} is a copy of frame {before}"

@@ -225,7 +225,7 @@ def test_a_film_of_a_slow_camera_is_written(tmp_path):
 
 
 def test_times_without_light_show_nothing():
-    """The second half is dark. What is left of the letter there once showed a ghost, at a confidence of 0.5 to 0.7."""
+    """The second half is dark. Remains of the letter there once appeared as a ghost, at a confidence of 0.5 to 0.7."""
     rng = np.random.default_rng(4)
     seen = [rng.poisson(0.1 * expected_frame(letter(), (300, 330), 128, rng)).astype(np.float32) for _ in range(8)]
     film = cg.film(cg.Capture([*seen, *(np.zeros((300, 330), np.float32) for _ in range(8))]), quality="fast", blur_pixels=0)
