@@ -10,6 +10,7 @@ separation.py  frames without the light of objects that were found
 register.py  frames registered to those around them
 smoothing.py paths without noise
 follow.py    exact path of a single object, frame by frame
+shutter.py   steps that an open shutter shortens
 breaks.py    jumps of a path, and paths across them
 components.py  power and fading of each of several objects
 joint.py     exact paths of several objects together
