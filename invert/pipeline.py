@@ -16,7 +16,7 @@ from correlograph.files.captured_frames import describe_files, stray_light_of
 from correlograph.files.corrections import Corrections
 from correlograph.workers import check_scheduler
 from invert.assess.frame_remarks import describe_frames
-from invert.assess.hypotheses import object_probability, weigh_hypotheses
+from invert.assess.hypotheses import MIN_SHARED_LAGS, object_probability, weigh_hypotheses
 from invert.assess.motion_blur import doubt_motion
 from invert.assess.reliability import describe_limits, find_doubts, is_speckle, lower_confidence
 from invert.assess.speckle_test import speckle_test
@@ -46,9 +46,6 @@ NO_FIELDS = "no fields were retrieved, because each frame shows all objects"
 
 MAX_LEFT = 0.5
 """Maximum weight of the coarse albedo in that of the fields: beyond it, the counts of the frames have added less than half."""
-
-MIN_PATTERN_LAGS = 0.9
-"""Fraction of the lags at which frames share power, above which they may show one speckle pattern."""
 
 
 def reconstruct(source: Source, **options: Any) -> Result:
@@ -203,7 +200,7 @@ def _may_be_one_pattern(capture: Capture, estimate: Estimate, found: Reconstruct
     """Return whether several frames share so much that nothing is left of the object."""
     background = None if estimate.record is None else estimate.record.background
     shared = (background and background.fixed_pattern_lags) or 0.0
-    return not found.object_found and len(capture.frames) > 1 and shared > MIN_PATTERN_LAGS
+    return not found.object_found and len(capture.frames) > 1 and shared > MIN_SHARED_LAGS
 
 
 def add_fields(request: Request, capture: Capture, result: Result) -> tuple[Result, list[str]]:

@@ -70,6 +70,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     interval_s = None if options.frames_per_s is None else 1.0 / options.frames_per_s
     if options.rotation:
         found: Rotation | Track = track_rotation(capture, interval_s=interval_s)
+        warnings = list(found.warnings)
     else:
         found = track(
             capture,
@@ -78,7 +79,8 @@ def main(argv: Sequence[str] | None = None) -> None:
             interval_s=interval_s,
             binning=options.binning,
         )
-    for warning in dict.fromkeys(warning for one in (found, *getattr(found, "others", ())) for warning in one.warnings):
+        warnings = [warning for one in (found, *found.others) for warning in one.warnings]
+    for warning in dict.fromkeys(warnings):
         print(f"warning: {warning}", file=sys.stderr)
     found.save(options.output)
     print(found)

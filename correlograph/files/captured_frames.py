@@ -8,7 +8,6 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from hashlib import sha256
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -223,15 +222,11 @@ def check_frames_in_memory(frames: Sequence[np.ndarray], check: Callable[[np.nda
         (check or check_frame)(np.asarray(frame), Path(f"frame {number}"))
 
 
-ROW_STEP = 16
-"""Step of the rows whose digest tells which frames are compared as a whole."""
-
-
 def check_copies(frames: Iterable[np.ndarray]) -> None:
     """Raise InputError if a frame, or its spectrum, is the same as an earlier one, as of a camera that stalls; frames of zeros may be."""
     alike: dict[bytes, list[tuple[int, np.ndarray]]] = {}
     for number, one in enumerate(frames):
-        others = alike.setdefault(sha256(np.ascontiguousarray(one[::ROW_STEP])).digest(), [])
+        others = alike.setdefault(frame_digest(one.real), [])
         before = next((earlier for earlier, other in others if np.array_equal(one, other) and np.any(one)), None)
         if before is not None:
             found = f"frame {number} is a copy of frame {before}"

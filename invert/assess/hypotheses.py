@@ -41,7 +41,7 @@ PRIOR_SHARED = 0.3
 whose light moves, as with a camera that shakes."""
 
 MIN_SHARED_LAGS = 0.9
-"""Fraction of the lags from which frames share light at nearly all of them."""
+"""Fraction of the lags above which frames share light at nearly all of them."""
 
 PRIOR_BLURRED, PRIOR_OTHER_LIGHT = 0.1, 0.1
 """Probabilities, before the contrast is known, that frames are blurred, and that other light or a second polarisation lowers their

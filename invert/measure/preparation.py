@@ -55,28 +55,33 @@ def prepare(capture: Capture, corrections: Corrections) -> tuple[Capture, list[s
 
 
 def leave_out_empty(capture: Capture) -> tuple[Capture, list[str]]:
-    """Return the capture without frames that hold no light although others do, such as a dark frame among them, and a note that names
-    them. Captures that are not kept in memory stay as they are.
-    """
+    """Return the capture without empty frames (`find_empty`), and a note that names them."""
+    frames, left_out = capture.frames, find_empty(capture)
+    if not left_out:
+        return capture, []
+    kept = [number for number in range(len(frames)) if number not in left_out]
+    chosen = {
+        "frames": [frames[number] for number in kept],
+        "names": tuple(capture.names[number] for number in kept) if len(capture.names) == len(frames) else capture.names,
+        "headers": tuple(capture.headers[number] for number in kept) if capture.headers else (),
+    }
+    names = ", ".join(left_out.values())
+    return replace(capture, **chosen), [f"{names} left out: without light, as a dark frame is (use --dark for it)"]
+
+
+def find_empty(capture: Capture) -> dict[int, str]:
+    """Return numbers and names of the frames that hold no light although others do, such as a dark frame among them; none of a capture that
+    is not kept in memory."""
     frames = capture.frames
     if isinstance(frames, FileFrames) or len(frames) < 2:
-        return capture, []
+        return {}
     structure = np.array([_structure(frame) for frame in frames])
     typical = float(np.median(structure[:, 0]))
     if typical <= STRUCTURE_SIGMA * float(np.median(structure[:, 1])):
-        return capture, []
-    kept = np.flatnonzero(structure[:, 0] > MAX_EMPTY_STRUCTURE * typical)
-    left_out = [number for number in range(len(frames)) if number not in kept]
-    if not left_out:
-        return capture, []
+        return {}
+    empty = np.flatnonzero(~(structure[:, 0] > MAX_EMPTY_STRUCTURE * typical)).tolist()
     named = len(capture.names) == len(frames)
-    names = [capture.names[number] if named else f"frame {number}" for number in left_out]
-    chosen = {
-        "frames": [frames[number] for number in kept],
-        "names": tuple(capture.names[number] for number in kept) if named else capture.names,
-        "headers": tuple(capture.headers[number] for number in kept) if capture.headers else (),
-    }
-    return replace(capture, **chosen), [f"{', '.join(names)} left out: without light, as a dark frame is (use --dark for it)"]
+    return {number: capture.names[number] if named else f"frame {number}" for number in empty}
 
 
 def mean_frame(capture: Capture) -> Capture:

@@ -85,9 +85,9 @@ def for_open_shutter(found: Followed, band: Band, share: float) -> Followed:
     """
     if share == 0.0 or found.fading == 0.0:
         return found
-    steps, are_known = np.diff(found.path, axis=0), bool(found.bend_error.any())
-    ways = np.diff(smooth(found.path, found.bend_error), axis=0) if are_known else steps
-    squares = (ways**2).sum(1) / max(float((ways**2).sum(1).mean()), 1e-12) if are_known else np.ones(len(ways))
+    steps, ways = np.diff(found.path, axis=0), np.diff(smooth(found.path, found.bend_error), axis=0)
+    squares = (ways**2).sum(1)
+    squares = squares / max(float(squares.mean()), 1e-12) if found.bend_error.any() else np.ones(len(ways))
     # Weighted by their slopes, frequencies of a Gaussian band act like the one at the root of 3 times their rms.
     phase = 2.0 * np.pi * np.sqrt(3.0 * np.einsum("ni,ij,nj->n", ways, band.mean_squares, ways))
     usual = factor = shortening(np.array([found.fading]), np.array([np.sqrt((phase**2).mean())]), share)

@@ -71,38 +71,41 @@ def may_travel(spectra: Sequence[torch.Tensor]) -> bool:
 def common_share(frames: Sequence[np.ndarray]) -> float:
     """Return the share of the power of the speckle that consecutive frames have in common, unless it may be static light: less than
     `MIN_SHARE`, and at rest."""
-    first = frames[:FRAMES_FOR_POWER]
-    reader = Reader(first[0].shape, 1)
-    band = reader.band(first)
-    if band is None:
+    if (read := _read_first(frames)) is None:
         return 0.0
+    spectra, band = read
     try:
-        found = find_brightest(reader.all_spectra(first, band), band)
+        found = find_brightest(spectra, band)
     except InputError:
         return 0.0
     steps = np.linalg.norm(np.diff(found.path, axis=0), axis=1)
     return found.share if found.share > MIN_SHARE or np.median(steps) > band.grain_pixels else 0.0
 
 
+def _read_first(frames: Sequence[np.ndarray]) -> tuple[np.ndarray, Band] | None:
+    """Return the spectra of the first frames and their band; None for a single frame, or if they show no speckle."""
+    first = frames[:FRAMES_FOR_POWER]
+    reader = Reader(first[0].shape, 1)
+    band = reader.band(first)
+    return None if band is None or len(first) < 2 else (reader.all_spectra(first, band), band)
+
+
 def find_travel(capture: Capture) -> Travel | None:
     """Return how the speckle of a capture travels; None if consecutive frames have less than `MIN_SHARE` in common, or if it travels by
     less than a grain in all."""
-    first = capture.frames[:FRAMES_FOR_POWER]
-    reader = Reader(first[0].shape, 1)
-    band = reader.band(first)
-    if band is None or len(first) < 2:
+    if (read := _read_first(capture.frames)) is None:
         return None
-    spectra = reader.all_spectra(first, band)
+    spectra, band = read
     try:
         found = find_objects(spectra, band)
     except InputError:
         return None
-    if 3 * found[0].jumps > len(first) - 1:  # it shakes
+    if 3 * found[0].jumps > len(spectra) - 1:  # it shakes
         return None
     shares = [share_along(spectra, band, one.path, 1) for one in found]
     powers = np.linalg.solve(_overlap(found, band) + 1e-3 * np.eye(len(found)), shares)
     share = float(np.sqrt(powers.clip(0.0)).sum() ** 2)
-    steps = np.array([one.path[-1] / (len(first) - 1) for one in found])
+    steps = np.array([one.path[-1] / (len(spectra) - 1) for one in found])
     way = np.linalg.norm(steps, axis=1).max() * (len(capture.frames) - 1)
     return Travel(steps, share) if share > MIN_SHARE and way > band.grain_pixels else None
 

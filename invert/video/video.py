@@ -15,6 +15,7 @@ from invert.assess.doubts import Doubt
 from invert.assess.motion_blur import doubt_motion
 from invert.assess.reliability import confidence_limit
 from invert.measure.estimate import Estimate
+from invert.measure.preparation import find_empty
 from invert.measure.spectrum import read_measurement
 from invert.methods import empty_reconstruction
 from invert.output.result import Result
@@ -126,11 +127,11 @@ def _read(request: Request, source: Source) -> tuple[Capture, list[str]]:
         raise InputError("mean_model", "auto, pooled or fixed for a film", request.mean_model, "select another")
     if request.blur_pixels == "auto" and request.method.weights is None:
         raise InputError("blur_pixels", "a number for a film by this method", "auto", "give it, or select method unet")
+    if empty := find_empty(shown):
+        found = f"none in {', '.join(empty.values())}"
+        raise InputError("frames", "light in each frame of a film", found, "cut the film at the dark frames")
     prepared, notes = read_prepared(replace(request, camera=None, autocorrelation=None), shown)
     assert isinstance(prepared, Capture)
-    if len(prepared.frames) < len(shown.frames):
-        dark = f"none in {notes[0].partition(' left out')[0]}"
-        raise InputError("frames", "light in each frame of a film", dark, "cut the film at the dark frames")
     if not any(np.any(frame) for frame in prepared.frames):
         raise InputError("frames", "light in each frame of a film", "zeros", "use frames with light")
     return prepared, notes + describe_files(shown)
