@@ -5,6 +5,8 @@ spectra.py   spectra of frames in this band
 shifts.py    displacements from cross-spectra, with standard errors
 parts.py     work on spectra in parts, on all cores
 start.py     objects and their approximate paths
+explained.py what paths explain of the light that frames have in common
+candidates.py candidates for objects, compared by what they explain
 pursuit.py   all objects of a capture
 separation.py  frames without the light of objects that were found
 register.py  frames registered to those around them

@@ -16,9 +16,9 @@ TAPER, MAX_TAPER = 0.12, 0.48
 FALL_GRAINS = 4.0
 """Least width over which the window falls at each end, in rms radii of a grain along that axis, below the largest fraction."""
 
-MAX_LIKENESS, MAX_LIKENESS_LEFT = 0.35, 0.5
+MAX_LIKENESS = 0.5
 """Largest autocorrelation of the speckle, over its maximum, halfway between two displacements that are told apart: there, both objects
-interfere; and where the light of one of them was subtracted."""
+interfere."""
 
 DIRECTIONS, CONE = 36, 4
 """Number of directions within half a turn in which the autocorrelation is searched, and of those on either side that count as one."""
@@ -88,9 +88,8 @@ class Band:
         falls = 0.5 * self.taper * np.array(self.shape)
         return bool((falls < FALL_GRAINS * radii).any()) and self.taper < MAX_TAPER
 
-    def are_apart(self, difference: np.ndarray, most: float = MAX_LIKENESS) -> bool:
-        """Return whether two objects are told apart if their displacements have a difference (2,), in pixels; `most` is their largest
-        likeness halfway.
+    def are_apart(self, difference: np.ndarray) -> bool:
+        """Return whether two objects are told apart if their displacements have a difference (2,), in pixels.
 
         Parts of the scene beside each other make fringes within a grain. The autocorrelation halfway between the two is therefore the
         largest one from there on in about this direction.
@@ -98,7 +97,7 @@ class Band:
         radii, largest = self._likeness
         halfway = 0.5 * float(np.linalg.norm(difference))
         direction = np.arctan2(difference[1], difference[0]) / np.pi * DIRECTIONS
-        return float(np.interp(halfway, radii, largest[round(direction) % DIRECTIONS])) < most
+        return float(np.interp(halfway, radii, largest[round(direction) % DIRECTIONS])) < MAX_LIKENESS
 
     @cached_property
     def _likeness(self) -> tuple[np.ndarray, np.ndarray]:

@@ -26,6 +26,11 @@ def on_all_cores(task: Callable[[Item], Found], items: Iterable[Item]) -> list[F
 
 def sum_over_rows(task: Callable[[slice], np.ndarray], spectra: np.ndarray) -> np.ndarray:
     """Return the sum of the results of a task for parts of the rows of spectra (n, R, C)."""
+    return sum(on_all_cores(task, parts_of_rows(spectra)), np.zeros(()))
+
+
+def parts_of_rows(spectra: np.ndarray, multiple: int = 1) -> list[slice]:
+    """Return parts of the rows of spectra (n, R, C), each of a multiple of a number of rows."""
     count, rows, columns = spectra.shape
-    size = max(1, PART_BYTES // (count * columns * spectra.itemsize))
-    return sum(on_all_cores(task, [slice(first, first + size) for first in range(0, rows, size)]), np.zeros(()))
+    size = multiple * max(1, PART_BYTES // (multiple * count * columns * spectra.itemsize))
+    return [slice(first, first + size) for first in range(0, rows, size)]

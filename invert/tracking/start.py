@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from correlograph.errors import InputError
-from invert.tracking.band import MAX_LIKENESS, Band
+from invert.tracking.band import Band
 from invert.tracking.maxima import MIN_RELATIVE_HEIGHT, Crossed, correlate, maxima
 from invert.tracking.parts import on_all_cores, sum_over_rows
 from invert.tracking.shifts import MIN_SIGNIFICANCE, heights_at, overlap_share, weight_of
@@ -101,10 +101,10 @@ def way_apart(one: np.ndarray, other: np.ndarray, lag: int) -> float:
     return float(np.median(np.linalg.norm(relative[lag:] - relative[:-lag], axis=1)))
 
 
-def are_apart(one: np.ndarray, other: np.ndarray, lag: int, band: Band, most: float = MAX_LIKENESS) -> bool:
+def are_apart(one: np.ndarray, other: np.ndarray, lag: int, band: Band) -> bool:
     """Return whether maxima at the displacements along two paths over up to `lag` frames are those of two objects; see `Band.are_apart`."""
     relative = one - other
-    return band.are_apart(MEAN_SCALE * np.median(relative[lag:] - relative[:-lag], axis=0), most)
+    return band.are_apart(MEAN_SCALE * np.median(relative[lag:] - relative[:-lag], axis=0))
 
 
 def paths_at(
