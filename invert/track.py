@@ -38,6 +38,8 @@ def parser() -> ArgumentParser:
     )
     p.add_argument("--frames-per-s", type=SI, help="frames per second, for velocities")
     p.add_argument("--binning", type=Range(1, 64), default=1, help="pixels that are added along each axis first (1)")
+    p.add_argument("--dark", type=Path, help="frames without light, subtracted from all others")
+    p.add_argument("--flat", type=Path, help="flat-field frame; frames are divided by it")
     p.add_argument("--pixel-pitch-m", type=SI, help="pixel pitch on the virtual detector in metres")
     p.add_argument("--wavelength-m", type=WAVELENGTH, help="wavelength in metres")
     p.add_argument("--distance-m", type=SI, help="distance from the hidden object to the virtual detector in metres")
@@ -49,7 +51,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     """Read the frames, find the path, write it."""
     options = parser().parse_args(argv)
     from correlograph.files.capture import CameraMetadata
-    from correlograph.files.captured_frames import read_capture
+    from correlograph.files.captured_frames import describe_files, read_capture
+    from correlograph.files.corrections import Corrections
     from correlograph.files.manifest import claim
     from correlograph.files.output import output_folder
     from invert.tracking.rotation import ROTATION_FILES, Rotation, track_rotation
@@ -66,7 +69,9 @@ def main(argv: Sequence[str] | None = None) -> None:
         raise InputError("--rotation", "no option of paths", ", ".join(name for name in of_paths if of_paths[name]), "omit it")
     claim(output_folder(options.output), ROTATION_FILES if options.rotation else TRACK_FILES, overwrite=options.overwrite)
     known = CameraMetadata(options.wavelength_m, options.pixel_pitch_m, options.distance_m)
-    capture = read_capture([Path(one) for one in options.inputs], known)
+    corrections = Corrections(options.dark, options.flat)
+    corrections.check()
+    capture = corrections.apply(read_capture([Path(one) for one in options.inputs], known))
     interval_s = None if options.frames_per_s is None else 1.0 / options.frames_per_s
     if options.rotation:
         found: Rotation | Track = track_rotation(capture, interval_s=interval_s)
@@ -80,6 +85,8 @@ def main(argv: Sequence[str] | None = None) -> None:
             binning=options.binning,
         )
         warnings = [warning for one in (found, *found.others) for warning in one.warnings]
+    for note in describe_files(capture):
+        print(f"note: {note}", file=sys.stderr)
     for warning in dict.fromkeys(warnings):
         print(f"warning: {warning}", file=sys.stderr)
     found.save(options.output)

@@ -36,8 +36,8 @@ class MotionPlan:
         frames: number of frames, each of which begins when the one before ends.
         frames_per_group: number of consecutive frames that are added along the path.
         error: predicted relative error of r*r, rms over all lags; error_unfollowed: without adding.
-        path_error_m: standard error of the position of the object in one group (rows, columns), for a known pattern: the Cramer-Rao
-            bound, which a tracker approaches within a factor of 1.2 to 2.
+        path_error_m: standard error of the position of the object in one group (rows, columns), the Cramer-Rao bound for a known
+            pattern that does not change. Tracked paths have two to three times this, and errors by the illumination besides.
         speed_m_s: speed across the line of sight.
     """
 

@@ -12,6 +12,7 @@ from correlograph.errors import InputError
 from radiometry.light_budget_rows import light_budget
 from radiometry.sensor.chain import expose
 from sim.effects import remaining_electronics
+from sim.foreseen import check_foreseen
 from sim.geometry import Geometry
 from sim.optics.camera import mean_image, transfer_function
 from sim.optics.detector_roughness import exact_image, gamma_image
@@ -89,6 +90,8 @@ class Simulation:
             parts = [replace(mode, part=int(part)) for part in np.unique(samples.part)]
             return sum(self._canvas_field(seed, number, one, oversampling) for one in parts)
         moved = None if pose.time_s is None else move(self.geometry, samples, pose.time_s)
+        if pose.time_s is not None:
+            check_foreseen(self.geometry, pose.time_s)
         height, width = samples.wall.shape
         wall = replace(
             samples.wall if moved is None else moved.wall,

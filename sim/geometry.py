@@ -11,6 +11,7 @@ from radiometry.light_budget_rows import LightPath, detector_to_pixel, light_bud
 from radiometry.motion import Motion
 from radiometry.photons import photon_rate
 from sim.camera_view import CameraView
+from sim.foreseen import FORESEEN_S, speckle_ways
 from sim.propagation.sampling import canvas, period
 from sim.trajectory import Trajectory
 from sim.transport.flat_object import FlatObject
@@ -59,10 +60,6 @@ class Movement:
 
     trajectory: Trajectory
     centre: np.ndarray
-
-
-FORESEEN_S = 1.0
-"""Time from which the extent of a constant motion is judged."""
 
 
 @dataclass(frozen=True)
@@ -172,13 +169,14 @@ class Geometry:
         movement = Movement(Trajectory(velocity_m_s=np.asarray(velocity_m_s, np.float64)), self.hidden_object.centre)
         return replace(self, movements=(movement,))
 
-    def frame_time_s(self, number: int) -> float:
-        """Return when the exposure of a frame begins."""
+    def exposure_time_s(self, number: int) -> float:
+        """Return when an exposure begins."""
         return number * max(self.camera.frame_interval_s, self.camera.electronics.exposure_s)
 
     def frame_middle_s(self, number: int) -> float:
-        """Return the middle of the exposure of a frame."""
-        return self.frame_time_s(number) + 0.5 * self.camera.electronics.exposure_s
+        """Return the middle of the exposure of a frame; the polarisation channels of a camera are frames of one exposure."""
+        exposure = number // self.camera.polarisation_channels
+        return self.exposure_time_s(exposure) + 0.5 * self.camera.electronics.exposure_s
 
     def moments(self) -> np.ndarray:
         """Return times that show every part of the motion."""
@@ -188,17 +186,17 @@ class Geometry:
     @property
     def moves_on_lattice(self) -> bool:
         """Whether the samples of each object keep their places on a grid: it moves across the line of sight without turning, apart from a
-        motion along it that changes the speckle by less than a hundredth of what the motion across it does.
+        motion along it that at all times changes the speckle by less than a hundredth of what the motion across it does.
         """
         paths = [one.trajectory for one in self.movements]
         if any(path.turns for path in paths):
             return False
         for path in paths:
             ways = path.displacement(self.moments())
-            along = np.abs(ways @ self.hidden_object.line_of_sight).max()
-            across = np.linalg.norm(self.hidden_object.axes.coordinates(ways), axis=-1).max()
+            along = np.abs(ways @ self.hidden_object.line_of_sight)
+            across = np.linalg.norm(self.hidden_object.axes.coordinates(ways), axis=-1)
             scaled = along * 0.5 * max(self.camera.extent_m) / self.distance_m
-            if scaled > 0.01 * across * (1.0 + self.distance_m / self.source_distance_m):
+            if (scaled > 0.01 * across * (1.0 + self.distance_m / self.source_distance_m) + 1e-12).any():
                 return False
         return True
 
@@ -286,12 +284,14 @@ class Geometry:
 
     @property
     def period_shape(self) -> tuple[int, int]:
-        """Period (rows, columns), in pixels, of the field on the wall if samples of the object are `object_pitch_m` apart."""
+        """Period (rows, columns), in pixels, of the field on the wall if samples of the object are `object_pitch_m` apart; longer if the
+        speckle moves far."""
         grains = [
             self.wavelength_m * self.distance_m / (extent * pitch)
             for extent, pitch in zip(self.hidden_object.extent_m, self.seen_pitch_m, strict=True)
         ]
-        return period(self.canvas_shape, (grains[0], grains[1]))
+        rows, columns = speckle_ways(self, self.moments()) if self.moves else (0.0, 0.0)
+        return period(self.canvas_shape, (grains[0], grains[1]), (float(rows), float(columns)))
 
     @property
     def object_pitch_m(self) -> tuple[float, float]:

@@ -132,7 +132,10 @@ def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture
         given = {"row_pitch_m": None, "column_pitch_m": None, **given}
     written = read_metadata(files[0]) if first is None else rendered_metadata(first.exposure_s)
     if {"wavelength_m", "distance_m"} <= given.keys() and written.pixel_pitch_m is not None:
-        given = {"pixel_pitch_m": written.pixel_pitch_m, **given}
+        by_file = {"pixel_pitch_m": written.pixel_pitch_m}
+        if written.row_pitch_m is not None:
+            by_file |= {"row_pitch_m": written.row_pitch_m, "column_pitch_m": written.pixel_pitch_m}
+        given = {**by_file, **given}
     metadata = replace(CameraMetadata.of(first), **given)
     kept = list(frames) if len(frames) * pixels.nbytes <= MAX_KEPT_BYTES else frames
     names = tuple(printable(file.name) for file in files)
@@ -144,7 +147,8 @@ def describe_files(capture: Capture) -> list[str]:
     written, name = capture.file_metadata, capture.names[0] if capture.names else ""
     notes = []
     if written.pixel_pitch_m is not None and capture.camera.pixel_pitch_m == written.pixel_pitch_m:
-        notes.append(f"the pixel pitch of {written.pixel_pitch_m * 1e6:.4g} um comes from the metadata of {name}")
+        rows = "" if written.row_pitch_m is None else f" (rows: {written.row_pitch_m * 1e6:.4g} um)"
+        notes.append(f"the pixel pitch of {written.pixel_pitch_m * 1e6:.4g} um{rows} comes from the metadata of {name}")
     if written.channels is not None:
         notes.append(f"the {written.channels} channels of {name} are equal; one is used")
     if Path(name).suffix.lower() in JPEG_SUFFIXES:

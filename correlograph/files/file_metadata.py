@@ -30,6 +30,7 @@ class FileMetadata:
     Attributes:
         exposure_s: exposure time.
         pixel_pitch_m: width of a pixel on the photographed wall, as OME and Micro-Manager files state it for the specimen.
+        row_pitch_m: height of a pixel, if it differs.
         gain_e: photoelectrons per count.
         bits: significant bits of a pixel.
         time: date and time of the first frame, as the file writes them.
@@ -42,6 +43,7 @@ class FileMetadata:
     bits: int | None = None
     time: str | None = None
     channels: int | None = None
+    row_pitch_m: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the known values, for JSON."""
@@ -131,13 +133,17 @@ def _channels_of(file: Path) -> int | None:
 
 def _read_ome(root: ElementTree.Element) -> FileMetadata:
     pixels, plane, acquired = root.find(".//{*}Pixels"), root.find(".//{*}Plane"), root.find(".//{*}AcquisitionDate")
-    exposure = pitch = bits = None
+    exposure = pitch = height = bits = None
     if pixels is not None:
         bits = pixels.get("SignificantBits")
-        pitch = _positive(pixels.get("PhysicalSizeX"), _unit_of(_METRES, pixels.get("PhysicalSizeXUnit", "µm")))
+        pitch, height = (
+            _positive(pixels.get(f"PhysicalSize{axis}"), _unit_of(_METRES, pixels.get(f"PhysicalSize{axis}Unit", "µm")))
+            for axis in "XY"
+        )
     if plane is not None:
         exposure = _positive(plane.get("ExposureTime"), _unit_of(_SECONDS, plane.get("ExposureTimeUnit", "s")))
-    return _metadata(exposure, pitch, bits=bits, time=None if acquired is None else acquired.text)
+    found = _metadata(exposure, pitch, bits=bits, time=None if acquired is None else acquired.text)
+    return found if pitch is None or height == pitch else replace(found, row_pitch_m=height)
 
 
 def _read_fits(file: Path) -> FileMetadata:

@@ -67,11 +67,15 @@ def approximate(start: Start, band: Band) -> Followed:
     """Return an approximate path as it is.
 
     Its error is the radius of a grain, or the sum of the errors of all blocks: the displacement of a block over `lag` frames is known to
-    that radius over the least significance.
+    that radius over the least significance. Beside other objects, whose interference displaces all blocks alike, it is known to half the
+    radius only.
     """
-    blocks = np.arange(len(start.path)) / start.frames_per_block
+    numbers = np.arange(len(start.path))
     of_block = start.frames_per_block / (start.lag * MIN_SIGNIFICANCE)
-    error = band.grain_pixels * np.maximum(1.0, of_block * blocks**0.5)
+    error = np.maximum(1.0, of_block * (numbers / start.frames_per_block) ** 0.5)
+    if start.lag > 1:
+        error = np.maximum(error, 0.5 * numbers / start.lag)
+    error *= band.grain_pixels
     error[0] = 0.0
     return Followed(start.path, np.stack([error, error], 1), start.frames_per_block, band.signal)
 

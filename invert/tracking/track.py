@@ -132,7 +132,7 @@ class Track:
             if self.interval_s is not None:
                 told["hz"] = one.periods_per_frame / self.interval_s
             if self.metres_per_pixel is not None:
-                told["amplitude_m"] = np.abs(self.metres_per_pixel @ np.array(one.amplitude_pixels)).tolist()
+                told["amplitude_m"] = np.abs(self.metres_per_pixel @ one.phasor_pixels).tolist()
             found.append(told | {"false_alarm": one.false_alarm})
         return found
 

@@ -28,6 +28,9 @@ BYTES_PER_COEFFICIENT = 84
 BYTES_PER_THREAD = 110
 """Measured memory of a search in one block of frames, per coefficient."""
 
+MAX_STEP_SHARE = 0.4
+"""Largest displacement from frame to frame, over a side."""
+
 MIN_SIDE = 16
 """Minimum side of a frame in pixels after binning."""
 
@@ -61,6 +64,8 @@ def track(
     lever = None if source_distance_m is None else metres_per_pixel(capture.camera, source_distance_m, source_angle_deg)
     spectra, band = _read_spectra(capture, binning)
     starts = find_objects(spectra, band)
+    for one in starts:
+        _check_steps(one.path, band)
     is_alone = len(starts) == 1 and starts[0].lag == 1
     followed = [follow_over_jumps(spectra, band, starts[0])] if is_alone else follow_several(spectra, band, starts)
     if len(starts) == 1 and not starts[0].is_continuous:
@@ -88,6 +93,17 @@ def track(
         )
         tracks.append(found)
     return replace(tracks[0], others=tuple(tracks[1:]))
+
+
+def _check_steps(path: np.ndarray, band: Band) -> None:
+    """Raise InputError for a path (frames, 2) that could as well be one shorter by a side of the frame per step: spectra do not tell them
+    apart."""
+    steps = np.median(np.abs(np.diff(path, axis=0)), axis=0)
+    if (steps > MAX_STEP_SHARE * np.array(band.shape)).any():
+        expected = "speckle that moves by at most {:.0f} rows and {:.0f} columns per frame".format(
+            *(MAX_STEP_SHARE * side for side in band.shape)
+        )
+        raise InputError("frames", expected, "{:.0f} and {:.0f}, or a side more or less".format(*steps), "shorten the interval")
 
 
 def _read_spectra(capture: Capture, binning: int) -> tuple[np.ndarray, Band]:

@@ -13,6 +13,9 @@ FALSE_ALARM = 0.01
 """Probability that a path without vibration shows one."""
 
 MAX_VIBRATIONS = 5
+STEPS = 32
+"""Steps from one frequency of the spectrum to the next in which a maximum is sought."""
+
 LOBE = 1
 """Frequencies on each side of a maximum that the window gives a part of its power."""
 
@@ -28,11 +31,22 @@ MIN_SIDE_FREQUENCIES = 4
 
 @dataclass(frozen=True)
 class Vibration:
-    """One periodic motion: frequency in periods per frame, amplitude in pixels (rows, columns), and its false-alarm probability."""
+    """One periodic motion.
+
+    Attributes:
+        periods_per_frame: frequency.
+        phasor_pixels: complex amplitude along rows and columns, (2,); its phase tells whether both axes move together.
+        false_alarm: probability that noise looks like this.
+    """
 
     periods_per_frame: float
-    amplitude_pixels: tuple[float, float]
+    phasor_pixels: np.ndarray
     false_alarm: float
+
+    @property
+    def amplitude_pixels(self) -> tuple[float, float]:
+        rows, columns = np.abs(self.phasor_pixels)
+        return float(rows), float(columns)
 
 
 def find_vibrations(path: np.ndarray) -> list[Vibration]:
@@ -47,17 +61,28 @@ def find_vibrations(path: np.ndarray) -> list[Vibration]:
     window = np.hanning(frames + 2)[1:-1]
     times = np.linspace(-1.0, 1.0, frames)
     bent = legendre.legval(times, legendre.legfit(times, path, BENDS)).T
-    spectrum = np.fft.rfft((path - bent) * window[:, None], axis=0)[2:-1]
+    straight = (path - bent) * window[:, None]
+    spectrum = np.fft.rfft(straight, axis=0)[2:-1]
     power, free, found = np.abs(spectrum) ** 2, np.ones(len(spectrum), bool), []
     while len(found) < MAX_VIBRATIONS:
         chance = len(power) * np.array([_chance(power, free, place) for place in range(len(power))])
         if chance.min() > FALSE_ALARM:
             break
         place = int(np.where(chance <= FALSE_ALARM, power.sum(1), 0.0).argmax())
-        amplitude = 2.0 * np.abs(spectrum[place]) / window.sum()
-        found.append(Vibration((place + 2) / frames, (float(amplitude[0]), float(amplitude[1])), float(chance[place])))
+        frequency, values = _maximum(straight, (place + 2) / frames)
+        found.append(Vibration(frequency, 2.0 * values / window.sum(), float(chance[place])))
         free[max(0, place - 2 * LOBE) : place + 2 * LOBE + 1] = False
     return found
+
+
+def _maximum(straight: np.ndarray, frequency: float) -> tuple[float, np.ndarray]:
+    """Return the frequency near a given one at which the spectrum of a windowed path (frames, 2) is highest, below one half, and the
+    spectrum there, complex (2,)."""
+    frames = len(straight)
+    near = np.minimum(frequency + np.linspace(-1.0, 1.0, 2 * STEPS + 1) / frames, 0.5 - 0.5 / frames)
+    values = np.exp(-2j * np.pi * np.outer(near, np.arange(frames))) @ straight
+    best = int((np.abs(values) ** 2).sum(1).argmax())
+    return float(near[best]), values[best]
 
 
 def _chance(power: np.ndarray, free: np.ndarray, place: int) -> float:

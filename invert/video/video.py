@@ -102,7 +102,9 @@ def _doubt(path: Track, whole: Estimate) -> tuple[Doubt, ...]:
 def _film_of_one(alone: Result, path: Track, interval_s: float | None, notes: list[str]) -> Film:
     """Return the film of one of several objects: its image, to which all frames contribute, along its path."""
     if not alone.object_found:
-        raise InputError("frames", "light of a hidden object", "none at any time", "add light or frames")
+        raise InputError(
+            "frames", "light of a hidden object", "none at any time", "add light or frames, or move the laser between frames"
+        )
     count = len(path.path_pixels)
     numbers = spread(count, MAX_IMAGES)
     return Film(
@@ -176,7 +178,9 @@ def _reconstruct(request: Request, looks: Looks, weights: np.ndarray, numbers: n
         found[number] = replace(found[number], reconstruction=nothing, warnings=())
     shown = [number for number, one in enumerate(found) if one.object_found]
     if not shown:
-        raise InputError("frames", "light of a hidden object", "none at any time", "add light or frames")
+        raise InputError(
+            "frames", "light of a hidden object", "none at any time", "add light or frames, or move the laser between frames"
+        )
     for number, albedo in zip(shown, register_sequence(np.stack([found[one].coarse_albedo for one in shown])), strict=True):
         found[number] = replace(found[number], reconstruction=replace(found[number].reconstruction, albedo=albedo))
     return found

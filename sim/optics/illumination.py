@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from radiometry.motion import airy, disc_overlap
+from sim.foreseen import lit_period_m
 from sim.geometry import Geometry
 
 Streams = Callable[[int], np.random.Generator]
@@ -93,7 +94,8 @@ def illuminate(
         # No two samples share a grain: independent circular Gaussians, for any shape of the spot.
         gaussian = rng.standard_normal((2, *grid), np.float32) * np.float32(np.sqrt(0.5))
         return gaussian[0] + 1j * gaussian[1]
-    reach = 1.25 * max(n * step for n, step in zip(grid, pitch, strict=True)) + 2.0 * displaced.reach_m
+    width = max(n * step for n, step in zip(grid, pitch, strict=True))
+    reach = lit_period_m(geometry, width) + 2.0 * displaced.reach_m
     wanted = geometry.wavelength_m * geometry.source_distance_m / reach
     across = max(_MIN_SPOT_SAMPLES, int(np.ceil(geometry.spot.diameter_m / wanted)))
     step = geometry.spot.diameter_m / across

@@ -3,7 +3,8 @@
 A frame is the mean intensity of sub-exposures, between which the speckle moves by a small fraction of a grain. An object is a rigid set
 of scatterers. When it has moved, each of them lies in other light of the laser's speckle, and the way from the spot by it to the wall has
 another length. Both follow from its position. Displaced by u across the line of sight, an object moves its speckle by u (1 + z / d1);
-displaced by w along it, away from the wall, it spreads its speckle by 1 + w / z about the frame centre; turned about the line of sight, it
+displaced by w along it, away from the wall, it spreads its speckle by 1 + w / z about the frame centre, and crosses light that comes from
+the side (`lit_place`); turned about the line of sight, it
 turns its speckle. `radiometry/motion.py` gives the remaining speckle of a uniform motion in closed form. The light of each scatterer
 is that at rest: shading, occlusion, and the depth of the laser's speckle (8 lambda (d1 / D)^2) are taken as unchanged by the motion.
 """
@@ -18,6 +19,7 @@ from numpy.polynomial.chebyshev import chebpts1
 
 from correlograph.errors import InputError
 from radiometry.motion import airy, disc_overlap
+from sim.foreseen import lit_place
 from sim.geometry import Geometry
 from sim.optics.illumination import grain_m
 from sim.optics.object_samples import ObjectSamples
@@ -63,8 +65,8 @@ class Moved:
 
     Attributes:
         position_m: from the object's centre at rest, (n, 3).
-        coordinates_m: along the axes of the object's grid (rows, columns), (n, 2).
-        shifts_m: displacement of each hidden object along these axes, (objects, 2); None if one of them leaves its grid.
+        coordinates_m: along the axes of the object's grid (rows, columns), places at rest in the same light, (n, 2).
+        shifts_m: the same for the displacement of each hidden object, (objects, 2); None if one of them leaves its grid.
         path_m: change of the length of the way from the spot to each sample, (n,).
         wall: pixels on the wall; a moving camera sees others.
         frame_path_m: change of the length of the way from each sample to the frame centre, (n,).
@@ -85,7 +87,7 @@ def poses(geometry: Geometry, number: int, count: int, *, moving: bool) -> list[
         moving: whether anything moves. A single sub-exposure omits the blur of a motion that is small in one frame, but not the
             displacement between frames.
     """
-    exposure_s, begin_s = geometry.camera.electronics.exposure_s, geometry.frame_time_s(number)
+    exposure_s, begin_s = geometry.camera.electronics.exposure_s, geometry.exposure_time_s(number)
     scanned = number * (geometry.spot.scan_step_m or 0.0)
     times = (np.arange(count) + 0.5) / count * exposure_s
     return [
@@ -104,13 +106,13 @@ def move(geometry: Geometry, samples: ObjectSamples, time_s: float, chosen: slic
     if nearest < MIN_DISTANCE * geometry.distance_m:
         expected = f"an object {MIN_DISTANCE * geometry.distance_m:.3g} m or more from the virtual detector"
         raise InputError("motion", expected, f"{nearest:.3g} m after {time_s:.3g} s", "render fewer frames, or slow it down")
-    ways = [hidden.axes.coordinates(one.trajectory.displacement(time_s)) for one in geometry.movements] or [np.zeros(2)]
+    ways = [lit_place(geometry, one.trajectory.displacement(time_s)) for one in geometry.movements] or [np.zeros(2)]
     view = geometry.camera.view_shift(time_s)
     wall = replace(samples.wall, centre_m=samples.wall.centre_m + view)
     spot = geometry.spot.centre - hidden.centre
     return Moved(
         position,
-        samples.coordinates_m[chosen] + hidden.axes.coordinates(position - rest),
+        samples.coordinates_m[chosen] + lit_place(geometry, position - rest),
         np.array(ways) if geometry.moves_on_lattice else None,
         path_difference(spot, position) - path_difference(spot, rest),
         wall,

@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 from scipy.fft import next_fast_len
 
+from sim.foreseen import MAX_WAYS
+
 BORDER = 8
 """Pixels around the frame whose light the blur of the camera brings into it; both are computed, and the border is cut off."""
 
@@ -35,19 +37,21 @@ def canvas(frame_shape: tuple[int, int]) -> tuple[int, int]:
     return fast(frame_shape[0]), fast(frame_shape[1])
 
 
-def period(shape: tuple[int, int], grain_pixels: tuple[float, float]) -> tuple[int, int]:
+def period(
+    shape: tuple[int, int], grain_pixels: tuple[float, float], ways: tuple[float, float] = (0.0, 0.0)
+) -> tuple[int, int]:
     """Return the pixels after which the field of scatterers on a lattice repeats, of a fast FFT size.
 
     The period exceeds `shape` by `GRAINS_APART` grains, so that opposite edges share no speckle. It is at most twice as wide, because
-    a frame with fewer grains has no useful statistics. The autocorrelation of the crop is unbiased up to the largest patch: its
-    triangle window ends before the next period begins.
+    a frame with fewer grains has no useful statistics; wider where the speckle moves farther, up to `MAX_WAYS` frames. The
+    autocorrelation of the crop is unbiased up to the largest patch: its triangle window ends before the next period begins.
 
     Args:
-        shape: rows and columns of the crop. grain_pixels: grain size along each axis.
+        shape: rows and columns of the crop. grain_pixels: grain size along each axis. ways: pixels by which the speckle moves.
     """
     rows, columns = (
-        next_fast_len(min(2 * n, n + int(np.ceil(GRAINS_APART * min(grain, n)))))
-        for n, grain in zip(shape, grain_pixels, strict=True)
+        next_fast_len(n + int(np.ceil(max(min(n, GRAINS_APART * grain), min(way, MAX_WAYS * n)))))
+        for n, grain, way in zip(shape, grain_pixels, ways, strict=True)
     )
     return rows, columns
 

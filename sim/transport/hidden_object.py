@@ -154,9 +154,13 @@ class HiddenObject:
                 np.broadcast_to(side, (len(places), len(samples), 3)).reshape(-1, 3)
                 for side in ((origin + places)[:, None], (origin + samples)[None])
             )
-            # Ends just in front of the object; mutual occlusion of its parts is already part of the samples' light.
-            way = start - end
-            end = end + way * np.clip(2.0 * self._radius_m / np.linalg.norm(way, axis=1), 1e-3, 0.9)[:, None]
+            # Ends just in front of the object, and of its place at rest; mutual occlusion of its parts is already part of the samples'
+            # light.
+            way = end - start
+            length = np.linalg.norm(way, axis=1)
+            to_rest = ((origin - start) * way).sum(1) / length
+            share = (np.minimum(length, to_rest) - 2.0 * self._radius_m) / length
+            end = start + way * np.clip(share, 0.1, 1.0 - 1e-3)[:, None]
             share = transmittance(scene, mi.Point3f(points(start)), mi.Point3f(points(end)), mi.Bool(True), masks=masks)
             return np.sqrt(np.asarray(share)).reshape(len(places), len(samples))
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 pytest.importorskip("mitsuba")
 
@@ -151,6 +152,31 @@ def drifting(rng, path, light, shape=(300, 340)):
         frames.append(intensity[top : top + shape[0], left : left + shape[1]])
     frames = np.array(frames)
     return [rng.poisson(light * frame / frames.mean()).astype(np.float32) for frame in frames]
+
+
+def test_a_path_that_could_be_a_side_shorter_is_refused(rng):
+    """140 of 300 rows per frame, and 160 the other way, have the same spectra."""
+    path = np.outer(np.arange(3), [140.0, 3.0])
+    with pytest.raises(cg.InputError, match="or a side more or less"):
+        track(cg.Capture(drifting(rng, path, 5.0)))
+
+
+def test_a_flat_field_removes_what_the_wall_draws(rng, tmp_path):
+    """A wall with a texture of 15 % is light at rest: its path is drawn towards zero, unless frames are divided by a flat-field frame."""
+    path = np.outer(np.arange(16), [0.3, -0.5])
+    texture = 1.0 + 0.15 * gaussian_filter(rng.standard_normal((300, 340)), 3.0) * 10.6
+    folder, flat = tmp_path / "frames", tmp_path / "flat.npy"
+    folder.mkdir()
+    np.save(flat, rng.poisson(2e4 * texture).astype(np.float32))
+    for number, frame in enumerate(drifting(rng, path, 50.0)):
+        np.save(folder / f"{number:03d}.npy", rng.poisson(frame * texture).astype(np.float32))
+    steps = []
+    for name, options in (("plain", []), ("flat", ["--flat", str(flat)])):
+        main([str(folder), "-o", str(tmp_path / name), *options])
+        steps.append(json.loads((tmp_path / name / "track.json").read_text())["step_pixels"])
+    off = [np.linalg.norm(np.array(step) - path[1]) / np.linalg.norm(path[1]) for step in steps]
+    assert off[0] > 0.01
+    assert off[1] < 0.006
 
 
 def test_a_window_does_not_draw_paths_of_large_grains_towards_zero():

@@ -54,6 +54,17 @@ def test_neighbours_and_high_frequencies_are_found(frames, periods, rng):
     assert found == pytest.approx(periods, abs=0.6 / frames)
 
 
+@pytest.mark.parametrize("place", [20.0, 20.25, 20.5, 20.8])
+def test_frequency_and_amplitude_between_those_of_the_spectrum(place, rng):
+    """Half a frequency off, the highest value of the window's spectrum is 0.85 of its maximum. Rows and columns move against each other."""
+    numbers = np.arange(80.0)
+    path = np.outer(np.sin(2.0 * np.pi * place / 80.0 * numbers + 0.4), [1.0, -0.5]) + 0.1 * rng.standard_normal((80, 2))
+    (one,) = find_vibrations(path)
+    assert one.periods_per_frame == pytest.approx(place / 80.0, abs=0.1 / 80.0)
+    assert one.amplitude_pixels == pytest.approx((1.0, 0.5), abs=0.06)
+    assert (one.phasor_pixels[1] / one.phasor_pixels[0]).real == pytest.approx(-0.5, abs=0.06)
+
+
 @pytest.mark.parametrize("frames", [1, 3, 13, 14, 20])
 def test_a_short_path_has_none_or_some(frames, rng):
     """So few frames have hardly any other frequencies to compare with."""

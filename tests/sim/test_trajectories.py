@@ -13,8 +13,10 @@ pytest.importorskip("mitsuba")
 
 import correlograph as cg
 from correlograph.errors import InputError
+from radiometry.motion import airy
 from sim.frame import Simulation
 from sim.geometry import Movement
+from sim.optics.illumination import grain_m
 from sim.plan import Settings
 from sim.rendering import lag_grid_albedo, motion_of, moved_albedo
 from sim.trajectory import Trajectory, read_trajectory
@@ -337,3 +339,79 @@ def test_the_record_of_a_capture_tells_where_everything_was(still):
     )
     np.testing.assert_allclose(np.abs(told[1]["objects"][0]["rotation_deg"]), [0.0, 0.0, 3.0 * told[1]["time_s"]], atol=1e-6)
     assert motion_of(still, 3) == []
+
+
+def test_a_motion_along_the_line_of_sight_crosses_oblique_light(still):
+    """The laser's light comes at the angle a to the line of sight. Displaced by w along it, the object crosses w sin a cos a of its grains:
+    intensities correlate by that of an evenly lit spot, the square of (2 J1(x) / x)^2 with x = pi w sin a cos a / grain."""
+    line, away = still.hidden_object.line_of_sight, 4e-5
+    ray = still.hidden_object.centre - still.spot.centre
+    cosine = abs(ray @ line) / np.linalg.norm(ray)
+    x = np.pi * away * cosine * np.sqrt(1.0 - cosine**2) / grain_m(still)
+    assert 0.3 < x < 3.0
+    settings = Settings(effects=(("pupil_and_pixel", False), ("source_grain", True), ("motion", True)))
+    first, second = two_frames(moving(still, Trajectory(line * away / INTERVAL_S)), settings, seeds=range(6))
+    alike = np.mean([shifted_likeness(*pair) for pair in zip(first, second, strict=True)])
+    assert alike == pytest.approx(airy(x) ** 2, abs=0.06)
+
+
+def shifted_likeness(first, second):
+    """The correlation of two frames (H, W) at the displacement of the speckle between them."""
+    rows, columns = np.round(shift_between(first, second)).astype(int)
+    inside = np.s_[40:-40, 40:-40]
+    return likeness(first[inside], np.roll(second, (-rows, -columns), (0, 1))[inside])
+
+
+def test_the_wall_does_not_repeat_under_a_moving_camera(still):
+    """The camera moves by a period of the frame at rest, and sees another part of the wall."""
+    rows, _ = still.period_shape
+    pixel = still.camera.down * still.camera.pixel_pitch_m
+    camera = replace(
+        still.camera,
+        trajectory=Trajectory(
+            times_s=np.array([0.0, INTERVAL_S]),
+            displacement_m=np.stack([0.0 * pixel, rows * pixel]),
+            rotation_deg=np.zeros((2, 3)),
+        ),
+    )
+    moved = replace(still, camera=camera)
+    assert moved.period_shape[0] >= rows + moved.canvas_shape[0]
+    first, second = two_frames(moved)
+    assert abs(likeness(first, second)) < 0.15
+
+
+def test_a_constant_motion_beyond_what_is_foreseen_is_refused(still):
+    """After ten seconds, an object of 1 cm at 2 mm/s has moved by 2 cm; the laser's light repeats after 1.25 cm."""
+    down = still.hidden_object.axes.down
+    with pytest.raises(InputError, match=r"motion: expected an object that moves by .* at most"):
+        Simulation(moving(still, Trajectory(2e-3 * down)), EVEN).expected_frame(3, 1)
+
+
+def test_a_listed_motion_is_judged_at_each_of_its_times(still):
+    """A motion along the line of sight, and a wide one across it later: the first is not small beside the second."""
+    line, down = still.hidden_object.line_of_sight, still.hidden_object.axes.down
+    ways = np.stack([0.0 * line, 3e-3 * line, 3e-3 * line + 1e-2 * down])
+    listed = Trajectory(times_s=np.array([0.0, 10.0, 20.0]), displacement_m=ways, rotation_deg=np.zeros((3, 3)))
+    assert not moving(still, listed).moves_on_lattice
+    across = Trajectory(
+        times_s=np.array([0.0, 10.0]), displacement_m=np.stack([0.0 * down, 1e-2 * down]), rotation_deg=np.zeros((2, 3))
+    )
+    assert moving(still, across).moves_on_lattice
+
+
+def test_an_object_is_not_hidden_by_its_place_at_rest():
+    """It recedes by three of its widths. Light and detector see it as before, but for its distance."""
+    scene = cg.load("moving_letter", velocity="0, 0, 0")
+    hidden = scene.geometry.hidden_object
+    visible = hidden.visible_from(scene.geometry.camera.centre, scene.geometry.camera.centre - hidden.centre)
+    assert visible is not None
+    places = scene.geometry.camera.centre - hidden.centre + np.array([[0.0, 0.0, 0.0], [1e-3, 2e-3, 0.0]])
+    behind = 3e-2 * hidden.line_of_sight + np.array([[0.0, 0.0, 0.0], [2e-3, 1e-3, 0.0]])
+    np.testing.assert_allclose(visible(places, behind), 1.0)
+
+
+def test_channels_of_an_exposure_have_one_time(still):
+    """A camera with polarisation channels records frames 2 k and 2 k + 1 at once."""
+    path = Trajectory(1e-6 * still.hidden_object.axes.down)
+    told = motion_of(moving(replace(still, camera=replace(still.camera, polarisation_channels=2)), path), 4)
+    assert [one["time_s"] for one in told] == [5e-5, 5e-5, INTERVAL_S + 5e-5, INTERVAL_S + 5e-5]

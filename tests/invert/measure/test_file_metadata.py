@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,6 +33,17 @@ def test_ome_metadata(tmp_path, frames):
     _write_ome(tmp_path / "a.ome.tif", frames)
     found = read_metadata(tmp_path / "a.ome.tif")
     assert found == FileMetadata(exposure_s=0.125, pixel_pitch_m=pytest.approx(6.9e-6), bits=12)
+
+
+def test_pixels_that_are_not_square(tmp_path, frames):
+    """Twice as high as wide, in another unit; pitches that are given stand for both."""
+    _write_ome(tmp_path / "a.ome.tif", frames, PhysicalSizeY=13800.0, PhysicalSizeYUnit="nm")
+    known = cg.CameraMetadata(wavelength_m=532e-9, distance_m=1.0)
+    capture = read_capture([tmp_path / "a.ome.tif"], known)
+    assert capture.camera.lag_geometry[2] == pytest.approx((13.8e-6, 6.9e-6))
+    assert "6.9 um (rows: 13.8 um)" in describe_files(capture)[0]
+    given = read_capture([tmp_path / "a.ome.tif"], replace(known, pixel_pitch_m=5e-6))
+    assert given.camera.lag_geometry[2] == pytest.approx((5e-6, 5e-6))
 
 
 def test_micro_manager_tags(tmp_path, frames):

@@ -1,0 +1,81 @@
+"""How far objects and camera of a scene move within the time that is foreseen.
+
+Both the light of the laser on the object and the speckle on the wall are computed on grids, and repeat after a period. Periods therefore
+exceed the motion of the scene. A constant motion is foreseen for `FORESEEN_S`, a listed one as a whole, so that frames do not depend on
+their number.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from correlograph.errors import InputError
+
+if TYPE_CHECKING:
+    from sim.geometry import Geometry
+
+FORESEEN_S = 1.0
+"""Time for which a constant motion is foreseen."""
+
+MAX_WAYS = 4.0
+"""Largest motion that is foreseen, in widths of the object and of the frame."""
+
+LIT_WIDTHS = 1.25
+"""Least period of the laser's light on the object, in widths of it."""
+
+LIKE_GRAINS = 2.0
+"""Grains of the laser's light by which an object moves until its speckle has changed: the correlation of an evenly lit spot is below 0.003
+from there on."""
+
+
+def lit_place(geometry: Geometry, displacement: np.ndarray) -> np.ndarray:
+    """Return the displacement along the object's axes (..., 2) after which an object at rest would be in the same light as one displaced by
+    (..., 3): a motion along the line of sight crosses the light of a laser that comes from the side."""
+    hidden = geometry.hidden_object
+    ray = hidden.centre - geometry.spot.centre
+    ray = ray / np.linalg.norm(ray)
+    aside = np.stack([hidden.axes.down, hidden.axes.right]) @ ray * (hidden.line_of_sight @ ray)
+    return hidden.axes.coordinates(displacement) - (displacement @ hidden.line_of_sight)[..., None] * aside
+
+
+def lit_period_m(geometry: Geometry, width_m: float) -> float:
+    """Return the period of the laser's light on an object of a width, in which no part of it meets the same light again."""
+    ways = [lit_place(geometry, one.trajectory.displacement(geometry.moments())) for one in geometry.movements]
+    way = max((float(np.ptp(way, axis=0).max()) for way in ways), default=0.0)
+    return max(LIT_WIDTHS * width_m, min(way, MAX_WAYS * width_m) + _like_m(geometry))
+
+
+def _like_m(geometry: Geometry) -> float:
+    """Return the way of an object in which its light changes."""
+    return LIKE_GRAINS * geometry.wavelength_m * geometry.source_distance_m / geometry.spot.diameter_m
+
+
+def speckle_ways(geometry: Geometry, times_s: np.ndarray) -> np.ndarray:
+    """Return by how many pixels along rows and columns the speckle on the wall moves within the frame between times, (2,): with the camera,
+    and with each object as long as it stays in the same light."""
+    camera, ways = geometry.camera, [np.zeros(2)]
+    for one in geometry.movements:
+        way = np.ptp(geometry.hidden_object.axes.coordinates(one.trajectory.displacement(times_s)), axis=0)
+        ways.append(np.abs(geometry.travel) @ np.minimum(way, _like_m(geometry)))
+    view = np.stack([camera.view_shift(float(time)) for time in times_s]) @ np.stack([camera.down, camera.right], 1)
+    return np.max(ways, axis=0) + np.ptp(view, axis=0) / camera.pixel_pitch_m
+
+
+def check_foreseen(geometry: Geometry, time_s: float) -> None:
+    """Raise InputError if light or speckle would repeat because of the motion until a time."""
+    times = geometry.moments()
+    times = np.append(times[times < time_s], time_s)
+    remedy = (
+        f"render fewer frames, or slow it down; a constant motion is foreseen for {FORESEEN_S:g} s, a listed one as a whole"
+    )
+    lit = [np.ptp(lit_place(geometry, one.trajectory.displacement(times)), axis=0).max() for one in geometry.movements]
+    most = lit_period_m(geometry, max(geometry.hidden_object.extent_m)) - _like_m(geometry)
+    if lit and max(lit) > most * (1.0 + 1e-9):
+        expected = f"an object that moves by {most:.3g} m at most"
+        raise InputError("motion", expected, f"{max(lit):.3g} m until {time_s:.3g} s", remedy)
+    ways, spare = speckle_ways(geometry, times), np.subtract(geometry.period_shape, geometry.canvas_shape)
+    if (ways > spare + 1e-6).any():
+        expected = "speckle that moves by {} rows and {} columns at most".format(*spare)
+        raise InputError("motion", expected, "{:.0f} and {:.0f} until {:.3g} s".format(*ways, time_s), remedy)
