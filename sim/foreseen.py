@@ -1,4 +1,4 @@
-"""How far objects and camera of a scene move within the time that is foreseen.
+"""Motion of a scene within the time that is foreseen, and the periods that it needs.
 
 Both the light of the laser on the object and the speckle on the wall are computed on grids, and repeat after a period. Periods therefore
 exceed the motion of the scene. A constant motion is foreseen for `FORESEEN_S`, a listed one as a whole, so that frames do not depend on

@@ -1,4 +1,4 @@
-"""How much of what frames have in common the paths of some objects explain.
+"""Light that frames have in common, explained by the paths of some objects.
 
 The cross-spectrum of frames t and t + l at a frequency f is the sum of S_k(f) exp(-2 pi i f (p_k(t + l) - p_k(t))) over objects k with
 paths p_k, plus noise with the variance (S + b)^2, where S is the power of all speckle and b that of the noise. The powers S_k of the

@@ -1,4 +1,4 @@
-"""What paths explain of what frames have in common, together and alone."""
+"""Light that paths explain, together and alone."""
 
 from __future__ import annotations
 
