@@ -120,13 +120,18 @@ def follow_over_jumps(spectra: np.ndarray, band: Band, start: Start) -> Followed
 
 def check_continuity(spectra: np.ndarray, band: Band, path: np.ndarray) -> None:
     """Raise InputError if there is a boundary across which clear frames have nothing in common along the path (frames, 2) of the only
-    object: neither the two frames beside it, nor two on each side, of which one may be dark."""
-    single = _boundaries(spectra, band, path, 1)
-    if single.is_clear and len(path) >= 4:
-        double = _boundaries(spectra, band, path, 2)
+    object: neither the two frames beside it, nor two on each side, of which one may be dark. Of frames that are too dim, two or four on
+    each side are compared; the path is then that at which they seem to have most in common by noise."""
+    if len(path) < 4:
+        return
+    single, double = (_boundaries(spectra, band, path, group) for group in (1, 2))
+    if single.is_clear:
         is_broken = np.maximum(single.alike * single.scale, double.alike * double.scale) < MAX_SIGMA
-        if is_broken.any():
-            raise _broken_after(int(np.argmax(is_broken)) + 1)
+    else:
+        several = double if double.is_clear else _boundaries(spectra, band, path, 4)
+        is_broken = several.is_clear & (several.alike < MAX_LOW * several.usual)
+    if is_broken.any():
+        raise _broken_after(int(np.argmax(is_broken)) + 1)
 
 
 def _broken_after(frame: int) -> InputError:

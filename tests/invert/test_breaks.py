@@ -46,6 +46,21 @@ def test_a_jump_is_found_where_single_frames_are_too_dim(rng):
     assert np.abs(found.path_pixels[-1] - path[-1]).max() < 6.0
 
 
+@pytest.mark.parametrize("counts", [(8, 0), (5, 3), (8, 4)])
+def test_two_short_captures_in_faint_light_are_no_path(counts):
+    """0.03 photoelectrons per pixel: two frames show no displacement, two or four on each side do. Four draws of each kind."""
+    refused = []
+    for seed in range(4):
+        rng = np.random.default_rng([seed, *counts])
+        parts = [frames_along(np.arange(count)[:, None] * STEP, rng, 0.03) for count in counts if count]
+        try:
+            cg.track(cg.Capture([frame for part in parts for frame in part]))
+        except cg.InputError as error:
+            refused.append(str(error))
+    assert len(refused) == (4 if counts[1] else 0)
+    assert all(f"nothing in common across the boundary after frame {counts[0]}" in one for one in refused)
+
+
 def test_a_dark_frame_neither_is_nor_hides_a_jump(rng):
     path = NUMBERS[:, None] * STEP
     for jump in (np.zeros(2), np.array([25.0, 0.0])):
