@@ -61,7 +61,7 @@ def test_speckle_of_large_grains_is_followed_within_its_errors(number):
 
 
 def test_a_path_between_those_of_two_objects_is_doubted():
-    frames, _, _ = draw(14, 2)
+    frames, _, _ = draw(307, 2)
     found = track(cg.Capture(frames))
     assert not found.others
     assert "several objects have not moved apart" in " ".join(found.warnings)
