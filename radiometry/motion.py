@@ -37,31 +37,34 @@ class Motion:
     Attributes:
         spot_way: displacement of the laser spot on the wall, in spot diameters.
         object_way_m: displacement of the object along its axes (rows, columns), across the line of sight.
-        grain_m: grain of the illumination on the object, lambda d1 / D.
+        lit_way_m: way of the object through the laser's speckle: what of its displacement lies across the ray from the spot.
+        grain_m: grain of this speckle, lambda d1 / D.
         fringes_per_m2: phase turns per metre of displacement and per metre of distance from the object's centre, both along these axes,
             (2, 2): (1 / d1 + 1 / z) / lambda times the unit matrix for light along the line of sight.
     """
 
     spot_way: float
     object_way_m: tuple[float, float]
+    lit_way_m: float
     grain_m: float
     fringes_per_m2: np.ndarray
 
     @property
     def moves(self) -> bool:
-        return bool(self.spot_way or any(self.object_way_m))
+        return bool(self.spot_way or self.lit_way_m or any(self.object_way_m))
 
     def lasting(self, exposures: float) -> Motion:
         """Return the motion in an exposure of another duration, in units of this one."""
         rows, columns = self.object_way_m
-        return replace(self, spot_way=exposures * self.spot_way, object_way_m=(exposures * rows, exposures * columns))
+        way = (exposures * rows, exposures * columns)
+        return replace(self, spot_way=exposures * self.spot_way, object_way_m=way, lit_way_m=exposures * self.lit_way_m)
 
     def correlation(self, share: float | np.ndarray) -> np.ndarray:
         """Return the correlation c of the speckle intensity with that after a fraction of the exposure, the shift of the
         pattern compensated.
         """
         share = np.asarray(share, np.float64)
-        field = disc_overlap(self.spot_way * share) * airy(np.pi * np.hypot(*self.object_way_m) * share / self.grain_m)
+        field = disc_overlap(self.spot_way * share) * airy(np.pi * self.lit_way_m * share / self.grain_m)
         return field**2
 
     def waves(self, row_m: np.ndarray, column_m: np.ndarray) -> np.ndarray:
@@ -72,7 +75,7 @@ class Motion:
     @property
     def correlated_share(self) -> float:
         """Fraction of the exposure after which the speckle is no longer correlated with that of the start; at most 1."""
-        decay = max(self.spot_way, np.pi * float(np.hypot(*self.object_way_m)) / (self.grain_m * _LAST_RING), 1.0)
+        decay = max(self.spot_way, np.pi * self.lit_way_m / (self.grain_m * _LAST_RING), 1.0)
         return 1.0 / decay
 
     def transfer(self, row_m: np.ndarray, column_m: np.ndarray) -> np.ndarray:

@@ -30,21 +30,46 @@ LIKE_GRAINS = 2.0
 from there on."""
 
 
-def lit_place(geometry: Geometry, displacement: np.ndarray) -> np.ndarray:
-    """Return the displacement along the object's axes (..., 2) after which an object at rest would be in the same light as one displaced by
-    (..., 3): a motion along the line of sight crosses the light of a laser that comes from the side."""
+def along_axes(geometry: Geometry, displacement: np.ndarray) -> np.ndarray:
+    """Return displacements in the world (..., 3) along the object's axes: rows, columns and line of sight."""
     hidden = geometry.hidden_object
-    ray = hidden.centre - geometry.spot.centre
+    return np.concatenate([hidden.axes.coordinates(displacement), (displacement @ hidden.line_of_sight)[..., None]], -1)
+
+
+def lit_matrix(geometry: Geometry) -> np.ndarray:
+    """Return the matrix (2, 3) from places along the object's axes to those in the laser's speckle, whose grains are lambda d1 / D wide.
+
+    Spot and object see each other across the ray between them: with its direction r, a place x in the light of a point s of the spot has
+    the phase 2 pi s (1 - r r^T) x / (lambda d1). The axes of the spot are turned so that the columns of the object's grid do not move
+    along its first axis: element (1, 0) is zero.
+    """
+    hidden, spot = geometry.hidden_object, geometry.spot
+    ray = hidden.centre - spot.centre
     ray = ray / np.linalg.norm(ray)
-    aside = np.stack([hidden.axes.down, hidden.axes.right]) @ ray * (hidden.line_of_sight @ ray)
-    return hidden.axes.coordinates(displacement) - (displacement @ hidden.line_of_sight)[..., None] * aside
+    first = np.cross(
+        spot.normal, [0.0, 1.0, 0.0] if abs(spot.normal[0]) > 0.5 * np.linalg.norm(spot.normal) else [1.0, 0.0, 0.0]
+    )
+    axes = np.stack([first, np.cross(spot.normal, first)])
+    axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    seen = axes @ (np.eye(3) - np.outer(ray, ray)) @ np.stack([hidden.axes.down, hidden.axes.right, hidden.line_of_sight], 1)
+    turn, _ = np.linalg.qr(seen[:, :2])
+    return turn.T @ seen
+
+
+def lit_place(geometry: Geometry, places: np.ndarray) -> np.ndarray:
+    """Return the places in the laser's speckle (..., 2) of places along the object's axes (..., 3); see `lit_matrix`."""
+    return places @ lit_matrix(geometry).T
 
 
 def lit_period_m(geometry: Geometry, width_m: float) -> float:
     """Return the period of the laser's light on an object of a width, in which no part of it meets the same light again."""
-    ways = [lit_place(geometry, one.trajectory.displacement(geometry.moments())) for one in geometry.movements]
-    way = max((float(np.ptp(way, axis=0).max()) for way in ways), default=0.0)
-    return max(LIT_WIDTHS * width_m, min(way, MAX_WAYS * width_m) + _like_m(geometry))
+    return max(LIT_WIDTHS * width_m, min(_lit_way_m(geometry, geometry.moments()), MAX_WAYS * width_m) + _like_m(geometry))
+
+
+def _lit_way_m(geometry: Geometry, times_s: np.ndarray) -> float:
+    """Return the way of the fastest object through the laser's light between times."""
+    ways = [lit_place(geometry, along_axes(geometry, one.trajectory.displacement(times_s))) for one in geometry.movements]
+    return max((float(np.ptp(way, axis=0).max()) for way in ways), default=0.0)
 
 
 def _like_m(geometry: Geometry) -> float:
@@ -56,9 +81,10 @@ def speckle_ways(geometry: Geometry, times_s: np.ndarray) -> np.ndarray:
     """Return by how many pixels along rows and columns the speckle on the wall moves within the frame between times, (2,): with the camera,
     and with each object as long as it stays in the same light."""
     camera, ways = geometry.camera, [np.zeros(2)]
+    like = _like_m(geometry) / max(float(np.linalg.svd(lit_matrix(geometry)[:, :2])[1].min()), 1e-3)
     for one in geometry.movements:
         way = np.ptp(geometry.hidden_object.axes.coordinates(one.trajectory.displacement(times_s)), axis=0)
-        ways.append(np.abs(geometry.travel) @ np.minimum(way, _like_m(geometry)))
+        ways.append(np.abs(geometry.travel) @ np.minimum(way, like))
     view = np.stack([camera.view_shift(float(time)) for time in times_s]) @ np.stack([camera.down, camera.right], 1)
     return np.max(ways, axis=0) + np.ptp(view, axis=0) / camera.pixel_pitch_m
 
@@ -70,11 +96,10 @@ def check_foreseen(geometry: Geometry, time_s: float) -> None:
     remedy = (
         f"render fewer frames, or slow it down; a constant motion is foreseen for {FORESEEN_S:g} s, a listed one as a whole"
     )
-    lit = [np.ptp(lit_place(geometry, one.trajectory.displacement(times)), axis=0).max() for one in geometry.movements]
+    lit = _lit_way_m(geometry, times)
     most = lit_period_m(geometry, max(geometry.hidden_object.extent_m)) - _like_m(geometry)
-    if lit and max(lit) > most * (1.0 + 1e-9):
-        expected = f"an object that moves by {most:.3g} m at most"
-        raise InputError("motion", expected, f"{max(lit):.3g} m until {time_s:.3g} s", remedy)
+    if lit > most * (1.0 + 1e-9):
+        raise InputError("motion", f"an object that moves by {most:.3g} m at most", f"{lit:.3g} m until {time_s:.3g} s", remedy)
     ways, spare = speckle_ways(geometry, times), np.subtract(geometry.period_shape, geometry.canvas_shape)
     if (ways > spare + 1e-6).any():
         expected = "speckle that moves by {} rows and {} columns at most".format(*spare)

@@ -129,7 +129,7 @@ class Simulation:
     def _places(self, spot_m: float, moved: Moved | None, part: int) -> Displaced:
         if moved is None:
             return Displaced(spot_m)
-        shift = None if moved.shifts_m is None else (float(moved.shifts_m[part, 0]), float(moved.shifts_m[part, 1]))
+        shift = None if moved.shifts_m is None else moved.shifts_m[part]
         return Displaced(spot_m, self._samples.place, moved.coordinates_m, shift, self.geometry.wander_m)
 
     def _kernel_gain(self, visible: Visibility | None) -> np.ndarray:

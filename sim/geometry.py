@@ -11,7 +11,7 @@ from radiometry.light_budget_rows import LightPath, detector_to_pixel, light_bud
 from radiometry.motion import Motion
 from radiometry.photons import photon_rate
 from sim.camera_view import CameraView
-from sim.foreseen import FORESEEN_S, speckle_ways
+from sim.foreseen import FORESEEN_S, along_axes, lit_place, speckle_ways
 from sim.propagation.sampling import canvas, period
 from sim.trajectory import Trajectory
 from sim.transport.flat_object import FlatObject
@@ -224,14 +224,19 @@ class Geometry:
         ways = np.interp(begins + exposure_s, times, travelled) - np.interp(begins, times, travelled)
         return float(begins[int(np.argmax(ways))]) if ways.max() > ways[0] * (1.0 + 1e-9) else 0.0
 
-    @property
-    def object_way_m(self) -> tuple[float, float]:
-        """Displacement along the object's axes (rows, columns) across the line of sight in the exposure with the longest way; of the
+    def _way_m(self) -> np.ndarray:
+        """Return the displacement along the object's axes (rows, columns, line of sight) in the exposure with the longest way; of the
         fastest object."""
         begin_s = self.busiest_time_s()
         end_s = begin_s + self.camera.electronics.exposure_s
         ways = [one.trajectory.displacement(end_s) - one.trajectory.displacement(begin_s) for one in self.movements]
-        down, right = self.hidden_object.axes.coordinates(max(ways, key=np.linalg.norm, default=np.zeros(3)))
+        return along_axes(self, max(ways, key=np.linalg.norm, default=np.zeros(3)))
+
+    @property
+    def object_way_m(self) -> tuple[float, float]:
+        """Displacement along the object's axes (rows, columns) across the line of sight in the exposure with the longest way; of the
+        fastest object."""
+        down, right, _ = self._way_m()
         return float(down), float(right)
 
     @property
@@ -240,6 +245,7 @@ class Geometry:
         return Motion(
             self.spot.scan_speed_m_s * self.camera.electronics.exposure_s / self.spot.diameter_m,
             self.object_way_m,
+            float(np.linalg.norm(lit_place(self, self._way_m()))),
             self.wavelength_m * self.source_distance_m / self.spot.diameter_m,
             self.fringes_per_m2,
         )
@@ -280,7 +286,9 @@ class Geometry:
     @property
     def canvas_shape(self) -> tuple[int, int]:
         """Pixels (rows, columns) on which the field is computed: the frame and a border for the blur of the camera."""
-        return canvas(self.camera.frame_shape)
+        camera = self.camera
+        blur_m = self.wavelength_m * camera.pupil_distance_m / camera.pupil_diameter_m
+        return canvas(camera.frame_shape, blur_m / camera.pixel_pitch_m)
 
     @property
     def period_shape(self) -> tuple[int, int]:

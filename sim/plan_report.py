@@ -281,8 +281,9 @@ def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[s
             "and are not modelled; add a baffle"
         )
     mean = budget.photoelectrons_per_pixel_s * electronics.exposure_s
-    # The intensity of speckle is exponentially distributed; this fraction of the pixels lies above the full well.
-    saturated = math.exp(-electronics.full_well / mean) if electronics.full_well and mean else 0.0
+    # The intensity of speckle is exponentially distributed; this fraction of the pixels lies above the largest value.
+    saturated = math.exp(-electronics.ceiling / mean) if electronics.ceiling and mean else 0.0
     if saturated > 1e-3:
-        warnings.append(f"full_well: {100 * saturated:.3g} % of the pixels will saturate, which the noise prediction omits")
+        limit = "full_well" if electronics.ceiling >= electronics.full_well > 0.0 else "bits"
+        warnings.append(f"{limit}: {100 * saturated:.3g} % of the pixels will saturate, which the noise prediction omits")
     return warnings

@@ -54,9 +54,9 @@ class Recording:
         return CameraMetadata.of(self.header(0))
 
     def saturation(self, frame: np.ndarray) -> float:
-        """Return the fraction of the pixels of a frame that reached the full well."""
-        full_well = self.plan.geometry.camera.electronics.full_well
-        return float((frame >= full_well).mean()) if full_well else 0.0
+        """Return the fraction of the pixels of a frame that reached the full well or the range of the ADC."""
+        ceiling = self.plan.geometry.camera.electronics.ceiling
+        return float((frame >= ceiling * (1.0 - 1e-6)).mean()) if ceiling else 0.0
 
     def frames(self, count: int) -> Iterator[np.ndarray]:
         """Yield the first frames."""

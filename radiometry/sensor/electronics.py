@@ -68,3 +68,11 @@ class Electronics:
         if not self.bits:
             return 0.0
         return self.gain or self.full_well / (2**self.bits - 1)
+
+    @property
+    def ceiling(self) -> float:
+        """Largest value of a pixel in electrons, by the full well or the ADC; 0 without either."""
+        if not self.bits:
+            return self.full_well
+        most = 2**self.bits - 1
+        return self.step * (min(round(self.full_well / self.step), most) if self.full_well else most)

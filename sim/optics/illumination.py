@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from radiometry.motion import airy, disc_overlap
-from sim.foreseen import lit_period_m
+from sim.foreseen import lit_matrix, lit_period_m
 from sim.geometry import Geometry
 
 Streams = Callable[[int], np.random.Generator]
@@ -25,15 +25,15 @@ class Displaced:
     Attributes:
         spot_m: displacement of the spot on the wall.
         place: row and column of each sample of a moving object on the grid at rest, (n,) each; None if nothing moves.
-        coordinates_m: along the axes of the grid (rows, columns), (n, 2).
-        shift_m: displacement that all samples share; None if they have no single one.
+        coordinates_m: along the axes of the grid (rows, columns) and, from the place at rest, along the line of sight, (n, 3).
+        shift_m: displacement along these axes that all samples share, (3,); None if they have no single one.
         reach_m: distance by which samples leave the grid at any time.
     """
 
     spot_m: float
     place: tuple[np.ndarray, np.ndarray] | None = None
-    coordinates_m: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
-    shift_m: tuple[float, float] | None = None
+    coordinates_m: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    shift_m: np.ndarray | None = None
     reach_m: float = 0.0
 
 
@@ -114,16 +114,21 @@ def illuminate(
     phase = 4.0 * np.pi / geometry.wavelength_m * geometry.spot.height_rms_m * heights
     source = (disc * (np.exp(1j * phase) - specular)).astype(np.complex64)
     rows, columns = ((np.arange(n) - 0.5 * (n - 1)) * step for n, step in zip(grid, pitch, strict=True))
+    matrix = lit_matrix(geometry)
     if displaced.place is None or displaced.shift_m is not None:
-        down, right = displaced.shift_m or (0.0, 0.0)
+        down, right, away = np.zeros(3) if displaced.shift_m is None else displaced.shift_m
         rows, columns = rows + down, columns + right
-        to_rows, to_columns = _fourier_kernel(rows, position, geometry), _fourier_kernel(columns, along, geometry)
-        scattered = (to_rows @ source @ to_columns.T) / np.float32(np.sqrt(disc.sum()))
+        to_rows = _fourier_kernel(matrix[0, 0] * rows, position, geometry)
+        # Columns of the grid, and a motion along the line of sight, move along both axes of the spot.
+        aside = _fourier_kernel(matrix[0, 1] * columns + matrix[0, 2] * away, position, geometry)
+        to_columns = _fourier_kernel(matrix[1, 1] * columns + matrix[1, 2] * away, along, geometry)
+        scattered = (to_rows @ ((source @ to_columns.T) * aside.T)) / np.float32(np.sqrt(disc.sum()))
         return (scattered + specular_field(geometry, rows[:, None], columns[None])) * own_phase
-    rows, columns = displaced.coordinates_m.T
-    to_rows, to_columns = _fourier_kernel(rows, position, geometry), _fourier_kernel(columns, along, geometry)
+    lit_rows, lit_columns = (displaced.coordinates_m @ matrix.T).T
+    to_rows, to_columns = _fourier_kernel(lit_rows, position, geometry), _fourier_kernel(lit_columns, along, geometry)
     scattered = ((to_rows @ source) * to_columns).sum(1) / np.float32(np.sqrt(disc.sum()))
     lit = np.zeros(grid, np.complex64)
+    rows, columns = displaced.coordinates_m[:, 0], displaced.coordinates_m[:, 1]
     lit[displaced.place] = (scattered + specular_field(geometry, rows, columns)) * own_phase[displaced.place]
     return lit
 
@@ -163,6 +168,6 @@ def _strip(rng: np.random.Generator, across: int, first: int, count: int) -> np.
 
 
 def _fourier_kernel(position: np.ndarray, source_position: np.ndarray, geometry: Geometry) -> np.ndarray:
-    """Return exp(-2 pi i x s / (lambda d1)) for object coordinates x and spot samples s, one axis, complex64 (samples, sources)."""
+    """Return exp(-2 pi i x s / (lambda d1)) for places x in the laser's speckle and spot samples s, complex64 (samples, sources)."""
     turns = np.outer(position, source_position) / (geometry.wavelength_m * geometry.source_distance_m)
     return np.exp(-2j * np.pi * turns).astype(np.complex64)

@@ -19,7 +19,7 @@ from numpy.polynomial.chebyshev import chebpts1
 
 from correlograph.errors import InputError
 from radiometry.motion import airy, disc_overlap
-from sim.foreseen import lit_place
+from sim.foreseen import along_axes, lit_place
 from sim.geometry import Geometry
 from sim.optics.illumination import grain_m
 from sim.optics.object_samples import ObjectSamples
@@ -65,8 +65,8 @@ class Moved:
 
     Attributes:
         position_m: from the object's centre at rest, (n, 3).
-        coordinates_m: along the axes of the object's grid (rows, columns), places at rest in the same light, (n, 2).
-        shifts_m: the same for the displacement of each hidden object, (objects, 2); None if one of them leaves its grid.
+        coordinates_m: along the axes of the object's grid and, from the place at rest, along the line of sight, (n, 3).
+        shifts_m: displacement of each hidden object along these axes, (objects, 3); None if one of them leaves its grid.
         path_m: change of the length of the way from the spot to each sample, (n,).
         wall: pixels on the wall; a moving camera sees others.
         frame_path_m: change of the length of the way from each sample to the frame centre, (n,).
@@ -106,13 +106,13 @@ def move(geometry: Geometry, samples: ObjectSamples, time_s: float, chosen: slic
     if nearest < MIN_DISTANCE * geometry.distance_m:
         expected = f"an object {MIN_DISTANCE * geometry.distance_m:.3g} m or more from the virtual detector"
         raise InputError("motion", expected, f"{nearest:.3g} m after {time_s:.3g} s", "render fewer frames, or slow it down")
-    ways = [lit_place(geometry, one.trajectory.displacement(time_s)) for one in geometry.movements] or [np.zeros(2)]
+    ways = [along_axes(geometry, one.trajectory.displacement(time_s)) for one in geometry.movements] or [np.zeros(3)]
     view = geometry.camera.view_shift(time_s)
     wall = replace(samples.wall, centre_m=samples.wall.centre_m + view)
     spot = geometry.spot.centre - hidden.centre
     return Moved(
         position,
-        samples.coordinates_m[chosen] + lit_place(geometry, position - rest),
+        np.pad(samples.coordinates_m[chosen], ((0, 0), (0, 1))) + along_axes(geometry, position - rest),
         np.array(ways) if geometry.moves_on_lattice else None,
         path_difference(spot, position) - path_difference(spot, rest),
         wall,
@@ -213,7 +213,9 @@ def correlation(geometry: Geometry, samples: ObjectSamples, seconds: float, begi
     power = samples.amplitude[chosen].astype(np.float64) ** 2
     before, after = (move(geometry, samples, time, chosen) for time in (begin_s, begin_s + seconds))
     path = (after.path_m + after.frame_path_m) - (before.path_m + before.frame_path_m)
-    through = np.pi * np.linalg.norm(after.coordinates_m - before.coordinates_m, axis=1) / grain_m(geometry)
+    through = (
+        np.pi * np.linalg.norm(lit_place(geometry, after.coordinates_m - before.coordinates_m), axis=1) / grain_m(geometry)
+    )
     field = power / power.sum() * airy(through) * np.exp(2j * np.pi / geometry.wavelength_m * (path - path.mean()))
     spot = disc_overlap(geometry.spot.scan_speed_m_s * seconds / geometry.spot.diameter_m)
     return float((spot * abs(field.sum())) ** 2)
@@ -253,7 +255,8 @@ def _grains(geometry: Geometry, samples: ObjectSamples) -> float:
     together = [part == index for index in np.unique(part)] if apart else [np.ones(len(part), bool)]
     for time in begin_s + exposure_s * np.array([0.25, 0.5, 0.75, 1.0]):
         after = move(geometry, samples, float(time), chosen)
-        through += float(np.linalg.norm(after.coordinates_m - before.coordinates_m, axis=1).max()) / grain_m(geometry)
+        crossed = lit_place(geometry, after.coordinates_m - before.coordinates_m)
+        through += float(np.linalg.norm(crossed, axis=1).max()) / grain_m(geometry)
         ways = [
             path_difference(pixel, moved.position_m) + moved.path_m
             for moved in (before, after)

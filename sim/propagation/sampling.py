@@ -12,6 +12,7 @@ all scatterers, so it cancels in the intensity.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,19 +21,26 @@ from scipy.fft import next_fast_len
 
 from sim.foreseen import MAX_WAYS
 
-BORDER = 8
-"""Pixels around the frame whose light the blur of the camera brings into it; both are computed, and the border is cut off."""
+BORDER, BORDER_BLURS = 8, 2.0
+"""Least pixels around the frame whose light the blur of the camera brings into it, and the same in widths of this blur; both are computed,
+and the border is cut off."""
 
 GRAINS_APART = 8
 """Distance in grains from an edge of the frame to the opposite edge of the next period; the speckle at these edges correlates by
 at most (1 / 8 pi)^2."""
 
 
-def canvas(frame_shape: tuple[int, int]) -> tuple[int, int]:
-    """Return the pixels (rows, columns) of a frame with its border: `BORDER` pixels, or more for a fast FFT size."""
+def canvas(frame_shape: tuple[int, int], blur_pixels: float) -> tuple[int, int]:
+    """Return the pixels (rows, columns) of a frame with its border, rounded up to a fast FFT size; the border is at most as wide as the
+    frame.
+
+    Args:
+        blur_pixels: width of the camera's blur, lambda times the distance of the pupil over its diameter.
+    """
 
     def fast(side: int) -> int:
-        return next(n for n in range(side + 2 * BORDER, 2 * (side + 2 * BORDER) + 2, 2) if next_fast_len(n) == n)
+        least = side + 2 * max(BORDER, min(side, math.ceil(BORDER_BLURS * blur_pixels)))
+        return next(n for n in range(least + least % 2, 2 * least + 2, 2) if next_fast_len(n) == n)
 
     return fast(frame_shape[0]), fast(frame_shape[1])
 
