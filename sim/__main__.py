@@ -169,7 +169,7 @@ def _render(scene, plan, content, options) -> None:
         save_json(staging / "sim.json", record(scene, recording, content, pitches_m, saturated, seconds))
         replace_capture(staging, folder)
     if saturated > SATURATION_WORTH_A_WARNING:
-        print(f"warning: full_well: {100 * saturated:.3g} % of the pixels are saturated", file=sys.stderr)
+        print(f"warning: saturation: {100 * saturated:.3g} % of the pixels have their largest value", file=sys.stderr)
     print(f"{options.frames} {'frame' if options.frames == 1 else 'frames'}, {time.perf_counter() - begin:.1f} s: {folder}")
 
 

@@ -284,6 +284,6 @@ def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[s
     # The intensity of speckle is exponentially distributed; this fraction of the pixels lies above the largest value.
     saturated = math.exp(-electronics.ceiling / mean) if electronics.ceiling and mean else 0.0
     if saturated > 1e-3:
-        limit = "full_well" if electronics.ceiling >= electronics.full_well > 0.0 else "bits"
+        limit = "full_well" if electronics.ceiling + electronics.step >= electronics.full_well > 0.0 else "bits"
         warnings.append(f"{limit}: {100 * saturated:.3g} % of the pixels will saturate, which the noise prediction omits")
     return warnings

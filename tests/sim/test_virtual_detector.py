@@ -14,8 +14,9 @@ from radiometry.transfer import subjective_modes
 from scenes import scene_path
 from sim.frame import Simulation
 from sim.optics.detector_roughness import exact_image, gamma_image, oversampling
-from sim.plan import Settings
+from sim.plan import Plan, Settings
 from sim.plan_report import make_plan
+from sim.recording import Recording
 
 
 def modes_of(geometry) -> float:
@@ -132,6 +133,36 @@ def test_saturation_is_predicted_and_clips(scene):
     assert frames.max() == pytest.approx(full_well, rel=1e-6)
     assert (frames >= 0.999 * full_well).mean() == pytest.approx(np.exp(-1.5), rel=0.05)
     assert any("22.3 % of the pixels will saturate" in warning for warning in make_plan(geometry, 1)["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("values", "ceiling"),
+    [
+        ({"bits": 8, "gain": 2.0}, 510.0),
+        ({"bits": 8, "gain": 2.0, "full_well": 300.0}, 300.0),
+        ({"bits": 12, "gain": 3.0, "full_well": 1000.0}, 999.0),
+        ({"full_well": 250.0}, 250.0),
+        ({}, 0.0),
+    ],
+)
+def test_the_largest_value_of_a_pixel(scene, values, ceiling):
+    """A full well of 1000 electrons is read as 333 steps of 3. Light of a million times as much fills every pixel."""
+    geometry = scene().with_electronics(**values)
+    assert geometry.camera.electronics.ceiling == ceiling
+    plan = Plan.of(geometry.with_exposure(1e6 * geometry.camera.electronics.exposure_s))
+    recording = Recording(plan, 2)
+    assert recording.saturation(recording.frame(0)) == (pytest.approx(1.0, abs=0.05) if ceiling else 0.0)
+
+
+def test_a_wide_blur_does_not_bring_light_from_the_opposite_edge(scene):
+    """A pupil whose blur is 40 pixels wide: first and last columns of 60 frames, which a border of 8 pixels would make alike by 0.7."""
+    geometry = scene().with_camera(frame_shape=(300, 200))
+    camera = geometry.camera
+    pupil_m = geometry.wavelength_m * camera.pupil_distance_m / (40.0 * camera.pixel_pitch_m)
+    simulation = Simulation(geometry.with_camera(pupil_diameter_m=pupil_m), Settings(effects=(("pupil_and_pixel", True),)))
+    frames = np.stack([simulation.expected_frame(5, number).numpy() for number in range(60)])
+    assert np.corrcoef(frames[:, :, 0].ravel(), frames[:, :, -1].ravel())[0, 1] < 0.3
+    assert np.corrcoef(frames[:, :, 0].ravel(), frames[:, :, 10].ravel())[0, 1] > 0.6
 
 
 def test_a_camera_that_sees_past_the_wall_is_refused(scene):
