@@ -127,8 +127,8 @@ def test_the_speckle_of_unevenly_lit_frames_gives_the_offset_that_read_noise_hid
 
 
 def test_flat_field_frames_without_dark_frames(lab):
-    """Four cameras and speckle patterns. In two of sixteen such captures, the noise of the flat field is taken for a blur of less than a pixel,
-    which does no harm."""
+    """Four cameras and speckle patterns. In two of sixteen such captures, the noise of the flat field is taken for a blur of less than a
+    pixel, which does no harm."""
     blurred = 0
     for seed in range(13, 17):
         rng = np.random.default_rng([seed, 77])
