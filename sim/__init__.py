@@ -12,6 +12,8 @@
     scene_reader.py  scene -> Geometry, validated (scene_checks.py: rays and sizes)
     geometry.py      spot, object, wall, camera (camera_view.py), light path
     trajectory.py    motion of objects and camera over time
+    laser_speckle.py grains of the laser's light on the object, and places in it
+    foreseen.py      how far a scene moves, and the periods that this needs
     transport/       light as rays: surfaces, light budget, object as seen from the virtual detector, Monte Carlo
     optics/          light as waves: illumination, motion, coherence, camera
     propagation/     object -> virtual detector, one propagator per file

@@ -13,7 +13,7 @@ from radiometry.sensor import chain
 from radiometry.sensor.electronics import Electronics
 from radiometry.sensor.stage import Stage
 from sim.geometry import Geometry
-from sim.optics.illumination import grain_m
+from sim.laser_speckle import grain_m
 from sim.optics.motion import variance_lost_to_motion
 from sim.optics.object_samples import ObjectSamples
 from sim.optics.other_light import StrayLight

@@ -11,7 +11,8 @@ from radiometry.light_budget_rows import LightPath, detector_to_pixel, light_bud
 from radiometry.motion import Motion
 from radiometry.photons import photon_rate
 from sim.camera_view import CameraView
-from sim.foreseen import FORESEEN_S, along_axes, lit_place, speckle_ways
+from sim.foreseen import FORESEEN_S, speckle_ways
+from sim.laser_speckle import along_axes, grain_m, lit_place
 from sim.propagation.sampling import canvas, period
 from sim.trajectory import Trajectory
 from sim.transport.flat_object import FlatObject
@@ -246,7 +247,7 @@ class Geometry:
             self.spot.scan_speed_m_s * self.camera.electronics.exposure_s / self.spot.diameter_m,
             self.object_way_m,
             float(np.linalg.norm(lit_place(self, self._way_m()))),
-            self.wavelength_m * self.source_distance_m / self.spot.diameter_m,
+            grain_m(self),
             self.fringes_per_m2,
         )
 

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from radiometry.motion import airy, disc_overlap
-from sim.foreseen import lit_matrix, lit_period_m
+from sim.foreseen import lit_period_m
 from sim.geometry import Geometry
+from sim.laser_speckle import grain_m, lit_matrix
 
 Streams = Callable[[int], np.random.Generator]
 
@@ -35,12 +36,6 @@ class Displaced:
     coordinates_m: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     shift_m: np.ndarray | None = None
     reach_m: float = 0.0
-
-
-def grain_m(geometry: Geometry) -> float:
-    """Return the size of a speckle grain on the object, lambda d / D: d from the laser spot to the object, D the diameter of the spot (van
-    Cittert-Zernike)."""
-    return geometry.wavelength_m * geometry.source_distance_m / geometry.spot.diameter_m
 
 
 def overlap(geometry: Geometry) -> float:

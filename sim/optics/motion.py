@@ -3,10 +3,10 @@
 A frame is the mean intensity of sub-exposures, between which the speckle moves by a small fraction of a grain. An object is a rigid set
 of scatterers. When it has moved, each of them lies in other light of the laser's speckle, and the way from the spot by it to the wall has
 another length. Both follow from its position. Displaced by u across the line of sight, an object moves its speckle by u (1 + z / d1);
-displaced by w along it, away from the wall, it spreads its speckle by 1 + w / z about the frame centre, and crosses light that comes from
-the side (`lit_place`); turned about the line of sight, it
-turns its speckle. `radiometry/motion.py` gives the remaining speckle of a uniform motion in closed form. The light of each scatterer
-is that at rest: shading, occlusion, and the depth of the laser's speckle (8 lambda (d1 / D)^2) are taken as unchanged by the motion.
+displaced by w along it, away from the wall, it spreads its speckle by 1 + w / z about the frame centre; turned about the line of sight, it
+turns its speckle. What lies across the ray from the spot crosses the laser's light (`sim/laser_speckle.py`). `radiometry/motion.py` gives
+the remaining speckle of a uniform motion in closed form. The light of each scatterer is that at rest: shading, occlusion, and the depth of
+the laser's speckle (8 lambda (d1 / D)^2) are taken as unchanged by the motion.
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ from numpy.polynomial.chebyshev import chebpts1
 
 from correlograph.errors import InputError
 from radiometry.motion import airy, disc_overlap
-from sim.foreseen import along_axes, lit_place
 from sim.geometry import Geometry
-from sim.optics.illumination import grain_m
+from sim.laser_speckle import along_axes, grain_m, lit_place
 from sim.optics.object_samples import ObjectSamples
 from sim.propagation.nufft import interpolation
 from sim.propagation.sampling import Wall, path_difference
@@ -213,12 +212,15 @@ def correlation(geometry: Geometry, samples: ObjectSamples, seconds: float, begi
     power = samples.amplitude[chosen].astype(np.float64) ** 2
     before, after = (move(geometry, samples, time, chosen) for time in (begin_s, begin_s + seconds))
     path = (after.path_m + after.frame_path_m) - (before.path_m + before.frame_path_m)
-    through = (
-        np.pi * np.linalg.norm(lit_place(geometry, after.coordinates_m - before.coordinates_m), axis=1) / grain_m(geometry)
-    )
+    through = np.pi * _grains_crossed(geometry, before, after)
     field = power / power.sum() * airy(through) * np.exp(2j * np.pi / geometry.wavelength_m * (path - path.mean()))
     spot = disc_overlap(geometry.spot.scan_speed_m_s * seconds / geometry.spot.diameter_m)
     return float((spot * abs(field.sum())) ** 2)
+
+
+def _grains_crossed(geometry: Geometry, before: Moved, after: Moved) -> np.ndarray:
+    """Return the grains of the laser's speckle that each sample crosses between two times, (n,)."""
+    return np.linalg.norm(lit_place(geometry, after.coordinates_m - before.coordinates_m), axis=1) / grain_m(geometry)
 
 
 def _few(samples: ObjectSamples) -> slice | np.ndarray:
@@ -255,8 +257,7 @@ def _grains(geometry: Geometry, samples: ObjectSamples) -> float:
     together = [part == index for index in np.unique(part)] if apart else [np.ones(len(part), bool)]
     for time in begin_s + exposure_s * np.array([0.25, 0.5, 0.75, 1.0]):
         after = move(geometry, samples, float(time), chosen)
-        crossed = lit_place(geometry, after.coordinates_m - before.coordinates_m)
-        through += float(np.linalg.norm(crossed, axis=1).max()) / grain_m(geometry)
+        through += float(_grains_crossed(geometry, before, after).max())
         ways = [
             path_difference(pixel, moved.position_m) + moved.path_m
             for moved in (before, after)

@@ -159,8 +159,8 @@ class HiddenObject:
             way = end - start
             length = np.linalg.norm(way, axis=1)
             to_rest = ((origin - start) * way).sum(1) / length
-            share = (np.minimum(length, to_rest) - 2.0 * self._radius_m) / length
-            end = start + way * np.clip(share, 0.1, 1.0 - 1e-3)[:, None]
+            traced = (np.minimum(length, to_rest) - 2.0 * self._radius_m) / length
+            end = start + way * np.clip(traced, 0.1, 1.0 - 1e-3)[:, None]
             share = transmittance(scene, mi.Point3f(points(start)), mi.Point3f(points(end)), mi.Bool(True), masks=masks)
             return np.sqrt(np.asarray(share)).reshape(len(places), len(samples))
 

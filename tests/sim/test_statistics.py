@@ -8,7 +8,8 @@ pytest.importorskip("mitsuba")
 
 from radiometry.sensor.chain import expose
 from radiometry.sensor.electronics import Electronics
-from sim.optics.illumination import grain_m, illuminate
+from sim.laser_speckle import grain_m
+from sim.optics.illumination import illuminate
 from sim.optics.object_samples import sample_object
 from sim.propagation.fraunhofer import far_field
 
