@@ -36,7 +36,8 @@ class Likelihood:
         floor: b of each, (n,); at least `MIN_FLOOR` of the maximum is assumed.
         dof: K of each, (n,).
         inflation: variance inflation of sums over lags.
-        exact: whether albedos may fill the window; see `ForwardModel`.
+        exact: whether albedos may fill the window (see `ForwardModel`), and whether what the assumed floor exceeds b by is added to the
+            estimate, too, which would lie below every expectation otherwise. Networks were trained without.
         transfer: H per lag (127, 127) of an estimate that was not divided by it.
     """
 
@@ -54,8 +55,9 @@ class Likelihood:
         half = half_of(estimate).clone()
         half[:, 0, 0] = 0.0  # zero lag holds the mean brightness
         height = half.abs().amax((-2, -1)).clamp_min(torch.finfo(half.dtype).tiny)
-        self.values = half / height[:, None, None]
-        self.floor = (floor / height).clamp_min(MIN_FLOOR)[:, None, None]
+        relative = (floor / height)[:, None, None]
+        self.floor = relative.clamp_min(MIN_FLOOR)
+        self.values = half / height[:, None, None] + (self.floor - relative if exact else 0.0)
         self.dof, self.inflation = dof[:, None, None] / inflation, inflation
         self.used, self.pedestal = lags_used(lags).to(half), pedestal_profile(lags).to(half)
         self.model = ForwardModel(lags, half, exact=exact, transfer=transfer)

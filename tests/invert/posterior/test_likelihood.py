@@ -74,6 +74,19 @@ def test_likelihood_of_an_empty_candidate_and_without_noise():
     assert found[1] > found[0]
 
 
+@pytest.mark.parametrize("floor", [0.0, 1e-5, 3e-4])
+def test_little_noise_leaves_the_object_its_own_likelihood(floor):
+    """An estimate without noise is the object's own expectation, so that nothing is left unexplained, and a blur explains less."""
+    spectrum = autocorrelate_windowed(RIGHT)
+    lag = torch.arange(-63, 64)
+    blur = torch.exp(-0.5 * (lag[:, None] ** 2 + lag**2) / 60.0**2).numpy()
+    noise = NoiseLevel(floor, 100.0, 40)
+    shown = replace(read_measurement((floor + spectrum / spectrum.max()).float().numpy()), noise=noise)
+    own, blurred = (float(Likelihood.of(shown, transfer=transfer)(RIGHT[None])) for transfer in (None, blur))
+    assert -1.0 < own <= 0.0
+    assert blurred < own - 10.0
+
+
 @pytest.mark.parametrize(("lags", "light"), [(24.0, 0.01), (32.0, 0.003), (40.0, 0.003)])
 def test_a_pedestal_is_not_taken_for_the_object(lags, light):
     """Faint light all over the window would explain some of a pedestal; the object without it is still more likely."""
