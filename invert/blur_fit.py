@@ -1,50 +1,82 @@
 """Blind estimation of defocus and motion blur.
 
 Blur multiplies the estimate by a factor H that falls with the lag; soft edges of the object have the same effect. The likelihood alone
-cannot tell them apart, but blur also lowers the contrast of the speckle, which is 1 otherwise. Blurs that would raise the contrast above 1
-when they are divided out are therefore excluded, and the largest that remains explains the whole loss. Ambient light and a second
-polarisation lower the contrast, too, but leave r*r as it is: if a reconstruction without blur leaves much of the estimate unexplained, the
-search reconstructs under the blurs that the contrast allows. It accepts the one with the lowest log-likelihood deficit over all
-reconstructions if the deficit falls enough (constants below).
+cannot tell them apart, but two limits hold. Blur lowers the contrast of the speckle, which is 1 otherwise: blurs that would raise it above
+1 when they are divided out are impossible. Ambient light, an unknown offset and a second polarisation lower the contrast, too, but leave
+r*r as it is. And no lag of r*r exceeds zero lag: so are blurs that would raise one above it. If a reconstruction without blur leaves much
+of the estimate unexplained, the search reconstructs under possible blurs, and fits the size of the blur to all reconstructions. It accepts
+the blur with the lowest deficit in log-likelihood if the deficit falls enough, and if the network does not trust the picture less. The
+reconstruction of the explanation that was not chosen is kept: where it differs, so may the truth.
 Evidence: docs/research.md, "Unknown blur".
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
 import torch
-from scipy.optimize import brentq
 
 from correlograph.lags import LAGS
+from invert.albedo.metrics import aligned_pearson
 from invert.likelihood.gamma import Likelihood
-from invert.measure.contrast import signal_sum
+from invert.measure.contrast import Contrast, signal_sum
 from invert.measure.estimate import Estimate, apply_blur_transfer
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction
 
-BLURS = {(1.0, 1.0): (1.0, 0.7, 0.45), (0.0, 1.0): (1.0,), (1.0, 0.0): (1.0,)}
+Blur = tuple[float, float]
+
+KINDS: dict[Blur, tuple[float, ...]] = {(1.0, 1.0): (1.0, 0.7, 0.45), (0.0, 1.0): (1.0,), (1.0, 0.0): (1.0,)}
 """Kinds of blur along rows and columns, defocus and motion, and the fractions of the largest possible one of each kind that are tried. Less
 than the largest is left if other light or a second polarisation has lowered the contrast as well."""
 
-MAX_BLUR = 2.3
-"""Largest standard deviation of a candidate in 1/256 of a patch; more leaves too few lags."""
+FINER = (1.0, 0.9, 0.8, 0.7, 0.6, 0.52, 0.45, 0.38)
+"""Fractions of which the one that explains most with the best reconstruction is chosen."""
 
-MIN_GAIN_NATS = 200.0
-"""Minimum reduction of the log-likelihood deficit by a blur, in nats."""
+MAX_BLUR, RESOLUTION = 0.13, 2e-4
+"""Largest standard deviation of a candidate, and the resolution of the largest one that is possible, as fractions of a patch."""
+
+MAX_OVER_ZERO, MAX_OVER_SIGMA = 1.3, 4.5
+"""A blur is impossible if a lag of the estimate that is divided by it exceeds those next to zero by this factor and so many standard
+errors."""
+
+MIN_GAIN_NATS, MIN_GAIN_NATS_OF_ALL = 200.0, 50.0
+"""Minimum reduction of the log-likelihood deficit by a reconstruction made with the blur, and of the lowest deficit over reconstructions
+of all blurs, in nats."""
 
 MIN_GAIN_FRACTION, MIN_GAIN_FRACTION_OF_ALL = 0.6, 0.2
-"""Minimum fractional reduction of the deficit by a reconstruction made with the blur, and of the lowest deficit over the reconstructions of
-all blurs."""
+"""The same as fractions of the deficit without blur."""
+
+MIN_GAIN_FRACTION_BESIDE_LIGHT = 0.9
+"""Replaces the first of them if there is other light, since the contrast is then no evidence of blur."""
+
+MAX_CONFIDENCE_LOSS, MAX_LIKENESS = 0.07, 0.85
+"""A blur is not accepted if the confidence of the reconstruction with it is lower by so much than without, or if both pictures correlate by
+more: a small blur that hardly matters is found in sharp frames, too."""
 
 RECONSTRUCTIONS_PER_BLUR = 2
 """Reconstructions per blur; the one with the lower misfit counts."""
 
-MAX_RECONSTRUCTIONS = RECONSTRUCTIONS_PER_BLUR * (1 + sum(map(len, BLURS.values())))
+MAX_RECONSTRUCTIONS = RECONSTRUCTIONS_PER_BLUR * (1 + sum(map(len, KINDS.values()))) + 1
 """Maximum number of reconstructions of a search."""
+
+
+@dataclass(frozen=True)
+class BlurSearch:
+    """Outcome of a search for an unknown blur.
+
+    Attributes:
+        estimate: the estimate, with the blur in its `transfer` and `record` if one was found.
+        draft: the reconstruction from it with seed number 0; None if no search was made, for instance because the user gave the blur.
+        other: the best reconstruction with a blur if none was found, and without one otherwise; None if there is no other explanation.
+    """
+
+    estimate: Estimate
+    draft: Reconstruction | None = None
+    other: Reconstruction | None = None
 
 
 def likelihood_before_division(estimate: Estimate) -> Likelihood:
@@ -52,14 +84,8 @@ def likelihood_before_division(estimate: Estimate) -> Likelihood:
     return Likelihood.of(read_measurement(estimate.values, estimate.quantisation), transfer=estimate.transfer)
 
 
-def estimate_blur(
-    estimate: Estimate, reconstruct: Callable[[Measurement, int], Reconstruction]
-) -> tuple[Estimate, Reconstruction | None]:
+def search_blur(estimate: Estimate, reconstruct: Callable[[Measurement, int], Reconstruction]) -> BlurSearch:
     """Search for a blur that explains the estimate.
-
-    Returns:
-        the estimate, with the blur in its `transfer` and `record` if one was found, and the reconstruction from it with seed
-        number 0. The reconstruction is None if no search was made, for instance because the user gave the blur.
 
     Args:
         reconstruct: function that reconstructs a measurement; its second argument selects the seed.
@@ -69,76 +95,111 @@ def estimate_blur(
     record = estimate.record
     is_searchable = record is not None and record.object_number is None and estimate.lag_grid.lags <= LAGS
     if not is_searchable or estimate.blur_pixels is not None or not undivided.detectable or not undivided.noise.dof:
-        return estimate, None
-    if not (tried := possible_blurs(estimate)):
-        return estimate, None
+        return BlurSearch(estimate)
+    if not (largest := largest_blurs(estimate)):
+        return BlurSearch(estimate)
+    noted = replace(record, needs_other_light=_needs_other_light(estimate, largest))
+    return _Search(undivided, reconstruct).run(replace(estimate, record=noted), largest)
 
-    def misfit(tried: Estimate, made: Sequence[Reconstruction]) -> float:
-        likelihood = Likelihood.of(undivided, transfer=tried.transfer)
-        return min((likelihood.misfit(torch.from_numpy(one.albedo)) for one in made if one.object_found), default=np.inf)
 
-    def attempts(tried: Estimate) -> list[Reconstruction]:
+@dataclass(frozen=True)
+class _Search:
+    undivided: Measurement
+    reconstruct: Callable[[Measurement, int], Reconstruction]
+
+    def run(self, estimate: Estimate, largest: dict[Blur, Blur]) -> BlurSearch:
+        sharp = self.attempts(estimate)
+        unexplained = min(self.misfits(estimate, sharp))
+        if not np.isfinite(unexplained):
+            return BlurSearch(estimate, sharp[0])
+        tried = [(kind, one) for kind, size in largest.items() for one in blurred_by(estimate, size, KINDS[kind])]
+        if unexplained < MIN_GAIN_NATS:
+            return BlurSearch(estimate, sharp[0], self.reconstruct(_read(tried[0][1]), 0))
+        blurred = [self.attempts(one) for _, one in tried]
+        explained = [min(self.misfits(one, made)) for (_, one), made in zip(tried, blurred, strict=True)]
+        best = int(np.argmin(explained))
+        # A reconstruction made with one blur may fit better with a smaller or larger one, or without.
+        finer = blurred_by(estimate, largest[tried[best][0]], FINER)
+        left = np.array([self.misfits(one, blurred[best]) for one in finer])
+        size, fit = np.unravel_index(left.argmin(), left.shape)
+        chosen = finer[size] if explained[best] - left.min() > MIN_GAIN_NATS_OF_ALL else tried[best][1]
+        assert estimate.record is not None
+        fraction = MIN_GAIN_FRACTION_BESIDE_LIGHT if estimate.record.needs_other_light else MIN_GAIN_FRACTION
+        without = min(self.misfits(estimate, [*sharp, *chain(*blurred)]))
+        explains_more = unexplained - min(explained) >= max(MIN_GAIN_NATS, fraction * unexplained)
+        if not explains_more or without - left.min() < max(MIN_GAIN_NATS_OF_ALL, MIN_GAIN_FRACTION_OF_ALL * without):
+            return BlurSearch(estimate, sharp[0], blurred[best][fit])
+        found = self.reconstruct(_read(chosen), 0)
+        is_trusted = found.object_found and found.confidence >= sharp[0].confidence - MAX_CONFIDENCE_LOSS
+        if not is_trusted or aligned_pearson(found.albedo, sharp[0].albedo)[0] > MAX_LIKENESS:
+            return BlurSearch(estimate, sharp[0], found)
+        record = replace(estimate.record, blur_found_pixels=chosen.blur_pixels)
+        return BlurSearch(replace(chosen, record=record), found, sharp[0])
+
+    def misfits(self, tried: Estimate, made: Sequence[Reconstruction]) -> list[float]:
+        """Return the log-likelihood deficit of each reconstruction with the transfer of `tried`; infinite without an object."""
+        likelihood = Likelihood.of(self.undivided, transfer=tried.transfer)
+        return [likelihood.misfit(torch.from_numpy(one.albedo)) if one.object_found else np.inf for one in made]
+
+    def attempts(self, tried: Estimate) -> list[Reconstruction]:
         """Reconstruct with the transfer of `tried` until one reconstruction explains the estimate or the attempts are used up."""
-        measurement, made = read_measurement(tried.values, tried.quantisation, tried.transfer), []
+        made: list[Reconstruction] = []
         for number in range(RECONSTRUCTIONS_PER_BLUR):
-            made.append(reconstruct(measurement, number))
-            if misfit(tried, made[-1:]) < MIN_GAIN_NATS:
+            made.append(self.reconstruct(_read(tried), number))
+            if self.misfits(tried, made[-1:])[0] < MIN_GAIN_NATS:
                 break
         return made
 
-    sharp = attempts(estimate)
-    unexplained = misfit(estimate, sharp)
-    if not MIN_GAIN_NATS < unexplained < np.inf:
-        return estimate, sharp[0]
-    made = [attempts(one) for one in tried]
-    if not _explains_more(min(map(misfit, tried, made)), unexplained, MIN_GAIN_FRACTION):
-        return estimate, sharp[0]
-    # A reconstruction made with one blur may fit better with another, or without.
-    together = [*sharp, *chain(*made)]
-    left = [misfit(one, together) for one in tried]
-    if not _explains_more(min(left), misfit(estimate, together), MIN_GAIN_FRACTION_OF_ALL):
-        return estimate, sharp[0]
-    best = int(np.argmin(left))
-    record = replace(estimate.record, blur_found_pixels=tried[best].blur_pixels)
-    return replace(tried[best], record=record), made[best][0]
 
-
-def _explains_more(left: float, unexplained: float, fraction: float) -> bool:
-    """Return whether a blur lowers what is left unexplained by `MIN_GAIN_NATS` and by a fraction."""
-    return unexplained - left >= max(MIN_GAIN_NATS, fraction * unexplained)
-
-
-def possible_blurs(estimate: Estimate) -> list[Estimate]:
-    """Return the estimate with each candidate blur in its transfer; none if the contrast of the speckle leaves no room for one.
-
-    Without blur, speckle has at most contrast 1, so that dividing by a blur must not raise the contrast above it.
-    """
+def largest_blurs(estimate: Estimate) -> dict[Blur, Blur]:
+    """Return the largest possible blur of each kind, in pixels; none if the contrast of the speckle leaves no room for one."""
     assert estimate.record is not None
     contrast = estimate.record.contrast
     if contrast is not None and contrast.is_full:
-        return []
-    most = np.inf if contrast is None else _signal_sum(estimate) / contrast.square
-    found = []
-    for kind, fractions in BLURS.items():
-        largest = _largest_blur(estimate, kind, most)
-        found += [apply_blur_transfer(estimate, (part * largest[0], part * largest[1])) for part in fractions]
-    return found
+        return {}
+    most = np.inf if contrast is None else signal_sum(_read(estimate)) / contrast.square
+    return {kind: _largest_blur(estimate, kind, most) for kind in KINDS}
 
 
-def _largest_blur(estimate: Estimate, kind: tuple[float, float], most: float) -> tuple[float, float]:
-    """Return the blur of a kind that raises the signal to its sum at contrast 1, `most`, when it is divided out, in pixels, but at most
-    `MAX_BLUR`."""
+def _needs_other_light(estimate: Estimate, largest: dict[Blur, Blur]) -> bool:
+    """Return whether the contrast stays below 1 even if the largest possible blurs are divided out."""
     assert estimate.record is not None
-    rows, columns = (
-        MAX_BLUR / 256.0 * side * share for side, share in zip(estimate.record.grid.patch_shape, kind, strict=True)
-    )
-
-    def excess(size: float) -> float:
-        return _signal_sum(apply_blur_transfer(estimate, (size * rows, size * columns))) - most
-
-    size = 1.0 if excess(1.0) <= 0.0 else float(brentq(excess, 0.0, 1.0, xtol=1e-2))
-    return size * rows, size * columns
+    contrast, total = estimate.record.contrast, signal_sum(_read(estimate))
+    if contrast is None:
+        return False
+    rises = [signal_sum(_read(one)) / total for size in largest.values() for one in blurred_by(estimate, size, (1.0,))]
+    return not any(Contrast(rise * contrast.square, rise * contrast.error).is_full for rise in rises)
 
 
-def _signal_sum(estimate: Estimate) -> float:
-    return signal_sum(read_measurement(estimate.values, estimate.quantisation, estimate.transfer))
+def blurred_by(estimate: Estimate, blur: Blur, fractions: Sequence[float]) -> list[Estimate]:
+    """Return the estimate with each fraction of a blur in its transfer."""
+    return [apply_blur_transfer(estimate, (part * blur[0], part * blur[1])) for part in fractions]
+
+
+def _largest_blur(estimate: Estimate, kind: Blur, most: float) -> Blur:
+    """Return the blur that raises a lag to zero lag when it is divided out, or the signal to its sum at contrast 1, `most`."""
+    assert estimate.record is not None
+    undivided = read_measurement(estimate.values, estimate.quantisation)
+    rows, columns = (share * side for share, side in zip(kind, estimate.record.grid.patch_shape, strict=True))
+    possible, impossible = 0.0, MAX_BLUR
+    while impossible - possible > RESOLUTION:
+        middle = 0.5 * (possible + impossible)
+        blurred = apply_blur_transfer(estimate, (middle * rows, middle * columns))
+        if _exceeds_zero_lag(undivided, blurred.transfer) or signal_sum(_read(blurred)) > most:
+            impossible = middle
+        else:
+            possible = middle
+    return possible * rows, possible * columns
+
+
+def _exceeds_zero_lag(undivided: Measurement, transfer: np.ndarray) -> bool:
+    """Return whether a lag of an estimate that is divided by a transfer surely exceeds those next to zero lag."""
+    noise, ring = undivided.noise, undivided.lag_grid.ring
+    signal = undivided.values.astype(np.float64) - noise.floor
+    near, inside = ring == 2, (ring > 2) & (ring <= noise.signal_ring)
+    limit = MAX_OVER_ZERO * (signal[near] / transfer[near]).max() * transfer
+    return bool((signal - MAX_OVER_SIGMA * undivided.values / noise.dof**0.5 > limit)[inside].any())
+
+
+def _read(estimate: Estimate) -> Measurement:
+    return read_measurement(estimate.values, estimate.quantisation, estimate.transfer)

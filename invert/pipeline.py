@@ -16,11 +16,11 @@ from correlograph.files.captured_frames import describe_files, stray_light_of
 from correlograph.files.corrections import Corrections
 from correlograph.workers import check_scheduler
 from invert.assess.frame_remarks import describe_frames
-from invert.assess.hypotheses import MIN_SHARED_LAGS, object_probability, weigh_hypotheses
+from invert.assess.hypotheses import MIN_SHARED_LAGS, blurred_share, object_probability, weigh_hypotheses
 from invert.assess.motion_blur import doubt_motion
-from invert.assess.reliability import describe_limits, find_doubts, is_speckle, lower_confidence
+from invert.assess.reliability import beside_other, describe_limits, find_doubts, is_speckle, lower_confidence
 from invert.assess.speckle_test import speckle_test
-from invert.blur_fit import MAX_RECONSTRUCTIONS, estimate_blur, likelihood_before_division
+from invert.blur_fit import MAX_RECONSTRUCTIONS, BlurSearch, likelihood_before_division, search_blur
 from invert.choices import FAST, UNET
 from invert.field.reconstruction import FieldReconstruction
 from invert.field.retrieval import retrieve_fields
@@ -93,7 +93,8 @@ def fulfil(request: Request, source: Source) -> Result:
     seconds["autocorrelation"] = estimate.seconds
 
     begin = time.perf_counter()
-    estimate, measurement, found = _retrieve(request, estimate)
+    search, measurement, found = _retrieve(request, estimate)
+    estimate = search.estimate
     test = speckle_test(estimate, measurement, found.albedo) if found.object_found else None
     likelihood = partial(likelihood_before_division, estimate)
     doubts = find_doubts(found, test, likelihood, estimate.record)
@@ -101,6 +102,8 @@ def fulfil(request: Request, source: Source) -> Result:
         doubts += doubt_motion(path.path_pixels, estimate.record, measurement)
     motion = None if path is None else path.significance
     hypotheses = weigh_hypotheses(measurement, estimate.record, test, motion, may_shake=may_shake)
+    blurred = blurred_share(hypotheses)
+    found = beside_other(found, search.other, blurred if estimate.blur_pixels is None else 1.0 - blurred)
     found = lower_confidence(found, doubts, object_probability(hypotheses))
     warnings = [one.advice for one in doubts if one.is_raised] + describe_frames(estimate.record, measurement)
     if capture is not None and _may_be_one_pattern(capture, estimate, found):
@@ -170,20 +173,19 @@ def choose_object(request: Request, estimate: Estimate, followed: Stabilised) ->
     return alone, None, [note, NO_FIELDS] if request.retrieves_fields else [note]
 
 
-def _retrieve(request: Request, estimate: Estimate) -> tuple[Estimate, Measurement, Reconstruction]:
-    """Find an unknown blur and reconstruct; the estimate that is returned knows the blur."""
-    draft = None
-    if request.finds_blur:
-        estimate, draft = _find_blur(request, estimate)
+def _retrieve(request: Request, estimate: Estimate) -> tuple[BlurSearch, Measurement, Reconstruction]:
+    """Find an unknown blur and reconstruct."""
+    search = _search_blur(request, estimate) if request.finds_blur else BlurSearch(estimate)
+    estimate = search.estimate
     measurement = read_measurement(estimate.values, estimate.quantisation, estimate.transfer)
-    if draft is not None and (request.method, request.quality) == (UNET, FAST):
-        return estimate, measurement, draft
+    if search.draft is not None and (request.method, request.quality) == (UNET, FAST):
+        return search, measurement, search.draft
     chosen = reconstructor(request.method, request.quality, request.device, request.weights)
-    return estimate, measurement, chosen.run(measurement, request.seed, request.progress)
+    return search, measurement, chosen.run(measurement, request.seed, request.progress)
 
 
-def _find_blur(request: Request, estimate: Estimate) -> tuple[Estimate, Reconstruction | None]:
-    """Return the estimate with the blur that was found, and the reconstruction of quality `fast` from it."""
+def _search_blur(request: Request, estimate: Estimate) -> BlurSearch:
+    """Search for a blur with reconstructions of quality `fast`."""
     network = reconstructor(UNET, FAST, request.device, request.weights)
     with tqdm(total=MAX_RECONSTRUCTIONS, desc="blur", unit="reconstruction", disable=None, leave=False, delay=1.0) as bar:
 
@@ -193,7 +195,7 @@ def _find_blur(request: Request, estimate: Estimate) -> tuple[Estimate, Reconstr
             request.progress(0)  # whoever waits may end the work here
             return found
 
-        return estimate_blur(estimate, draft)
+        return search_blur(estimate, draft)
 
 
 def _may_be_one_pattern(capture: Capture, estimate: Estimate, found: Reconstruction) -> bool:

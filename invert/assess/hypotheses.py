@@ -57,9 +57,9 @@ frequent; and by how much less it is in noise, times the root of the significanc
 EXTENT_SCATTER, EXTENT_SCATTER_NOISE = 0.02, 0.45
 """Scatter of this extent as a logistic scale, and how it grows in noise. Evidence: the same."""
 
-BLUR_FOUND, BLUR_FOUND_FALSELY = 0.92, 0.01
-"""Rates at which the search finds a blur of two pixels, and one in sharp frames of low contrast. Evidence: docs/research.md, "Unknown
-blur"."""
+BLUR_FOUND, BLUR_FOUND_FALSELY = 0.3, 0.02
+"""Rates at which the search finds a blur of half a pixel to five, and one in sharp frames of low contrast. Evidence: docs/research.md,
+"Unknown blur"."""
 
 
 class Hypothesis(Enum):
@@ -90,7 +90,11 @@ def weigh_hypotheses(
     """
     none = noise_probability(measurement.detection, TRIALS)
     texture = 0.0 if record is None else texture_probability(test, record, may_shake=may_shake)
-    blur = 0.0 if record is None else blur_probability(record.contrast, record.blur_found_pixels is not None)
+    blur = (
+        0.0
+        if record is None
+        else blur_probability(record.contrast, record.blur_found_pixels is not None, needs_other_light=record.needs_other_light)
+    )
     speckle = (1.0 - none) * (1.0 - texture)
     moving = 0.0 if motion is None else speckle * (1.0 - noise_probability(motion, SHIFTS))
     speckle -= moving
@@ -109,6 +113,12 @@ def weigh_hypotheses(
 def object_probability(hypotheses: dict[Hypothesis, float]) -> float:
     """Return the probability of an object, at rest or moving, of any width, sharp or blurred."""
     return 1.0 - hypotheses[Hypothesis.NO_OBJECT] - hypotheses[Hypothesis.TEXTURE]
+
+
+def blurred_share(hypotheses: dict[Hypothesis, float]) -> float:
+    """Return the probability that frames are blurred if they show a resting object no wider than the lags."""
+    sharp, blurred = hypotheses[Hypothesis.OBJECT], hypotheses[Hypothesis.BLURRED_OBJECT]
+    return blurred / (sharp + blurred) if sharp + blurred > 0.0 else 0.0
 
 
 def describe(hypotheses: dict[Hypothesis, float]) -> str:
@@ -177,16 +187,19 @@ def wide_probability(measurement: Measurement, prior: float = PRIOR_WIDER) -> fl
     return float(expit(log_odds))
 
 
-def blur_probability(contrast: Contrast | None, is_found: bool) -> float:
+def blur_probability(contrast: Contrast | None, is_found: bool, *, needs_other_light: bool = False) -> float:
     """Return the probability that frames are blurred. A search that finds no blur says nothing: soft edges explain many blurs as well.
 
     Args:
         contrast: contrast of the speckle; None if unknown.
         is_found: whether a blur was found.
+        needs_other_light: whether no possible blur lowers the contrast so far; then there is other light, blurred or not.
     """
     sharp, other, blur = 1.0 - PRIOR_BLURRED - PRIOR_OTHER_LIGHT, PRIOR_OTHER_LIGHT, PRIOR_BLURRED
     full, lowered = contrast_evidence(contrast)
     sharp, other, blur = sharp * full, other * lowered, blur * lowered
+    if needs_other_light:
+        sharp, other, blur = 0.0, 1.0 - PRIOR_BLURRED, PRIOR_BLURRED
     if is_found:
         sharp, other, blur = sharp * BLUR_FOUND_FALSELY, other * BLUR_FOUND_FALSELY, blur * BLUR_FOUND
     total = sharp + other + blur

@@ -10,6 +10,7 @@ import torch
 from scipy.stats import norm
 
 from correlograph.lags import OBJECT_SIDE
+from invert.albedo.metrics import aligned_pearson
 from invert.albedo.posterior import Samples
 from invert.assess.doubts import FALSE_ALARMS_EACH, Doubt, DoubtKind
 from invert.assess.hypotheses import Hypothesis, object_probability, texture_before
@@ -53,6 +54,19 @@ def lower_confidence(found: Reconstruction, doubts: tuple[Doubt, ...], of_object
     """Return the reconstruction with a confidence of at most `MAX_UNVERIFIED_CONFIDENCE` if a doubt is raised, and at most the probability
     that the frames show an object."""
     return replace(found, confidence=min(found.confidence, of_object, confidence_limit(doubts)))
+
+
+def beside_other(found: Reconstruction, other: Reconstruction | None, probability: float) -> Reconstruction:
+    """Return the reconstruction with the correlation with the truth that is expected if there is another explanation of the frames, a blur
+    or none: if it holds, the truth is like the reconstruction of that.
+
+    Args:
+        probability: of the other explanation, if the frames show an object.
+    """
+    if other is None or not (found.object_found and other.object_found):
+        return found
+    likeness = max(aligned_pearson(other.albedo, found.albedo)[0], 0.0)
+    return replace(found, confidence=found.confidence * (1.0 - probability * (1.0 - likeness)))
 
 
 def confidence_limit(doubts: tuple[Doubt, ...]) -> float:

@@ -58,6 +58,7 @@ class EstimateRecord:
         file_metadata: metadata of the first file (`correlograph.files.file_metadata`).
         contrast: contrast of the speckle; None if it was not measured.
         object_number: number of the object among several that move, which the estimate shows alone; None if it shows all.
+        needs_other_light: whether no possible blur lowers the contrast as far as measured.
     """
 
     frames: int
@@ -69,6 +70,7 @@ class EstimateRecord:
     file_metadata: FileMetadata = field(default_factory=FileMetadata)
     contrast: Contrast | None = None
     object_number: int | None = None
+    needs_other_light: bool = False
 
     def as_dict(self) -> dict[str, Any]:
         """Return the record for JSON."""

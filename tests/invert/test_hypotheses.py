@@ -25,10 +25,11 @@ from invert.assess.hypotheses import (
     weigh_hypotheses,
     wide_probability,
 )
-from invert.assess.reliability import lower_confidence
+from invert.assess.reliability import beside_other, lower_confidence
 from invert.measure.contrast import Contrast
 from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import Measurement, read_measurement
+from invert.methods import empty_reconstruction
 from radiometry.autocorrelation import autocorrelate
 from radiometry.noise.detection import TRIALS
 from radiometry.noise.model import draw_estimate
@@ -113,13 +114,25 @@ def test_the_probability_of_blur_is_that_of_bayes():
     rng = np.random.default_rng(7)
     kind, error = rng.choice(3, 400000, p=(0.8, 0.1, 0.1)), 0.05
     square = np.where(kind == 0, 1.0, rng.random(len(kind))) + error * rng.standard_normal(len(kind))
-    is_found = rng.random(len(kind)) < np.where(kind == 2, 0.92, 0.01)
+    is_found = rng.random(len(kind)) < np.where(kind == 2, 0.3, 0.02)
     for value in (0.4, 0.7, 0.84, 0.97, 1.05):
         near = np.abs(square - value) < 0.01
         assert is_share(blur_probability(Contrast(value, error), False), kind[near] == 2)
         if value < 0.9:
             assert is_share(blur_probability(Contrast(value, error), True), kind[near & is_found] == 2)
     assert blur_probability(None, False) == pytest.approx(0.1)
+    assert blur_probability(Contrast(0.1, error), False, needs_other_light=True) == pytest.approx(0.1)
+
+
+def test_confidence_is_the_correlation_expected_over_both_explanations():
+    """One capture in four is blurred; its truth is like the other reconstruction."""
+    wide = np.zeros((64, 64), np.float32)
+    wide[20:40, 10:50] = 1.0
+    narrow = np.pad(wide[20:40, 20:40], 22)
+    found, other = (replace(FOUND, albedo=albedo, confidence=0.8) for albedo in (wide, narrow))
+    likeness = np.corrcoef(wide.ravel(), np.roll(narrow, -2, (0, 1)).ravel())[0, 1]
+    assert beside_other(found, other, 0.25).confidence == pytest.approx(0.8 * (0.75 + 0.25 * likeness), abs=0.02)
+    assert beside_other(found, None, 0.25) == beside_other(found, empty_reconstruction(64), 0.25) == found
 
 
 def test_probabilities_of_frames_add_up_and_are_told(rng):

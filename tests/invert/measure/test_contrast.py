@@ -5,8 +5,9 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 import correlograph as cg
-from invert.blur_fit import BLURS, possible_blurs
+from invert.blur_fit import largest_blurs, search_blur
 from invert.measure.estimate import estimate_from_frames
+from invert.methods import empty_reconstruction
 from invert.request import Request
 from tests.light import letter_cells, thrown
 
@@ -49,14 +50,33 @@ def test_sharp_frames_leave_no_room_for_blur(rng):
     cells[20:40, 12:50] = np.hanning(20)[:, None] * np.hanning(38)
     for shown in (letter_cells("t"), cells):
         capture = cg.Capture([rng.poisson(8.0 * thrown(shown, SHAPE, PATCH, rng)).astype(np.float32) for _ in range(2)])
-        assert possible_blurs(estimate_from_frames(capture, Request(patch=PATCH))) == []
+        assert largest_blurs(estimate_from_frames(capture, Request(patch=PATCH))) == {}
 
 
-@pytest.mark.parametrize(("rows", "columns"), [(1.3, 1.3), (0.0, 1.6), (1.1, 0.0)])
-def test_the_largest_blur_is_that_of_the_frames(rng, rows, columns):
-    blurred = [gaussian_filter(one, (rows, columns)) for one in light("R", rng)]
-    capture = cg.Capture([rng.poisson(20.0 * one).astype(np.float32) for one in blurred])
-    found = [one.blur_pixels for one in possible_blurs(estimate_from_frames(capture, Request(patch=PATCH)))]
-    assert len(found) == sum(map(len, BLURS.values()))
-    nearest = min(found, key=lambda one: np.hypot(one[0] - rows, one[1] - columns))
-    assert nearest == pytest.approx((rows, columns), abs=0.15)
+def blurred_estimate(rng, blur, ambient=0.0):
+    blurred = [gaussian_filter(one, blur) + ambient for one in light("R", rng)]
+    return estimate_from_frames(
+        cg.Capture([rng.poisson(20.0 * one).astype(np.float32) for one in blurred]), Request(patch=PATCH)
+    )
+
+
+@pytest.mark.parametrize("blur", [(1.3, 1.3), (0.0, 1.6), (1.1, 0.0), (3.0, 3.0)])
+def test_the_largest_blur_is_that_of_the_frames(rng, blur):
+    found = largest_blurs(blurred_estimate(rng, blur)).values()
+    nearest = min(found, key=lambda one: np.hypot(one[0] - blur[0], one[1] - blur[1]))
+    assert nearest == pytest.approx(blur, rel=0.1, abs=0.15)
+
+
+@pytest.mark.parametrize("blur", [0.0, 1.5, 3.0])
+def test_other_light_leaves_room_for_blur_until_a_lag_exceeds_zero_lag(rng, blur):
+    """r*r of R falls to a third at a lag of seven along rows or columns, and so does H of a blur of six pixels."""
+    largest = largest_blurs(blurred_estimate(rng, blur, ambient=8.0))[1.0, 1.0]
+    assert blur < largest[0] < np.hypot(blur, 6.0)
+
+
+def test_other_light_is_told_from_blur_if_no_blur_explains_it(rng):
+    def needs_other_light(ambient):
+        found = search_blur(blurred_estimate(rng, 1.3, ambient), lambda measurement, number: empty_reconstruction(64))
+        return found.estimate.record.needs_other_light
+
+    assert [needs_other_light(ambient) for ambient in (0.0, 8.0)] == [False, True]
