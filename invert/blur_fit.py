@@ -53,7 +53,7 @@ MIN_GAIN_FRACTION, MIN_GAIN_FRACTION_OF_ALL = 0.6, 0.2
 MIN_GAIN_FRACTION_BESIDE_LIGHT = 0.9
 """Replaces the first of them if there is other light, since the contrast is then no evidence of blur."""
 
-MAX_CONFIDENCE_LOSS, MAX_LIKENESS = 0.07, 0.85
+MAX_CONFIDENCE_LOSS, MAX_LIKENESS = 0.09, 0.85
 """A blur is not accepted if the confidence of the reconstruction with it is lower by so much than without, or if both pictures correlate by
 more: a small blur that hardly matters is found in sharp frames, too."""
 

@@ -20,6 +20,7 @@ BLUR = {
     "sharp": lambda light: light,
     "defocus": lambda light: gaussian_filter(light, 1.0),
     "motion": lambda light: uniform_filter1d(light, 5, axis=1),
+    "wide defocus": lambda light: gaussian_filter(light, 3.0),
 }
 
 
@@ -49,6 +50,23 @@ def test_estimated_blur_is_correct_and_improves_the_reconstruction(kind, down, r
             gains.append(pearson[0] - pearson[1])
     assert gains
     assert np.mean(gains) > 0.03
+
+
+@pytest.mark.slow
+def test_a_wide_blur_is_found_or_lowers_the_confidence():
+    """Letters lose half their likeness to a blur of three pixels, which the network does not notice."""
+    found = []
+    for seed, character in ((0, "R"), (1, "K"), (3, "F")):
+        blurred = frames(character, "wide defocus", 2.0, seed)
+        result, sharp = (invert.reconstruct(blurred, quality="fast", patch=PATCH, blur_pixels=blur) for blur in (None, 0.0))
+        pearson, without = (aligned_pearson(one.albedo, letter_cells(character))[0] for one in (result, sharp))
+        found.append(result.estimate.blur_pixels is not None)
+        if found[-1]:
+            assert result.estimate.blur_pixels == pytest.approx((3.0, 3.0), rel=0.1)
+            assert pearson > without + 0.1
+        else:
+            assert result.confidence < sharp.confidence - 0.1
+    assert any(found)
 
 
 @pytest.mark.slow
