@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -47,15 +48,27 @@ MIN_GAIN_NATS, MIN_GAIN_NATS_OF_ALL = 200.0, 50.0
 """Minimum reduction of the log-likelihood deficit by a reconstruction made with the blur, and of the lowest deficit over reconstructions
 of all blurs, in nats."""
 
-MIN_GAIN_FRACTION, MIN_GAIN_FRACTION_OF_ALL = 0.6, 0.2
-"""The same as fractions of the deficit without blur."""
+MIN_GAIN_FRACTION_OF_ALL = 0.2
+"""The second of them as a fraction of the deficit without blur."""
 
-MIN_GAIN_FRACTION_BESIDE_LIGHT = 0.9
-"""Replaces the first of them if there is other light, since the contrast is then no evidence of blur."""
+MAX_CONFIDENCE_LOSS = 0.09
+"""A blur is not accepted if the confidence of the reconstruction with it is lower by more than this."""
 
-MAX_CONFIDENCE_LOSS, MAX_LIKENESS = 0.09, 0.85
-"""A blur is not accepted if the confidence of the reconstruction with it is lower by so much than without, or if both pictures correlate by
-more: a small blur that hardly matters is found in sharp frames, too."""
+
+class Limits(NamedTuple):
+    """Limits of a blur that is accepted.
+
+    Attributes:
+        gain: minimum fraction of the deficit without blur that a reconstruction made with the blur must explain.
+        likeness: maximum correlation of the pictures with the blur and without; one that hardly matters is found in sharp frames, too.
+    """
+
+    gain: float
+    likeness: float
+
+
+LIMITS, LIMITS_BESIDE_LIGHT = Limits(0.6, 0.9), Limits(0.9, 0.85)
+"""Limits if blur may be all that lowers the contrast, and if there is other light, so that the contrast is no evidence."""
 
 RECONSTRUCTIONS_PER_BLUR = 2
 """Reconstructions per blur; the one with the lower misfit counts."""
@@ -118,20 +131,20 @@ class _Search:
         blurred = [self.attempts(one) for _, one in tried]
         explained = [min(self.misfits(one, made)) for (_, one), made in zip(tried, blurred, strict=True)]
         best = int(np.argmin(explained))
-        # A reconstruction made with one blur may fit better with a smaller or larger one, or without.
         finer = blurred_by(estimate, largest[tried[best][0]], FINER)
         left = np.array([self.misfits(one, blurred[best]) for one in finer])
         size, fit = np.unravel_index(left.argmin(), left.shape)
         chosen = finer[size] if explained[best] - left.min() > MIN_GAIN_NATS_OF_ALL else tried[best][1]
-        assert estimate.record is not None
-        fraction = MIN_GAIN_FRACTION_BESIDE_LIGHT if estimate.record.needs_other_light else MIN_GAIN_FRACTION
+        # A reconstruction made with a blur may explain the estimate without it.
         without = min(self.misfits(estimate, [*sharp, *chain(*blurred)]))
-        explains_more = unexplained - min(explained) >= max(MIN_GAIN_NATS, fraction * unexplained)
-        if not explains_more or without - left.min() < max(MIN_GAIN_NATS_OF_ALL, MIN_GAIN_FRACTION_OF_ALL * without):
+        assert estimate.record is not None
+        limits = LIMITS_BESIDE_LIGHT if estimate.record.needs_other_light else LIMITS
+        gains = unexplained - explained[best], without - left.min()
+        least = max(MIN_GAIN_NATS, limits.gain * unexplained), max(MIN_GAIN_NATS_OF_ALL, MIN_GAIN_FRACTION_OF_ALL * without)
+        if gains[0] < least[0] or gains[1] < least[1]:
             return BlurSearch(estimate, sharp[0], blurred[best][fit])
         found = self.reconstruct(_read(chosen), 0)
-        is_trusted = found.object_found and found.confidence >= sharp[0].confidence - MAX_CONFIDENCE_LOSS
-        if not is_trusted or aligned_pearson(found.albedo, sharp[0].albedo)[0] > MAX_LIKENESS:
+        if not _is_trusted(found, sharp[0], limits.likeness):
             return BlurSearch(estimate, sharp[0], found)
         record = replace(estimate.record, blur_found_pixels=chosen.blur_pixels)
         return BlurSearch(replace(chosen, record=record), found, sharp[0])
@@ -149,6 +162,13 @@ class _Search:
             if self.misfits(tried, made[-1:])[0] < MIN_GAIN_NATS:
                 break
         return made
+
+
+def _is_trusted(found: Reconstruction, sharp: Reconstruction, likeness: float) -> bool:
+    """Return whether a reconstruction with a blur may stand for that without: the network trusts it as much, and they differ."""
+    if not found.object_found or found.confidence < sharp.confidence - MAX_CONFIDENCE_LOSS:
+        return False
+    return aligned_pearson(found.albedo, sharp.albedo)[0] <= likeness
 
 
 def largest_blurs(estimate: Estimate) -> dict[Blur, Blur]:
