@@ -61,7 +61,7 @@ def beside_other(found: Reconstruction, other: Reconstruction | None, probabilit
     or none: if it holds, the truth is like the reconstruction of that.
 
     Args:
-        probability: of the other explanation, if the frames show an object.
+        probability: probability of the other explanation, given an object.
     """
     if other is None or not (found.object_found and other.object_found):
         return found
@@ -99,9 +99,10 @@ def describe_limits(
         )
     contrast = None if estimate.record is None or estimate.blur_pixels is not None else estimate.record.contrast
     if found.object_found and contrast is not None and not contrast.is_full:
+        dark = ", and take a dark frame (--dark)" if estimate.record.needs_other_light else ""
         notes.append(
             f"the contrast of the speckle is {contrast.square**0.5:.2f}: other light, a second polarisation or blur lowers it; blur "
-            f"(probability {hypotheses[Hypothesis.BLURRED_OBJECT]:.2g}) would make this image wrong; check the focus"
+            f"(probability {hypotheses[Hypothesis.BLURRED_OBJECT]:.2g}) would make this image wrong; check the focus{dark}"
         )
     if found.object_found and found.features is not None and side > OBJECT_SIDE:
         notes.append(
