@@ -23,7 +23,7 @@ import torch
 from correlograph.lags import LAGS
 from invert.albedo.metrics import aligned_pearson
 from invert.likelihood.gamma import Likelihood
-from invert.measure.contrast import Contrast, signal_sum
+from invert.measure.contrast import FULL_SIGMA, signal_sum
 from invert.measure.estimate import Estimate, apply_blur_transfer
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction
@@ -43,6 +43,10 @@ MAX_BLUR, RESOLUTION = 0.13, 2e-4
 MAX_OVER_ZERO, MAX_OVER_SIGMA = 1.3, 4.5
 """A blur is impossible if a lag of the estimate that is divided by it exceeds those next to zero by this factor and so many standard
 errors."""
+
+MIN_RESTORED = 0.5
+"""Squared contrast below which other light is certain. The largest blur restores less than 1 without it, too, because lags that it hides in
+noise are lost."""
 
 MIN_GAIN_NATS, MIN_GAIN_NATS_OF_ALL = 200.0, 50.0
 """Minimum reduction of the log-likelihood deficit by a reconstruction made with the blur, and of the lowest deficit over reconstructions
@@ -182,13 +186,13 @@ def largest_blurs(estimate: Estimate) -> dict[Blur, Blur]:
 
 
 def _needs_other_light(estimate: Estimate, largest: dict[Blur, Blur]) -> bool:
-    """Return whether the contrast stays below 1 even if the largest possible blurs are divided out."""
+    """Return whether the squared contrast stays below `MIN_RESTORED` even if the largest possible blurs are divided out."""
     assert estimate.record is not None
     contrast, total = estimate.record.contrast, signal_sum(_read(estimate))
     if contrast is None:
         return False
     rises = [signal_sum(_read(one)) / total for size in largest.values() for one in blurred_by(estimate, size, (1.0,))]
-    return not any(Contrast(rise * contrast.square, rise * contrast.error).is_full for rise in rises)
+    return max(rises) * (contrast.square + FULL_SIGMA * contrast.error) < MIN_RESTORED
 
 
 def blurred_by(estimate: Estimate, blur: Blur, fractions: Sequence[float]) -> list[Estimate]:
