@@ -35,24 +35,24 @@ Frames = np.ndarray
 Nuisance = Callable[[Frames, np.random.Generator], Frames]
 
 
-def speckle(albedo: np.ndarray, rng: np.random.Generator, moved: float = 0.0) -> np.ndarray:
-    """Return speckle of mean 1, of shape `SHAPE`, from an albedo (64, 64) whose cells are as wide as a lag of patches of `PATCH` pixels.
+def speckle(albedo: np.ndarray, rng: np.random.Generator, moved: float = 0.0, shape: tuple[int, int] = SHAPE) -> np.ndarray:
+    """Return speckle of mean 1, of a shape, from an albedo (64, 64) whose cells are as wide as a lag of patches of `PATCH` pixels.
 
     Drawn on a larger periodic grid and cropped, so that it does not wrap round. With `moved`, averaged over a motion of that
     many pixels to the right.
     """
-    rows, columns = (int(1.2 * side) for side in SHAPE)
+    rows, columns = (int(1.2 * side) for side in shape)
     lag_rows, lag_columns = np.fft.fftfreq(rows) * PATCH, np.fft.fftfreq(columns) * PATCH
     albedo_on_lags = ndimage.map_coordinates(
         albedo.astype(np.float64), np.stack(np.meshgrid(lag_rows + 31.5, lag_columns + 31.5, indexing="ij")), order=0, cval=0.0
     )
     inside = (np.abs(lag_rows)[:, None] < 32.0) & (np.abs(lag_columns) < 32.0)
     field = rng.standard_normal(albedo_on_lags.shape) + 1j * rng.standard_normal(albedo_on_lags.shape)
-    wall = np.fft.fft2(field * np.sqrt(albedo_on_lags * inside))[: SHAPE[0], : SHAPE[1] + 64]
+    wall = np.fft.fft2(field * np.sqrt(albedo_on_lags * inside))[: shape[0], : shape[1] + 64]
     intensity = np.abs(wall) ** 2
     if moved:
         intensity = ndimage.uniform_filter1d(intensity, round(moved), axis=1)
-    intensity = intensity[:, : SHAPE[1]]
+    intensity = intensity[:, : shape[1]]
     return intensity / intensity.mean()
 
 
@@ -231,6 +231,11 @@ def mean_pearson(cell: list[dict[str, Any]]) -> float:
     return float(np.mean([one.get("pearson", 0.0) for one in cell]))
 
 
+def is_confident_and_wrong(confidence: float, pearson: float) -> bool:
+    """Return whether a confidence above 0.7 goes with a correlation below 0.5."""
+    return confidence > 0.7 and pearson < 0.5
+
+
 def written(cell: list[dict[str, Any]], clean: float) -> str:
     """A cell's mean correlation (mean confidence), and how many captures show nothing or are refused.
 
@@ -246,7 +251,7 @@ def written(cell: list[dict[str, Any]], clean: float) -> str:
         ("none", sum(not one.get("found", True) for one in cell)),
     ):
         parts += [word if number == len(cell) else f"{number} {word}"] if number else []
-    wrong = any(one["confidence"] > 0.7 and one["pearson"] < 0.5 for one in found)
+    wrong = any(is_confident_and_wrong(one["confidence"], one["pearson"]) for one in found)
     return f"**{', '.join(parts)}**" if wrong else ", ".join(parts)
 
 

@@ -18,15 +18,12 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, uniform_filter1d
 
 import invert
-from benchmarks import nuisances
+from benchmarks.nuisances import PATCH, is_confident_and_wrong, speckle
 from benchmarks.tracking_pairs import draw_object
 from invert.albedo.metrics import aligned_pearson
 
 SIZES = (0.0, 0.1, 1.5, 3.0, 5.0)
 """Limits of the groups of blurs, in pixels."""
-
-CONFIDENT, WRONG = 0.7, 0.5
-"""A confident wrong picture has a confidence above the first and a correlation below the second number."""
 
 
 def draw_cloud(rng: np.random.Generator) -> np.ndarray:
@@ -41,11 +38,11 @@ def draw(number: int) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
     """Return the frames of random capture `number`, its albedo and its description."""
     rng = np.random.default_rng([number, 7802])
     albedo = np.asarray(draw_cloud(rng) if rng.random() < 0.25 else draw_object(rng), np.float64)
-    nuisances.SHAPE = (int(rng.integers(700, 1200)), int(rng.integers(700, 1200)))
+    shape = int(rng.integers(700, 1200)), int(rng.integers(700, 1200))
     level, count = float(10.0 ** rng.uniform(-0.7, 1.5)), int(rng.choice([1, 2, 4]))
     kind, light = str(rng.choice(["sharp", "sharp", "defocus", "motion"])), str(rng.choice(["none", "ambient", "offset"]))
     size, axis = float(rng.uniform(0.5, 5.0)) if kind != "sharp" else 0.0, int(rng.integers(2))
-    frames = np.stack([nuisances.speckle(albedo, rng) for _ in range(count)])
+    frames = np.stack([speckle(albedo, rng, shape=shape) for _ in range(count)])
     if kind == "defocus":
         frames = gaussian_filter(frames, (0.0, size, size))
     if kind == "motion":
@@ -61,7 +58,7 @@ def judge(number: int, quality: str) -> dict[str, Any]:
     frames, albedo, row = draw(number)
 
     def run(**blur: float) -> tuple[invert.Result, float]:
-        result = invert.reconstruct(frames, patch=nuisances.PATCH, quality=quality, seed=0, **blur)
+        result = invert.reconstruct(frames, patch=PATCH, quality=quality, seed=0, **blur)
         return result, aligned_pearson(result.albedo, albedo)[0] if result.object_found else 0.0
 
     result, pearson = run()
@@ -86,7 +83,7 @@ def summary(rows: list[dict[str, Any]]) -> str:
                 continue
             found = sum(one["found"] is not None for one in some)
             means = [np.mean([one[name] for one in some]) for name in ("correlation", "without", "confidence")]
-            wrong = sum(one["confidence"] > CONFIDENT and one["correlation"] < WRONG for one in some)
+            wrong = sum(is_confident_and_wrong(one["confidence"], one["correlation"]) for one in some)
             shown = "none" if high <= SIZES[1] else f"{max(low, 0.5):g} to {high:g}"
             values = [title, shown, str(len(some)), str(found), *(f"{mean:.2f}" for mean in means), str(wrong)]
             lines.append(f"| {' | '.join(values)} |")

@@ -4,9 +4,9 @@ Blur multiplies the estimate by a factor H that falls with the lag; soft edges o
 cannot tell them apart, but two limits hold. Blur lowers the contrast of the speckle, which is 1 otherwise: blurs that would raise it above
 1 when they are divided out are impossible. Ambient light, an unknown offset and a second polarisation lower the contrast, too, but leave
 r*r as it is. And no lag of r*r exceeds zero lag: so are blurs that would raise one above it. If a reconstruction without blur leaves much
-of the estimate unexplained, the search reconstructs under possible blurs, and fits the size of the blur to all reconstructions. It accepts
-the blur with the lowest deficit in log-likelihood if the deficit falls enough, and if the network does not trust the picture less. The
-reconstruction of the explanation that was not chosen is kept: where it differs, so may the truth.
+of the estimate unexplained, the search reconstructs under possible blurs, and fits the size of the blur to the reconstruction that explains
+most. It accepts the blur if the deficit in log-likelihood falls enough, if the network trusts the picture as well, and if the picture
+changes. The reconstruction of the explanation that was not chosen is kept: where it differs, so may the truth.
 Evidence: docs/research.md, "Unknown blur".
 """
 
@@ -38,7 +38,8 @@ FINER = (1.0, 0.9, 0.8, 0.7, 0.6, 0.52, 0.45, 0.38)
 """Fractions of which the one that explains most with the best reconstruction is chosen."""
 
 MAX_BLUR, RESOLUTION = 0.13, 2e-4
-"""Largest standard deviation of a candidate, and the resolution of the largest one that is possible, as fractions of a patch."""
+"""Largest standard deviation of a candidate, little below what `apply_blur_transfer` takes, and the resolution of the largest one that is
+possible, as fractions of a patch."""
 
 MAX_OVER_ZERO, MAX_OVER_SIGMA = 1.3, 4.5
 """A blur is impossible if a lag of the estimate that is divided by it exceeds those next to zero by this factor and so many standard
@@ -129,13 +130,13 @@ class _Search:
         unexplained = min(self.misfits(estimate, sharp))
         if not np.isfinite(unexplained):
             return BlurSearch(estimate, sharp[0])
-        tried = [(kind, one) for kind, size in largest.items() for one in blurred_by(estimate, size, KINDS[kind])]
+        tried = [(kind, one) for kind, size in largest.items() for one in _blurred_by(estimate, size, KINDS[kind])]
         if unexplained < MIN_GAIN_NATS:
             return BlurSearch(estimate, sharp[0], self.reconstruct(_read(tried[0][1]), 0))
         blurred = [self.attempts(one) for _, one in tried]
         explained = [min(self.misfits(one, made)) for (_, one), made in zip(tried, blurred, strict=True)]
         best = int(np.argmin(explained))
-        finer = blurred_by(estimate, largest[tried[best][0]], FINER)
+        finer = _blurred_by(estimate, largest[tried[best][0]], FINER)
         left = np.array([self.misfits(one, blurred[best]) for one in finer])
         size, fit = np.unravel_index(left.argmin(), left.shape)
         chosen = finer[size] if explained[best] - left.min() > MIN_GAIN_NATS_OF_ALL else tried[best][1]
@@ -143,9 +144,8 @@ class _Search:
         without = min(self.misfits(estimate, [*sharp, *chain(*blurred)]))
         assert estimate.record is not None
         limits = LIMITS_BESIDE_LIGHT if estimate.record.needs_other_light else LIMITS
-        gains = unexplained - explained[best], without - left.min()
-        least = max(MIN_GAIN_NATS, limits.gain * unexplained), max(MIN_GAIN_NATS_OF_ALL, MIN_GAIN_FRACTION_OF_ALL * without)
-        if gains[0] < least[0] or gains[1] < least[1]:
+        explains_more = unexplained - explained[best] >= max(MIN_GAIN_NATS, limits.gain * unexplained)
+        if not explains_more or without - left.min() < max(MIN_GAIN_NATS_OF_ALL, MIN_GAIN_FRACTION_OF_ALL * without):
             return BlurSearch(estimate, sharp[0], blurred[best][fit])
         found = self.reconstruct(_read(chosen), 0)
         if not _is_trusted(found, sharp[0], limits.likeness):
@@ -182,7 +182,12 @@ def largest_blurs(estimate: Estimate) -> dict[Blur, Blur]:
     if contrast is not None and contrast.is_full:
         return {}
     most = np.inf if contrast is None else signal_sum(_read(estimate)) / contrast.square
-    return {kind: _largest_blur(estimate, kind, most) for kind in KINDS}
+    undivided = read_measurement(estimate.values, estimate.quantisation)
+
+    def is_possible(blurred: Estimate) -> bool:
+        return not _exceeds_zero_lag(undivided, blurred.transfer) and signal_sum(_read(blurred)) <= most
+
+    return {kind: _largest_blur(estimate, kind, is_possible) for kind in KINDS}
 
 
 def _needs_other_light(estimate: Estimate, largest: dict[Blur, Blur]) -> bool:
@@ -191,28 +196,24 @@ def _needs_other_light(estimate: Estimate, largest: dict[Blur, Blur]) -> bool:
     contrast, total = estimate.record.contrast, signal_sum(_read(estimate))
     if contrast is None:
         return False
-    rises = [signal_sum(_read(one)) / total for size in largest.values() for one in blurred_by(estimate, size, (1.0,))]
+    rises = [signal_sum(_read(apply_blur_transfer(estimate, size))) / total for size in largest.values()]
     return max(rises) * (contrast.square + FULL_SIGMA * contrast.error) < MIN_RESTORED
 
 
-def blurred_by(estimate: Estimate, blur: Blur, fractions: Sequence[float]) -> list[Estimate]:
+def _blurred_by(estimate: Estimate, blur: Blur, fractions: Sequence[float]) -> list[Estimate]:
     """Return the estimate with each fraction of a blur in its transfer."""
     return [apply_blur_transfer(estimate, (part * blur[0], part * blur[1])) for part in fractions]
 
 
-def _largest_blur(estimate: Estimate, kind: Blur, most: float) -> Blur:
-    """Return the blur that raises a lag to zero lag when it is divided out, or the signal to its sum at contrast 1, `most`."""
+def _largest_blur(estimate: Estimate, kind: Blur, is_possible: Callable[[Estimate], bool]) -> Blur:
+    """Return the largest possible blur of a kind by bisection."""
     assert estimate.record is not None
-    undivided = read_measurement(estimate.values, estimate.quantisation)
     rows, columns = (share * side for share, side in zip(kind, estimate.record.grid.patch_shape, strict=True))
     possible, impossible = 0.0, MAX_BLUR
     while impossible - possible > RESOLUTION:
         middle = 0.5 * (possible + impossible)
         blurred = apply_blur_transfer(estimate, (middle * rows, middle * columns))
-        if _exceeds_zero_lag(undivided, blurred.transfer) or signal_sum(_read(blurred)) > most:
-            impossible = middle
-        else:
-            possible = middle
+        possible, impossible = (middle, impossible) if is_possible(blurred) else (possible, middle)
     return possible * rows, possible * columns
 
 
