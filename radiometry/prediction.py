@@ -264,9 +264,9 @@ def speckle_light(geometry: Any, grain_m2: float) -> SpeckleLight:
         grain_pixels=grain_m2 / geometry.seen_pixel_area_m2 * kept,
         ambient=0.0 if ambient is None else float(ambient.mean()) * exposure_s,
         stray=geometry.other_light_share * signal,
-        # The mean square falls from 2 to 1 + kept. Motion does not average the subjective speckle: the field is nearly uniform over the
-        # point spread function, so that the heights of the wall multiply the light of all moments by one factor.
-        detector_speckle=0.5 * (1.0 + kept) * polarised / subjective_modes(*optics),
+        # The mean square falls from 2 to 1 + kept. Neither motion nor a second polarisation averages the subjective speckle: the field is
+        # nearly uniform over the point spread function, so that the heights of the wall multiply all light by one factor.
+        detector_speckle=0.5 * (1.0 + kept) / subjective_modes(*optics),
         modes=1.0 / kept,
     )
 

@@ -186,8 +186,8 @@ class Simulation:
             if texture is not None:
                 wall = wall * texture
             if exact:
-                # one rough wall for all lines of a polarisation
-                image = exact_image(wall, factor, self.geometry, _stream(seed, exposure, 3 + 2 * polarisation))
+                # one rough wall for all modes
+                image = exact_image(wall, factor, self.geometry, _stream(seed, exposure, 3))
             else:
                 image = wall.real.square() + wall.imag.square()
             total.add_(image, alpha=weight / polarisations)
@@ -198,7 +198,7 @@ class Simulation:
             total = mean_image(total, self._transfer)
         total = middle(total, self.geometry.camera.frame_shape)
         if self._models("detector_roughness") and not exact:
-            total = gamma_image(total, self.geometry, _stream(seed, exposure, 3 + 2 * channel), polarisations)
+            total = gamma_image(total, self.geometry, _stream(seed, exposure, 3))
         return (total * (self.mean_photoelectrons / self._samples.brightness)).add_(self._ambient()).cpu()
 
     def _stray_field(self, waves: np.ndarray, offset_hz: float, oversampling: int) -> torch.Tensor:
@@ -254,8 +254,7 @@ def _displace(scatterers: Scatterers, moved: Moved, wavelength_m: float, *, on_l
 def _stream(seed: int, number: int, purpose: int) -> np.random.Generator:
     """Return the random stream of one purpose of one frame.
 
-    0 and 2: phase screens of either polarisation; 1: photons and electronics; 3 and 5: roughness of the virtual detector; 4: stray
-    light.
+    0 and 2: phase screens of either polarisation; 1: photons and electronics; 3: roughness of the virtual detector; 4: stray light.
     """
     if seed < 0:
         raise InputError("seed", "zero or a positive whole number", seed, "choose another --seed")

@@ -6,6 +6,9 @@ from dataclasses import dataclass, fields
 
 from correlograph.errors import InputError, check_positive
 
+MAX_GATES = 1e9
+"""More gates are as good as none, and counts of them have no exact 32-bit number."""
+
 
 @dataclass(frozen=True)
 class Electronics:
@@ -56,6 +59,10 @@ class Electronics:
             raise InputError("gain", "bits as well", "gain without bits", "add bits to the speckle_camera")
         if self.gate > self.exposure_s:
             raise InputError("gate", f"at most the exposure of {self.exposure_s:g} s", self.gate, "correct gate")
+        if 0.0 < self.gate * MAX_GATES < self.exposure_s:
+            raise InputError(
+                "gate", f"at least the exposure of {self.exposure_s:g} s over {MAX_GATES:g}", self.gate, "correct gate"
+            )
 
     @property
     def gates(self) -> float:

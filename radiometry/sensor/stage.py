@@ -21,8 +21,8 @@ class SpeckleLight:
         grain_pixels: coherence area of its speckle in pixels, infinite without an object.
         ambient: mean photoelectrons from lamps and other emitters.
         stray: mean photoelectrons of the laser's light by other ways.
-        detector_speckle: relative variance 1 / M of the subjective speckle of the virtual detector in a pixel, halved for two
-            polarisations, times the fraction of the mean square that remains with motion and depolarisation; 0 if it is omitted.
+        detector_speckle: relative variance 1 / M of the subjective speckle of the virtual detector in a pixel, times the fraction of
+            the mean square that remains with motion and depolarisation; 0 if it is omitted.
         modes: number of incoherent speckle patterns of equal power that share the signal; not necessarily a whole number.
 
     Raises InputError for a negative value, and for one that is not finite.

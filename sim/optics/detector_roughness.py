@@ -4,7 +4,7 @@ Exact method: on a finer grid, each cell of the field is multiplied by a circula
 contains many independent heights; the pupil filters the field, and the intensity is summed over each pixel. Faster method:
 this sum is sampled independently for each pixel from a Gamma distribution with M degrees of freedom (Goodman, Speckle
 Phenomena in Optics, section 4.6); M follows from pupil and pixel. The mean of both is the incoherent blur of
-`camera.mean_image`.
+`camera.mean_image`. The wall keeps polarisation, so that its heights multiply both polarisations by one factor.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ def exact_image(field: torch.Tensor, factor: int, geometry: Geometry, rng: np.ra
     return collected[middle::factor, middle::factor].clamp_min(0.0) * (inside.numel() / inside.sum())
 
 
-def gamma_image(mean: torch.Tensor, geometry: Geometry, rng: np.random.Generator, polarisations: int = 1) -> torch.Tensor:
-    """Multiply a mean image (H, W) by independent Gamma factors of mean 1; each polarisation adds M degrees of freedom."""
+def gamma_image(mean: torch.Tensor, geometry: Geometry, rng: np.random.Generator) -> torch.Tensor:
+    """Multiply a mean image (H, W) by independent Gamma factors of mean 1 and M degrees of freedom."""
     optics = (
         geometry.camera.pixel_pitch_m,
         geometry.camera.pupil_diameter_m,
         geometry.wavelength_m,
         geometry.camera.pupil_distance_m,
     )
-    dof = subjective_modes(*optics) * polarisations
+    dof = subjective_modes(*optics)
     factor = rng.standard_gamma(dof, mean.shape, np.float32) / np.float32(dof)
     return mean * torch.from_numpy(factor).to(mean.device)

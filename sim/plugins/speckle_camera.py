@@ -33,6 +33,9 @@ OPTICAL = (
     Parameter("polarisation_channels", "", 1, 2, 1.0),
 )
 
+GATE_TOLERANCE = 0.01
+"""Largest difference of the exposure from a whole number of gates, over the exposure."""
+
 
 class SpeckleCamera(mi.Sensor):
     """Camera along the local +z axis of `to_world`, whose origin is the centre of the pupil.
@@ -78,6 +81,16 @@ class SpeckleCamera(mi.Sensor):
             bits=int(bits) if bits == int(bits) else bits,
             **{one.name: values[one.name] for one in ELECTRONIC if one.name not in ("exposure", "bits")},
         )
+
+        self._check_gates()
+
+    def _check_gates(self) -> None:
+        """Raise InputError if the exposure is no whole number of gates."""
+        camera = self.electronics
+        if camera.gate and abs(camera.gates * camera.gate - camera.exposure_s) > GATE_TOLERANCE * camera.exposure_s:
+            expected = f"a gate that divides the exposure of {camera.exposure_s:g} s"
+            remedy = f"set gate to {camera.exposure_s / camera.gates:.6g}, or change exposure"
+            raise InputError("speckle_camera.gate", expected, camera.gate, remedy)
 
     def traverse(self, callback):
         self._parameters.traverse(callback)

@@ -6,6 +6,13 @@ import pytest
 
 
 @pytest.fixture
+def depolarising() -> tuple[str, str]:
+    """Return the edit of `scene` by which both walls and the object depolarise."""
+    opening = '<bsdf type="phase_screen">'
+    return opening, f'{opening}<boolean name="depolarising" value="true"/>'
+
+
+@pytest.fixture
 def scene(tmp_path):
     """scene(("old", "new"), ...) -> Geometry of the reference scene on a small frame, edited."""
     pytest.importorskip("mitsuba")

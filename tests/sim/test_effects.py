@@ -23,9 +23,6 @@ from sim.plan_report import make_plan
 from sim.propagation import nufft
 from sim.propagation.kernels import KERNELS
 
-HEIGHT = '<float name="height_rms" value="2e-6"/>'
-DEPOLARISING = (HEIGHT, f'<boolean name="depolarising" value="true"/>{HEIGHT}')
-
 
 def contrast(simulation: Simulation, frames: int = 6) -> float:
     images = [simulation.expected_frame(11, number) for number in range(frames)]
@@ -36,9 +33,9 @@ BARE = (("pupil_and_pixel", False),)
 
 
 @pytest.mark.slow
-def test_contrast_is_one_and_one_over_root_two_when_depolarised(scene):
+def test_contrast_is_one_and_one_over_root_two_when_depolarised(scene, depolarising):
     assert contrast(Simulation(scene(), Settings(effects=BARE))) == pytest.approx(1.0, abs=0.03)
-    geometry = scene(DEPOLARISING)
+    geometry = scene(depolarising)
     assert contrast(Simulation(geometry, Settings(effects=BARE))) == pytest.approx(1.0 / np.sqrt(2.0), abs=0.02)
     off = Simulation(geometry, Settings(effects=(*BARE, ("depolarisation", False))))
     assert contrast(off) == pytest.approx(1.0, abs=0.03)
@@ -223,11 +220,11 @@ def test_a_converter_with_gain_works_with_every_setting(scene):
 
 
 @pytest.mark.slow
-def test_depolarised_and_ambient_light_are_in_the_prediction(scene):
+def test_depolarised_and_ambient_light_are_in_the_prediction(scene, depolarising):
     from radiometry.prediction import predict
 
     plain = predict(scene()).terms.over_peak()
-    depolarised = predict(scene(DEPOLARISING)).terms.over_peak()
+    depolarised = predict(scene(depolarising)).terms.over_peak()
     assert depolarised["signal"] == pytest.approx(2.0 * plain["signal"])
 
 

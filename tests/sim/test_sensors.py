@@ -17,12 +17,7 @@ from radiometry.sensor.stage import SpeckleLight
 from sim.frame import Simulation
 from sim.plan import Settings
 
-
-def polarisation_scene(scene, channels: int):
-    edits = [('<bsdf type="phase_screen">', '<bsdf type="phase_screen"><boolean name="depolarising" value="true"/>')]
-    if channels == 2:
-        edits.append(('<float name="exposure"', '<float name="polarisation_channels" value="2"/><float name="exposure"'))
-    return scene(*edits)
+TWO_CHANNELS = ('<float name="exposure"', '<float name="polarisation_channels" value="2"/><float name="exposure"')
 
 
 @pytest.mark.parametrize("occupancy", [0.05, 0.7, 3.0])
@@ -79,9 +74,9 @@ def test_rendered_counts_have_the_noise_in_closed_form(scene):
     )
 
 
-def test_polarisation_channels_double_k_at_an_equal_floor(scene):
+def test_polarisation_channels_double_k_at_an_equal_floor(scene, depolarising):
     """Each channel holds half of the light at full contrast: floor over peak 1 / (m / 2 A) equals that of both, 1 / (m A / 2)."""
-    both, single = polarisation_scene(scene, 1), polarisation_scene(scene, 2)
+    both, single = scene(depolarising), scene(depolarising, TWO_CHANNELS)
     assert both.is_depolarised
     assert not single.is_depolarised
     mixed, channel = predict(both), predict(single)
@@ -102,8 +97,11 @@ def test_polarisation_channels_double_k_at_an_equal_floor(scene):
 
 def test_impossible_sensors_are_refused(scene):
     with pytest.raises(InputError, match="depolarising"):
-        scene(('<float name="exposure"', '<float name="polarisation_channels" value="2"/><float name="exposure"'))
-    with pytest.raises(InputError, match="gate"):
-        Electronics(exposure_s=0.1, gate=0.2)
+        scene(TWO_CHANNELS)
+    for gate in (0.2, 1e-20):
+        with pytest.raises(InputError, match="gate"):
+            Electronics(exposure_s=0.1, gate=gate)
+    with pytest.raises(InputError, match=r"a gate that divides the exposure of 0.125 s, found 0.05; set gate to 0.0625"):
+        scene(('<float name="exposure"', '<float name="gate" value="0.05"/><float name="exposure"'))
     assert Electronics(exposure_s=0.1, gate=0.01).gates == 10.0
     assert math.isclose(Electronics(exposure_s=0.1).gates, 0.0)

@@ -10,6 +10,7 @@ from PIL import Image
 pytest.importorskip("mitsuba")
 
 from correlograph.errors import InputError
+from radiometry.prediction import predict
 from radiometry.transfer import subjective_modes
 from scenes import scene_path
 from sim.frame import Simulation
@@ -63,21 +64,27 @@ def test_exact_and_gamma_roughness_agree_on_rendered_frames(scene):
 
 
 @pytest.mark.slow
-def test_motion_does_not_average_the_detector_roughness(scene):
-    """A scanned spot: the field is nearly uniform over the point spread function, so that one factor multiplies the light of all moments,
-    in the exact method as in the shortcut."""
-    still = scene()
-    speed = 1.5 * still.spot.diameter_m / still.camera.electronics.exposure_s
-    moving = replace(still, spot=replace(still.spot, scan_speed_m_s=speed))
-    kept = float(moving.motion.transfer(np.zeros(1), np.zeros(1))[0])
-    assert kept < 0.5
+@pytest.mark.parametrize("modes", ["of a scanned spot", "of two polarisations"])
+def test_more_modes_do_not_average_the_detector_roughness(scene, depolarising, modes):
+    """The field is nearly uniform over the point spread function, so that one factor multiplies the light of all moments and
+    polarisations, in the exact method as in the shortcut and in the prediction."""
+    if modes == "of two polarisations":
+        several = scene(depolarising)
+    else:
+        still = scene()
+        speed = 1.5 * still.spot.diameter_m / still.camera.electronics.exposure_s
+        several = replace(still, spot=replace(still.spot, scan_speed_m_s=speed))
+        assert float(several.motion.transfer(np.zeros(1), np.zeros(1))[0]) < 0.5
     with_it, without = (
-        Simulation(moving, Settings("statistical", 1e-2, "auto", None, (("detector_roughness", on),))) for on in (True, False)
+        Simulation(several, Settings("statistical", 1e-2, "auto", None, (("detector_roughness", on),))) for on in (True, False)
     )
     factor = with_it.expected_frame(3, 0) / without.expected_frame(3, 0)
-    assert float(factor.var()) == pytest.approx(1.0 / modes_of(moving), rel=0.03)
-    exact = Simulation(moving, Settings("field", 1e-2, "fresnel", None, (("detector_roughness", True),)))
+    assert float(factor.var()) == pytest.approx(1.0 / modes_of(several), rel=0.03)
+    exact = Simulation(several, Settings("field", 1e-2, "fresnel", None, (("detector_roughness", True),)))
     assert relative_variance(exact, 3) == pytest.approx(relative_variance(with_it, 3), rel=0.1)
+    light = predict(several).terms.light
+    added = relative_variance(with_it, 3) - relative_variance(without, 3)
+    assert 2.0 * light.detector_speckle == pytest.approx(added, rel=0.15)
 
 
 def test_detector_roughness_is_decided_by_the_tolerance(scene):
