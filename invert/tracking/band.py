@@ -88,20 +88,18 @@ class Band:
         falls = 0.5 * self.taper * np.array(self.shape)
         return bool((falls < FALL_GRAINS * radii).any()) and self.taper < MAX_TAPER
 
-    def are_apart(self, difference: np.ndarray) -> bool:
-        """Return whether two objects are told apart if their displacements have a difference (2,), in pixels.
+    def are_apart(self, differences: np.ndarray) -> np.ndarray:
+        """Return whether two objects are told apart if their displacements have differences (..., 2), in pixels: bool (...).
 
         Parts of the scene beside each other make fringes within a grain. The autocorrelation halfway between the two is therefore the
         largest one from there on in about this direction.
         """
-        radii, largest = self._likeness
-        halfway = 0.5 * float(np.linalg.norm(difference))
-        direction = np.arctan2(difference[1], difference[0]) / np.pi * DIRECTIONS
-        return float(np.interp(halfway, radii, largest[round(direction) % DIRECTIONS])) < MAX_LIKENESS
+        directions = np.arctan2(differences[..., 1], differences[..., 0]) / np.pi * DIRECTIONS
+        return 0.5 * np.linalg.norm(differences, axis=-1) > self._halfway[np.round(directions).astype(int) % DIRECTIONS]
 
     @cached_property
-    def _likeness(self) -> tuple[np.ndarray, np.ndarray]:
-        """Radii in pixels, and the largest autocorrelation of the speckle at and beyond them, (`DIRECTIONS`, radii)."""
+    def _halfway(self) -> np.ndarray:
+        """Radii in pixels beyond which the autocorrelation of the speckle stays below `MAX_LIKENESS`, (`DIRECTIONS`,)."""
         spectrum = np.zeros((self.shape[0], self.shape[1] // 2 + 1))
         kept = np.round(self.rows * self.shape[0]).astype(int)
         spectrum[kept, : len(self.columns)] = np.where(self.counts > 0.0, self.signal, 0.0)
@@ -110,7 +108,8 @@ class Band:
         angles = np.pi * np.arange(DIRECTIONS)[:, None] / DIRECTIONS
         polar = map_coordinates(likeness, [radii * np.cos(angles), radii * np.sin(angles)], order=1, mode="grid-wrap")
         polar = maximum_filter1d(polar, 2 * CONE + 1, axis=0, mode="wrap")
-        return radii, np.maximum.accumulate(polar[:, ::-1], axis=1)[:, ::-1] / likeness[0, 0]
+        beyond = np.maximum.accumulate(polar[:, ::-1], axis=1)[:, ::-1] / likeness[0, 0]
+        return np.array([np.interp(-MAX_LIKENESS, -one, radii, right=np.inf) for one in beyond])
 
     @cached_property
     def overlap_slopes(self) -> list[np.ndarray]:

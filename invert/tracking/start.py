@@ -29,7 +29,7 @@ MAX_JUMP_GRAINS = 4.0
 """Largest change of the displacement from one block to the next that still counts as one object."""
 
 MIN_PRESENCE = 0.7
-"""Share of the blocks in which an object must appear."""
+"""Share of the time in which an object must appear, and be apart from others."""
 
 
 @dataclass(frozen=True)
@@ -102,9 +102,14 @@ def way_apart(one: np.ndarray, other: np.ndarray, lag: int) -> float:
 
 
 def are_apart(one: np.ndarray, other: np.ndarray, lag: int, band: Band) -> bool:
-    """Return whether maxima at the displacements along two paths over up to `lag` frames are those of two objects; see `Band.are_apart`."""
+    """Return whether maxima at the displacements along two paths over up to `lag` frames are those of two objects; see `Band.are_apart`.
+
+    They must be at the median displacement, which has little noise, and most of the time: a path that meets that of an object now and then
+    explains what this object does then.
+    """
     relative = one - other
-    return band.are_apart(MEAN_SCALE * np.median(relative[lag:] - relative[:-lag], axis=0))
+    steps = MEAN_SCALE * (relative[lag:] - relative[:-lag])
+    return bool(band.are_apart(np.median(steps, axis=0)) and band.are_apart(steps).mean() >= MIN_PRESENCE)
 
 
 def paths_at(

@@ -12,6 +12,7 @@ from invert.tracking.maxima import Crossed, maxima
 from invert.tracking.pursuit import find_objects
 from invert.tracking.shifts import weight_of
 from invert.tracking.spectra import Reader
+from invert.tracking.start import are_apart
 
 SHAPE = (150, 210)
 
@@ -53,6 +54,18 @@ def test_parts_beside_each_other_do_not_make_two_displacements_differ():
         assert not one.are_apart(0.5 * width)
         assert one.are_apart(2.0 * width)
     assert parts.grain_pixels < 0.5 * square.grain_pixels  # by which the two would be apart at half a width
+
+
+@pytest.mark.parametrize(("swing", "is_apart"), [(0.0, True), (1.0, False)])
+def test_a_path_that_an_object_crosses_now_and_then_is_not_apart(swing, is_apart):
+    """Two paths move apart by 2.5 grains in four frames; with a swing, in only half of the time by more than one."""
+    band, numbers = band_of(np.ones((12, 12))), np.arange(41)
+    apart = 0.25 * 2.5 * SHAPE[0] / 12 * np.cumsum(1.0 - swing * np.sign(np.sin(2.0 * np.pi * (numbers - 0.5) / 20.0)))
+    one = np.stack([3.0 * numbers, -1.0 * numbers], 1)
+    other = one + np.stack([apart, np.zeros(41)], 1)
+    relative = apart[4:] - apart[:-4]
+    assert band.are_apart(np.array([np.median(relative), 0.0]))
+    assert are_apart(one, other, 4, band) is is_apart
 
 
 @pytest.mark.parametrize("number", [0, 2])
