@@ -17,6 +17,10 @@ from correlograph.lags import lag_grid_of
 FIXED_PATTERN_SIGMA = 4.5
 """Minimum significance, in standard deviations, of shared power that counts as a static pattern."""
 
+MIN_RELATIVE_POWER = 1e-3
+"""Least power of a lag over the highest one at which it counts in sums over lags. Below, the edges of the frames let light of bright lags
+in, the same to all lags, so that a sum over them varies far more than one over independent lags."""
+
 _BLOCK = 5
 _BLOCK_DEVIATION = 0.262
 """Standard deviation of the mean of 5 x 5 lags in units of that of one lag: (1 + 2 sum (1 - n / 5) rho_n) / 5 with rho_n
@@ -44,13 +48,15 @@ def shared_lags(shared: np.ndarray, power: np.ndarray, dof: float) -> np.ndarray
     grid = lag_grid_of(power)
     sigma[grid.lags, grid.lags] = 0.0
     chosen = binary_dilation(sigma > FIXED_PATTERN_SIGMA, np.ones((3, 3), bool))
+    summed = power > MIN_RELATIVE_POWER * np.where(grid.ring > 1, power, 0.0).max()
+    sigma[~summed] = 0.0
     chosen |= binary_dilation(
         uniform_filter(sigma, _BLOCK, mode="nearest") > FIXED_PATTERN_SIGMA * _BLOCK_DEVIATION, np.ones((3, 3), bool)
     )
     for ring in (*(ring for ring in (2, 4, 8, 16, 32, 64, 128) if ring < grid.lags), grid.lags):
         inside = ring >= grid.ring
         # both signs of a lag hold the same value
-        if sigma[inside].sum() > FIXED_PATTERN_SIGMA * _SUM_DEVIATION * math.sqrt(2.0 * inside.sum()):
+        if sigma[inside].sum() > FIXED_PATTERN_SIGMA * _SUM_DEVIATION * math.sqrt(2.0 * (inside & summed).sum()):
             chosen |= inside
     return chosen
 
