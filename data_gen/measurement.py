@@ -8,6 +8,7 @@ import numpy as np
 import torch
 
 from correlograph.errors import InputError
+from correlograph.lags import LAGS
 from radiometry.estimation.autocorrelation_estimator import estimate_autocorrelation
 from radiometry.noise.model import autocorrelate_windowed, draw_estimate, expected_spectrum
 from radiometry.photons import grain_area
@@ -46,17 +47,18 @@ class SceneMeasurement:
 
     Args:
         scene_path: scene whose hidden object the targets replace, one cell per lag.
+        lags: largest lag of the estimates.
         frames: frames per measurement.
     """
 
-    def __init__(self, scene_path: str, frames: int = 2) -> None:
+    def __init__(self, scene_path: str, lags: int = LAGS, frames: int = 2) -> None:
         from sim.frame import Simulation
         from sim.scene_file import load_scene
         from sim.scene_reader import read_geometry
 
         scene, _ = load_scene(scene_path)
         self._simulation = Simulation(read_geometry(scene))
-        self._prediction = prediction = predict(self._simulation.geometry)
+        self._prediction = prediction = predict(self._simulation.geometry, lags=lags)
         self._grid, self._pitches_m, self._frames = prediction.grid, prediction.pitches_m, frames
         self._transfer = torch.from_numpy(prediction.transfer.astype(np.float32))
         self.dof = prediction.dof(frames)

@@ -66,7 +66,7 @@ def measure(recipe: Recipe, block: int, targets: np.ndarray) -> dict[str, np.nda
         floor, dof = draw_noise_levels(len(targets), recipe.floor_over_peak, recipe.dof, np.random.default_rng(streams[0]))
         lags = model_measurement(torch.from_numpy(albedo), torch.from_numpy(floor), torch.from_numpy(dof), rng).numpy()
     else:
-        place = _place(recipe.scene)
+        place = _place(recipe.scene, recipe.source.side - 1)
         levels = [place.noise_level(one) for one in albedo]
         floor = np.array([level / peak for level, peak in levels], np.float32)
         dof = np.full(len(targets), place.dof, np.float32)
@@ -88,5 +88,5 @@ def measure(recipe: Recipe, block: int, targets: np.ndarray) -> dict[str, np.nda
 
 
 @lru_cache(maxsize=1)
-def _place(scene: str) -> SceneMeasurement:
-    return SceneMeasurement(scene)
+def _place(scene: str, lags: int) -> SceneMeasurement:
+    return SceneMeasurement(scene, lags)

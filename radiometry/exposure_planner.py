@@ -129,8 +129,12 @@ def best(divisions: list[Division]) -> Division:
 
 
 def measured_error(estimate: np.ndarray, prediction: Prediction) -> float:
-    """Return the relative error of an estimate against the known r*r, with fitted gain and floor, over the same lags."""
-    gain, floor = fit_known_signal(estimate, prediction.signal)
-    residual = estimate - floor - gain * prediction.signal
+    """Return the relative error of an estimate against the known r*r, with fitted floor and the gain that makes it least, over the same
+    lags. Raises InputError for an estimate of zeros, as of frames without a single photoelectron."""
     half = prediction.grid.lag_grid.half_plane
-    return float(np.sqrt((residual[half] ** 2).sum() / ((gain * prediction.signal[half]) ** 2).sum()))
+    if not estimate[half].any():
+        raise InputError("--check", "photoelectrons in the rendered frames", "none", "raise --budget-s, or leave out --check")
+    _, floor = fit_known_signal(estimate, prediction.signal)
+    seen, signal = estimate[half] - floor, prediction.signal[half]
+    gain = (seen @ signal) / (signal @ signal)
+    return float(np.linalg.norm(seen - gain * signal) / (gain * np.linalg.norm(signal)))

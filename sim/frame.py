@@ -193,6 +193,8 @@ class Simulation:
             total.add_(image, alpha=weight / polarisations)
         if (background := self._stray.background) is not None:
             image = background.intensity(self.geometry, rng, self.device)
+            if texture is not None:
+                image = image * self._texture(1).square()
             total.add_(image, alpha=background.emitters.share * self._samples.brightness)
         if not exact and self._models("pupil_and_pixel"):
             total = mean_image(total, self._transfer)
@@ -231,7 +233,12 @@ class Simulation:
             return torch.zeros(1, 1, device=self.device)
         coarse = torch.from_numpy(rate * self.geometry.camera.electronics.exposure_s).float()[None, None]
         smooth = torch.nn.functional.interpolate(coarse, self.geometry.camera.frame_shape, mode="bilinear", align_corners=False)
-        return smooth[0, 0].to(self.device)
+        ambient = smooth[0, 0].to(self.device)
+        if self._models("detector_texture"):
+            albedo = self._texture(1).square()
+            blurred = mean_image(albedo, self._transfer) if self._models("pupil_and_pixel") else albedo
+            ambient = ambient * middle(blurred, self.geometry.camera.frame_shape)
+        return ambient
 
     def frame(self, seed: int, number: int) -> torch.Tensor:
         """Return one recorded frame in electrons, float32 (H, W).

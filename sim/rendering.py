@@ -161,7 +161,8 @@ def moved_albedo(geometry: Geometry, time_s: float, patch: int | None = None, la
     place = np.nonzero(seen.weight > 0.0)
     coordinates = np.stack([(index - 0.5 * (n - 1)) * step for index, n, step in zip(place, shape, finer, strict=True)], 1)
     moved = moved_positions(geometry, hidden.position(coordinates, seen.depth_m[place]), seen.part[place], time_s)
-    at = hidden.axes.coordinates(moved) / pitches_m + 0.5 * (side - 1)
+    nearer = 1.0 / (1.0 + moved @ hidden.line_of_sight / geometry.distance_m)  # as seen from the wall
+    at = nearer[:, None] * hidden.axes.coordinates(moved) / pitches_m + 0.5 * (side - 1)
     albedo, low = np.zeros((side, side)), np.floor(at).astype(int)
     for step in ((0, 0), (0, 1), (1, 0), (1, 1)):
         cell, share = low + step, np.prod(1.0 - np.abs(at - low - step), axis=1) * seen.albedo[place] / FINER_TRUTH**2

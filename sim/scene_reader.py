@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import drjit as dr
@@ -14,6 +13,7 @@ from radiometry.light_budget_rows import LightPath, closed_form
 from sim.backend.variant import check_compilable
 from sim.camera_view import CameraView
 from sim.geometry import Geometry, Movement, PhotographedWall, Spot
+from sim.phase_screens import check_phase_screens, is_depolarised, moving_together
 from sim.plugins.laser import Laser
 from sim.plugins.phase_screen import PhaseScreen
 from sim.plugins.speckle_camera import SpeckleCamera
@@ -30,7 +30,6 @@ from sim.scene_checks import (
     shape_named,
     unit,
 )
-from sim.trajectory import Trajectory
 from sim.transport.ambient import ambient_irradiance
 from sim.transport.detector_texture import detector_albedo, texture_of
 from sim.transport.footprint import lag_axes, pixel_steps
@@ -76,7 +75,7 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
     centre = 0.5 * np.sum(bounds(hidden_shapes), axis=0)
     line = unit(centre - seen.place)
     check_facing(seen.normal, line, "the hidden_object")
-    moving = _moving_together(hidden_shapes)
+    moving = moving_together(hidden_shapes)
     hidden_object = HiddenObject(
         LightTransport(scene, laser, camera, view, wall_albedo),
         centre,
@@ -92,7 +91,7 @@ def read_geometry(scene: mi.Scene, sensor: SpeckleCamera | None = None) -> Geome
         light_path=path,
         is_direct_path_blocked=is_blocked(scene, lit.place, seen.place),
         direct_light=direct_light(scene, path.source_albedo, (lit.place, lit.normal), (seen.place, seen.normal)),
-        is_depolarised=_is_depolarised((source, *hidden_shapes), camera),
+        is_depolarised=is_depolarised(source, hidden_shapes, camera),
         movements=tuple(Movement(path, 0.5 * np.sum(bounds(shapes), axis=0)) for shapes, path in moving),
         other_light=estimate_other_light(scene, camera=camera),
     )
@@ -124,6 +123,7 @@ def _find_parts(
             sorted(shapes),
             "add one, and pass optimize=False to mi.load_file",
         )
+    check_phase_screens(scene, hidden_shapes)
     return source, detector, hidden_shapes, laser, camera
 
 
@@ -205,30 +205,3 @@ def _light_path(
     if flat > 0.0 and hidden_object.throughput > 0.0:
         path = replace(path, beyond_flat=hidden_object.throughput / flat)
     return path
-
-
-def _is_depolarised(shapes: Iterable[mi.Shape], camera: SpeckleCamera) -> bool:
-    """Return whether a frame contains both polarisations. Raises InputError if the camera has polarisation channels but no
-    surface depolarises.
-    """
-    is_depolarised = any(isinstance(shape.bsdf(), PhaseScreen) and shape.bsdf().depolarising for shape in shapes)
-    if camera.polarisation_channels == 1:
-        return is_depolarised
-    if not is_depolarised:
-        expected = "1, unless a phase_screen of source or object is depolarising"
-        remedy = "set depolarising, because both channels show one speckle pattern otherwise"
-        raise InputError("speckle_camera.polarisation_channels", expected, camera.polarisation_channels, remedy)
-    return False
-
-
-def _moving_together(shapes: list[mi.Shape]) -> list[tuple[list[mi.Shape], Trajectory]]:
-    """Return the shapes of each hidden object, which share one motion, and this motion."""
-    found: list[tuple[list[mi.Shape], Trajectory]] = []
-    for shape in shapes:
-        path = shape.bsdf().trajectory if isinstance(shape.bsdf(), PhaseScreen) else Trajectory()
-        same = next((group for group, known in found if known.matches(path)), None)
-        if same is None:
-            found.append(([shape], path))
-        else:
-            same.append(shape)
-    return found

@@ -243,6 +243,19 @@ def test_an_unfinished_dataset_is_not_read(tmp_path, command):
     assert "1 of 1 parts missing" in err
 
 
+def test_measurements_in_a_scene_have_the_lags_of_their_targets(rng):
+    pytest.importorskip("mitsuba")
+    from data_gen.measurement import SceneMeasurement
+    from scenes import scene_path
+
+    place, albedo = SceneMeasurement(str(scene_path("corner_letter")), lags=95), np.zeros((96, 96), np.float32)
+    albedo[30:60, 40:52] = rng.random((30, 12), np.float32)
+    floor, peak = place.noise_level(albedo)
+    modelled = place.model(torch.from_numpy(albedo)[None], torch.tensor([floor / peak]), torch.Generator().manual_seed(1))
+    assert modelled.shape == (1, 191, 191)
+    assert np.corrcoef(modelled[0].numpy().ravel(), place.render(albedo, 3).ravel())[0, 1] > 0.8
+
+
 @pytest.mark.slow
 def test_rendered_and_modelled_measurements_agree():
     """Per-lag mean and variance of one target's estimates, rendered and from the noise model: two-sample z-tests."""

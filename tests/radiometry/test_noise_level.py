@@ -1,10 +1,14 @@
 """Floor and degrees of freedom read back from synthetic estimates."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from correlograph.errors import InputError
 from correlograph.lags import LAGS, lag_grid
 from radiometry.autocorrelation import autocorrelate, smooth_by_window
+from radiometry.exposure_planner import measured_error
 from radiometry.noise.measured_noise import ASSUMED_DOF, extrapolated_peak, fit_known_signal, read_noise_level
 
 HALF_PLANE = lag_grid(LAGS).half_plane
@@ -40,6 +44,19 @@ def test_a_known_signal_gives_the_gain_whatever_the_floor(rng, floor):
     gain, fitted = fit_known_signal(estimate, smooth_by_window(lags))
     assert fitted == pytest.approx(floor, rel=0.02)
     assert gain * lags.max() == pytest.approx(1.0, rel=0.1)
+
+
+@pytest.mark.parametrize("floor", [1e-5, 0.2])
+def test_the_error_against_a_known_signal_is_that_of_the_noise(rng, floor):
+    """In bright frames, lags without signal have little noise; they must not choose the gain."""
+    lags = autocorrelate(albedo())
+    signal = smooth_by_window(lags) / lags.max()
+    known = SimpleNamespace(signal=signal, grid=SimpleNamespace(lag_grid=lag_grid(LAGS)))
+    errors = [measured_error(gamma_estimate(rng, floor, 20.0), known) for _ in range(12)]
+    expected = np.linalg.norm((signal + floor)[HALF_PLANE]) / np.linalg.norm(signal[HALF_PLANE]) / np.sqrt(20.0)
+    assert np.mean(errors) == pytest.approx(expected, rel=0.05)
+    with pytest.raises(InputError, match="photoelectrons"):
+        measured_error(np.zeros((127, 127)), known)
 
 
 def test_quantisation_is_taken_out(rng):

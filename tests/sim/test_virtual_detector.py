@@ -1,6 +1,7 @@
 """The photographed wall: its roughness, its albedo, what of it fills a pixel, and what hides it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from radiometry.transfer import subjective_modes
 from scenes import scene_path
 from sim.frame import Simulation
 from sim.optics.detector_roughness import exact_image, gamma_image, oversampling
+from sim.optics.other_light import Background, StrayLight
 from sim.plan import Plan, Settings
 from sim.plan_report import make_plan
 from sim.recording import Recording
@@ -101,8 +103,48 @@ def test_detector_roughness_is_decided_by_the_tolerance(scene):
 @pytest.mark.parametrize("settings", [Settings(), Settings("field", 1e-2, "fresnel", None, (("detector_roughness", True),))])
 def test_detector_albedo_is_visible_under_the_speckle(scene, tmp_path, settings):
     """Four quarters of a painted wall: each as bright as its albedo, rows down and columns right, energy as the mean says."""
+    geometry, albedo = painted(scene, tmp_path)
+    assert geometry.light_path.detector_albedo == pytest.approx(albedo.mean(), rel=1e-5)
+    simulation, even = (
+        Simulation(geometry, settings),
+        Simulation(geometry, replace(settings, effects=(*settings.effects, ("detector_texture", False)))),
+    )
+    assert simulation.effects["detector_texture"].modelled
+    assert even.effects["detector_texture"].predicted_error == pytest.approx(albedo.std() ** 2 / albedo.mean() ** 2, rel=1e-4)
+    pictures, bare = (sum(one.expected_frame(4, number) for number in range(2)).numpy() for one in (simulation, even))
+    np.testing.assert_allclose(in_quarters(pictures) / in_quarters(bare), albedo / albedo.mean(), rtol=5e-3)
+    assert Simulation(scene()).geometry.wall.texture is None
+
+
+@pytest.mark.parametrize("light", ["lamp", "stray"])
+def test_other_light_shows_the_paint_as_the_object_does(scene, tmp_path, light):
+    geometry, albedo = painted(scene, tmp_path)
+    simulation = Simulation(geometry, Settings(effects=(("shot_noise", False),)))
+    of_object = simulation.expected_frame(4, 0).numpy()
+    if light == "lamp":
+        lit = replace(geometry, wall=replace(geometry.wall, ambient_irradiance=np.full((8, 8), 1e-9)))
+        other = (
+            Simulation(lit, Settings(effects=(("shot_noise", False), ("ambient", True)))).expected_frame(4, 0).numpy()
+            - of_object
+        )
+    else:
+        simulation._stray = StrayLight(None, Background(SimpleNamespace(share=3.0), 0.0))
+        other = simulation.expected_frame(4, 0).numpy() - of_object
+        assert other.mean() == pytest.approx(3.0 * simulation.mean_photoelectrons, rel=0.01)
+    quarters = in_quarters(other)
+    np.testing.assert_allclose(quarters / quarters.mean(), albedo / albedo.mean(), rtol=0.01)
+
+
+def in_quarters(frame: np.ndarray) -> np.ndarray:
+    """Return the sums of a frame (514, 616) over its quarters (2, 2), without their edges."""
+    rows, columns = (slice(20, 237), slice(277, 494)), (slice(20, 288), slice(328, 596))
+    return np.array([[frame[row, column].sum() for column in columns] for row in rows])
+
+
+def painted(scene, folder):
+    """Return the reference scene with four quarters painted on the photographed wall, and their albedos as the camera sees them."""
     quarters = np.array([[0.25, 0.5], [0.75, 1.0]])
-    Image.fromarray(np.round(255 * quarters).astype(np.uint8)).save(tmp_path / "paint.png")
+    Image.fromarray(np.round(255 * quarters).astype(np.uint8)).save(folder / "paint.png")
     plain = '</transform>\n        <bsdf type="phase_screen">\n            <float name="height_rms" value="2e-6"/>\n'
     text = scene_path("corner_letter").read_text()
     wall = text[text.index('id="virtual_detector"') :]
@@ -115,19 +157,7 @@ def test_detector_albedo_is_visible_under_the_speckle(scene, tmp_path, settings)
     geometry = scene((old, old.replace('<spectrum name="reflectance" value="1"/>', paint)))
     # Columns run along the rectangle's u; rows down, against its v, along which bitmaps are laid from their first row.
     albedo = np.round(255 * quarters[::-1]) / 255
-    assert geometry.light_path.detector_albedo == pytest.approx(albedo.mean(), rel=1e-5)
-    simulation, even = (
-        Simulation(geometry, settings),
-        Simulation(geometry, replace(settings, effects=(*settings.effects, ("detector_texture", False)))),
-    )
-    assert simulation.effects["detector_texture"].modelled
-    assert even.effects["detector_texture"].predicted_error == pytest.approx(albedo.std() ** 2 / albedo.mean() ** 2, rel=1e-4)
-    painted, bare = (sum(one.expected_frame(4, number) for number in range(2)).numpy() for one in (simulation, even))
-    for row, rows in enumerate((slice(20, 237), slice(277, 494))):
-        for column, columns in enumerate((slice(20, 288), slice(328, 596))):
-            gain = painted[rows, columns].sum() / bare[rows, columns].sum()
-            assert gain == pytest.approx(albedo[row, column] / albedo.mean(), rel=5e-3)
-    assert Simulation(scene()).geometry.wall.texture is None
+    return geometry, albedo
 
 
 def test_saturation_is_predicted_and_clips(scene):

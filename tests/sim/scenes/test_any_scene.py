@@ -179,6 +179,35 @@ def test_unsupported_surfaces_are_refused_by_name(scene, surface, word):
         scene(("</scene>", pane))
 
 
+SCREEN = '<bsdf type="phase_screen">{}<float name="height_rms" value="2e-6"/><float name="correlation_length" value="1e-5"/>{}</bsdf>'
+PLAIN = '<bsdf type="diffuse"/>'
+
+
+@pytest.mark.parametrize(
+    ("name", "bsdf", "word"),
+    [
+        ("hidden_object_2", f'<bsdf type="twosided">{SCREEN.format("", PLAIN)}</bsdf>', "inside another BSDF"),
+        ("hidden_object_2", f'<bsdf type="mask">{SCREEN.format("", PLAIN)}</bsdf>', "inside another BSDF"),
+        (
+            "hidden_object_2",
+            SCREEN.format('<boolean name="depolarising" value="true"/>', PLAIN),
+            "the whole hidden object depolarising",
+        ),
+        ("clutter", SCREEN.format('<vector name="velocity" x="0.01" y="0" z="0"/>', PLAIN), "a shape at rest"),
+    ],
+)
+def test_phase_screens_that_would_be_ignored_are_refused(scene, name, bsdf, word):
+    """Their roughness, motion and polarisation used to be dropped without a word."""
+    place = '<transform name="to_world"><scale value="0.002"/><translate x="0.02"/></transform>'
+
+    def with_square(surface: str):
+        return scene(("</scene>", f'<shape type="rectangle" id="{name}">{place}{surface}</shape></scene>'))
+
+    with_square(SCREEN.format("", PLAIN))
+    with pytest.raises(InputError, match=word):
+        with_square(bsdf)
+
+
 @pytest.mark.slow
 def test_traverse_changes_what_is_rendered(scene, tmp_path):
     scene()
