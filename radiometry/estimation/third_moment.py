@@ -14,7 +14,7 @@ camera (`radiometry.estimation.photon_transfer`), not from the noise floor, beca
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,9 @@ MAX_SCATTER = 4.0
 MAX_EXACT_CELLS, TRACE_VECTORS = 3000, 48
 """Number of bright cells up to which the expected third moment is exact, and number of vectors that estimate it for more."""
 
+MIN_MEASURED = 0.5
+"""Minimum share of the light of a block that a mask leaves, if it is used."""
+
 MAX_FRAMES = 8
 """Maximum number of frames whose spectra are kept."""
 
@@ -61,6 +64,7 @@ class FilteredFrames:
         level: mean of the frames.
         noise: noise of the pixels.
         lags: largest lag.
+        measured: share of the power that a mask leaves in each block, (8, 8).
     """
 
     spectra: tuple[torch.Tensor, ...]
@@ -70,6 +74,13 @@ class FilteredFrames:
     level: float
     noise: PhotonTransfer
     lags: int = LAGS
+    measured: np.ndarray = field(default_factory=lambda: np.ones((_BLOCKS, _BLOCKS)))
+
+    def behind(self, power: np.ndarray) -> FilteredFrames:
+        """Return the frames with the share of the power that a mask leaves at each pixel, (H, W)."""
+        blocks = [side // _BLOCKS for side in power.shape]
+        held = power[: blocks[0] * _BLOCKS, : blocks[1] * _BLOCKS].reshape(_BLOCKS, blocks[0], _BLOCKS, blocks[1]).mean((1, 3))
+        return replace(self, measured=held)
 
     def likeness(
         self, albedo: np.ndarray, weight: np.ndarray, amplitude: np.ndarray, signal: np.ndarray, floor: float, power: float
@@ -95,13 +106,14 @@ class FilteredFrames:
         Args:
             weight: w (n, n), even, zero lag in the middle.
         """
-        every = self._block_means(weight, 3).flatten()
+        is_used = self.measured >= min(MIN_MEASURED, float(self.measured.max()))
+        every = self._block_means(weight, 3)[:, torch.from_numpy(is_used)].flatten()
         return float(every.mean()), float(every.std() / len(every) ** 0.5)
 
     def power_differences(
         self, weight: np.ndarray, lags: np.ndarray, signal: np.ndarray, albedo: np.ndarray
     ) -> ExcessScatter | None:
-        """Return the scatter of the mean of J^2 between parts of a frame; None without signal.
+        """Return the scatter of the mean of J^2 between parts of a frame; None without signal, and if a mask leaves too little of a block.
 
         A frame has 8 x 8 blocks, and a part is 2 x 2 of them. Speckle has the same statistics everywhere, so parts differ no
         more than expected from the blocks within them (analysis of variance) or from the spectrum: the power of a Gaussian J
@@ -114,6 +126,8 @@ class FilteredFrames:
         Args:
             weight: w (127, 127). lags: the estimate S (127, 127). signal: S without its floor. albedo: a reconstruction (64, 64).
         """
+        if self.measured.min() < MIN_MEASURED:
+            return None
         power = self._block_means(weight, 2)
         power = power / power.mean((1, 2), keepdim=True).clamp_min(1e-300)
         parts = power.reshape(len(power), _BLOCKS // 2, 2, _BLOCKS // 2, 2).transpose(2, 3).flatten(3)
@@ -160,7 +174,7 @@ class FilteredFrames:
             spectrum[sides[0] - len(seen) + ahead :, : len(columns)] = seen[ahead:]
             filtered = torch.fft.irfft2(spectrum, s=sides)[: blocks[0] * _BLOCKS, : blocks[1] * _BLOCKS] ** exponent
             means.append(filtered.reshape(_BLOCKS, blocks[0], _BLOCKS, blocks[1]).double().mean((1, 3)))
-        return torch.stack(means)
+        return torch.stack(means) / torch.from_numpy(np.maximum(self.measured, 1e-3))
 
 
 def shot_noise_part(weight: np.ndarray, signal: np.ndarray, variance: float, patch_pixels: int) -> Any:

@@ -11,6 +11,8 @@ import pytest
 import tifffile
 from PIL import Image
 
+import invert
+from benchmarks.nuisances import speckle
 from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata
 from correlograph.files.captured_frames import find_frames, read_capture
@@ -92,6 +94,31 @@ def test_flat_field_and_mask(tmp_path, rng):
     np.testing.assert_allclose(found[mask], expected[mask], rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose(found[~mask], expected[mask].mean(), rtol=1e-5)
     assert Corrections().apply(read_capture([tmp_path / "a.npy"], UNKNOWN)).frames[0].max() > 5.0
+
+
+@pytest.mark.parametrize("kept", ["left half", "nine of ten pixels", "blocks"])
+def test_what_a_mask_leaves_is_speckle_as_before(rng, kept):
+    """Sharp frames, part of them masked: contrast 1, third moment of speckle, no doubt, and as many degrees of freedom as are left."""
+    albedo = np.zeros((64, 64))
+    albedo[16:48, 20:26] = albedo[16:21, 20:44] = albedo[30:35, 20:38] = 1.0
+    frames = np.stack([rng.poisson(5.0 * speckle(albedo, rng, shape=(800, 900))) for _ in range(3)]).astype(np.float32)
+    mask = np.ones((800, 900))
+    if kept == "left half":
+        mask[:, 450:] = 0.0
+    elif kept == "blocks":
+        mask[(np.add.outer(np.arange(800) // 200, np.arange(900) // 225) % 4) == 0] = 0.0
+    else:
+        mask[rng.random(mask.shape) < 0.1] = 0.0
+    whole, masked = (
+        invert.reconstruct(frames, patch=257, quality="fast", corrections=corrections)
+        for corrections in (None, Corrections(mask=mask))
+    )
+    record, test = masked.estimate.record, masked.speckle_test
+    assert abs(record.contrast.square - 1.0) < 3.0 * record.contrast.error + 0.02
+    assert abs(test.third_moment_ratio - 1.0) < 4.0 * test.error
+    assert not any(one.is_raised for one in masked.doubts)
+    assert record.dof_expected == pytest.approx(mask.mean() * whole.estimate.record.dof_expected)
+    assert masked.confidence > whole.confidence - 0.1
 
 
 @pytest.mark.parametrize(
