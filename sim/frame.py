@@ -173,7 +173,7 @@ class Simulation:
             for part in self._modes.objects
         )
         # Things at rest, lit by a spot at rest, send the same speckle in every frame.
-        rng, waves = _stream(seed, 0 if self.geometry.spot.scan_step_m == 0.0 else number, 4), {}
+        rng, waves = _stream(seed, channel if self.geometry.spot.scan_step_m == 0.0 else number, 4), {}
         for mode, weight, index in modes:
             polarisation, offset_hz = mode.polarisation, mode.offset_hz
             wall = torch.zeros((), dtype=torch.complex64, device=self.device)

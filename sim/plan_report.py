@@ -16,7 +16,7 @@ from radiometry.prediction import predict
 from sim.effects import Effect
 from sim.geometry import Geometry
 from sim.light_paths import describe, direct_light_per_frame, light_paths
-from sim.optics.illumination import overlap, specular_share
+from sim.optics.illumination import lost_over_spot, overlap, specular_share
 from sim.plan import Plan, Settings
 from sim.transport.monte_carlo import MonteCarlo
 
@@ -35,6 +35,9 @@ MIN_OBJECT_LAGS = 4.0
 MAX_STRAY_SHARE = 0.3
 """Ratio of stray light to object light above which a warning is given; the stray light's r*r is then a tenth of the object's."""
 
+
+MAX_LOST_OVER_SPOT = 0.01
+"""Part of the squared contrast that path differences across the laser spot take, above which a warning is given."""
 
 MAX_LINE_SHARE = 0.1
 """Noise of rows or columns over the peak, at the lags of one axis, above which a warning is given."""
@@ -258,6 +261,16 @@ def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[s
             f"scan_step: {100 * common:.3g} % of the spot is common to consecutive frames, whose speckle then "
             f"correlates by {common**2:.2g}, with fewer degrees of freedom than predicted; move it by "
             f"{geometry.spot.diameter_m:.3g} m or more"
+        )
+    if common > 0.0 and geometry.spot.scan_step_m and geometry.other_light_share > MAX_STRAY_SHARE:
+        warnings.append(
+            "other_light: stray light of spots that overlap is drawn as if they did not; move the spot by its diameter"
+        )
+    spread_m, lost = lost_over_spot(geometry)
+    if lost > MAX_LOST_OVER_SPOT:
+        warnings.append(
+            f"linewidth: the ways of the light differ by {1e3 * spread_m:.3g} mm across the laser spot, which lowers contrast^2 by "
+            f"{100.0 * lost:.2g} %; frames and predictions leave this out; use a narrower line, a smaller spot, or an upright beam"
         )
     for width_m, pitch_m in zip(geometry.hidden_object.extent_m, pitches_m, strict=True):
         if width_m > 64 * pitch_m:

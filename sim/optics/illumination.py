@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from radiometry.coherence import variance_lost_to_linewidth
 from radiometry.motion import airy, disc_overlap
 from sim.foreseen import lit_period_m
 from sim.geometry import Geometry
@@ -36,6 +37,20 @@ class Displaced:
     coordinates_m: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     shift_m: np.ndarray | None = None
     reach_m: float = 0.0
+
+
+def lost_over_spot(geometry: Geometry) -> tuple[float, float]:
+    """Return by how much the ways of the light to the object differ across the laser spot, in metres, and the part of the squared contrast
+    that this takes at the linewidth of the laser.
+
+    They rise linearly across the spot, by the components of beam and way to the object along the wall.
+    """
+    spot, to_object = geometry.spot, geometry.hidden_object.centre - geometry.spot.centre
+    rise = spot.beam - to_object / np.linalg.norm(to_object)
+    along_wall = rise - (rise @ spot.normal) * spot.normal
+    spread_m = spot.diameter_m * float(np.linalg.norm(along_wall))
+    angle = np.linspace(0.0, np.pi, 129)  # chords of a disc
+    return spread_m, variance_lost_to_linewidth(0.5 * spread_m * np.cos(angle), np.sin(angle), spot.linewidth_hz)
 
 
 def overlap(geometry: Geometry) -> float:

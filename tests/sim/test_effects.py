@@ -17,7 +17,7 @@ from radiometry.sensor.electronics import Electronics
 from scenes import scene_path
 from sim.effects import parse_effects
 from sim.frame import Simulation
-from sim.optics.illumination import overlap, specular_field, specular_share
+from sim.optics.illumination import lost_over_spot, overlap, specular_field, specular_share
 from sim.plan import Settings
 from sim.plan_report import make_plan
 from sim.propagation import nufft
@@ -39,6 +39,25 @@ def test_contrast_is_one_and_one_over_root_two_when_depolarised(scene, depolaris
     assert contrast(Simulation(geometry, Settings(effects=BARE))) == pytest.approx(1.0 / np.sqrt(2.0), abs=0.02)
     off = Simulation(geometry, Settings(effects=(*BARE, ("depolarisation", False))))
     assert contrast(off) == pytest.approx(1.0, abs=0.03)
+
+
+def test_path_differences_across_the_spot_are_warned_of(scene):
+    """The loss of contrast of 100 GHz against pairs of random points of the spot; a line of 1 GHz is narrow enough."""
+    wide, narrow = (scene(("</emitter>", f'<float name="linewidth" value="{hz:g}"/></emitter>')) for hz in (1e11, 1e9))
+    spot, rng = wide.spot, np.random.default_rng(2)
+    side = np.cross(spot.normal, [0.3, 1.0, 0.2])
+    side /= np.linalg.norm(side)
+    radius, angle = 0.5 * spot.diameter_m * np.sqrt(rng.random(4000)), 2.0 * np.pi * rng.random(4000)
+    up = np.cross(spot.normal, side)
+    points = spot.centre + radius[:, None] * (np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up)
+    way = points @ spot.beam + np.linalg.norm(wide.hidden_object.centre - points, axis=1)
+    expected = 1.0 - np.mean(coherence((way[:2000] - way[2000:]) / speed_of_light, 1e11) ** 2)
+    spread_m, lost = lost_over_spot(wide)
+    assert np.ptp(way) == pytest.approx(spread_m, rel=0.03)
+    assert lost == pytest.approx(expected, abs=0.02)
+    assert lost > 0.1
+    assert any("across the laser spot" in warning for warning in make_plan(wide, 1)["warnings"])
+    assert not any("across the laser spot" in warning for warning in make_plan(narrow, 1)["warnings"])
 
 
 def test_sum_of_lines_has_the_coherence_of_the_spectrum():
