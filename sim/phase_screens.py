@@ -1,4 +1,4 @@
-"""What the phase screens of a scene say of its shapes: which move, and which depolarise."""
+"""Phase screens of a scene: checks, shapes that move together, polarisation."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from sim.trajectory import Trajectory
 
 
 def check_phase_screens(scene: mi.Scene, hidden: list[mi.Shape]) -> None:
-    """Raise InputError for a phase_screen inside another BSDF, whose roughness and motion nothing would show, and for one by which a shape
-    moves that is no hidden object."""
+    """Raise InputError for a phase_screen inside another BSDF, whose roughness and motion nothing would show, and for one that
+    moves a shape other than a hidden object."""
     may_move = {shape.id() for shape in hidden}
     for shape in scene.shapes():
         name, bsdf = shape.id() or "shape", shape.bsdf()

@@ -97,7 +97,7 @@ def test_flat_field_and_mask(tmp_path, rng):
 
 
 @pytest.mark.parametrize("kept", ["left half", "nine of ten pixels", "blocks"])
-def test_what_a_mask_leaves_is_speckle_as_before(rng, kept):
+def test_speckle_behind_a_mask_is_judged_as_speckle(rng, kept):
     """Sharp frames, part of them masked: contrast 1, third moment of speckle, no doubt, and as many degrees of freedom as are left."""
     albedo = np.zeros((64, 64))
     albedo[16:48, 20:26] = albedo[16:21, 20:44] = albedo[30:35, 20:38] = 1.0
