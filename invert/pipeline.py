@@ -24,7 +24,7 @@ from invert.blur_fit import MAX_RECONSTRUCTIONS, BlurSearch, likelihood_before_d
 from invert.choices import FAST, UNET
 from invert.field.reconstruction import FieldReconstruction
 from invert.field.retrieval import retrieve_fields
-from invert.measure.estimate import Estimate, estimate_from_frames
+from invert.measure.estimate import Estimate, estimate_from_frames, per_measured_pixel
 from invert.measure.preparation import mean_frame, prepare
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction, reconstructor
@@ -88,6 +88,8 @@ def fulfil(request: Request, source: Source) -> Result:
     else:
         estimate, followed = estimate_following(request, shown)
         estimate, capture, of_objects = choose_object(request, estimate, followed)
+        if capture is shown and shown.measured is not None:  # those of frames that were moved back hold parts of others' light
+            estimate = per_measured_pixel(estimate, shown.measured)
         path, may_shake = followed.path_of(request.object_number), followed.may_shake
         notes += followed.notes + of_objects + describe_files(shown)
     seconds["autocorrelation"] = estimate.seconds

@@ -129,12 +129,13 @@ def best(divisions: list[Division]) -> Division:
 
 
 def measured_error(estimate: np.ndarray, prediction: Prediction) -> float:
-    """Return the relative error of an estimate against the known r*r, with fitted floor and the gain that makes it least, over the same
-    lags. Raises InputError for an estimate of zeros, as of frames without a single photoelectron."""
+    """Return the relative error of an estimate against the known r*r, with fitted floor and least-squares gain, over the same
+    lags; infinite for a gain of zero. Raises InputError for an estimate of zeros, as of frames without a single photoelectron."""
     half = prediction.grid.lag_grid.half_plane
     if not estimate[half].any():
         raise InputError("--check", "photoelectrons in the rendered frames", "none", "raise --budget-s, or leave out --check")
     _, floor = fit_known_signal(estimate, prediction.signal)
     seen, signal = estimate[half] - floor, prediction.signal[half]
     gain = (seen @ signal) / (signal @ signal)
-    return float(np.linalg.norm(seen - gain * signal) / (gain * np.linalg.norm(signal)))
+    scale = abs(gain) * np.linalg.norm(signal)
+    return float(np.linalg.norm(seen - gain * signal) / scale) if scale else np.inf

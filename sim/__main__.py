@@ -168,13 +168,13 @@ def _render(scene, plan, content, options) -> None:
             times = map(plan.geometry.frame_middle_s, range(options.frames))
             moved = [moved_albedo(plan.geometry, time, options.truth_patch, options.truth_lags) for time in times]
             save_array(staging / MOVED_TRUTH, np.stack(moved))
-            held = np.sum(moved, (1, 2)) / max(float(truth.sum()), 1e-30)
+            held = np.sum(moved, (1, 2)) / truth.sum() if truth.any() else np.ones(1)
         save_json(staging / "sim.json", record(scene, recording, content, pitches_m, saturated, seconds))
         replace_capture(staging, folder)
     if saturated > SATURATION_WORTH_A_WARNING:
         print(f"warning: saturation: {100 * saturated:.3g} % of the pixels have their largest value", file=sys.stderr)
     if plan.geometry.moves and held.min() < HELD_WORTH_A_WARNING:
-        outside = f"{100.0 * (1.0 - held.min()):.0f} % of the object are outside in frame {held.argmin()}"
+        outside = f"{100.0 * (1.0 - held.min()):.0f} % of the object is outside in frame {held.argmin()}"
         print(
             f"warning: {MOVED_TRUTH}: {outside}; --truth-lags and --truth-patch choose the lags that it holds", file=sys.stderr
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -158,7 +159,7 @@ class Simulation:
         channels records frames 2 k and 2 k + 1 in one exposure.
         """
         if len(self._samples.amplitude) == 0:
-            return self._ambient().expand(self.geometry.camera.frame_shape).clone().cpu()
+            return self._ambient.expand(self.geometry.camera.frame_shape).clone().cpu()
         factor, polarisations = self._modes.oversampling, self._modes.polarisations
         exposure, channel = divmod(number, self.geometry.camera.polarisation_channels)
         exact = self._modes.exact_roughness
@@ -195,13 +196,15 @@ class Simulation:
             image = background.intensity(self.geometry, rng, self.device)
             if texture is not None:
                 image = image * self._texture(1).square()
+            if exact and self._models("pupil_and_pixel"):
+                image = mean_image(image, self._transfer)
             total.add_(image, alpha=background.emitters.share * self._samples.brightness)
         if not exact and self._models("pupil_and_pixel"):
             total = mean_image(total, self._transfer)
         total = middle(total, self.geometry.camera.frame_shape)
         if self._models("detector_roughness") and not exact:
             total = gamma_image(total, self.geometry, _stream(seed, exposure, 3))
-        return (total * (self.mean_photoelectrons / self._samples.brightness)).add_(self._ambient()).cpu()
+        return (total * (self.mean_photoelectrons / self._samples.brightness)).add_(self._ambient).cpu()
 
     def _stray_field(self, waves: np.ndarray, offset_hz: float, oversampling: int) -> torch.Tensor:
         """Return the field of the stray light that beats with the object, on the canvas of `_canvas_field`."""
@@ -226,6 +229,7 @@ class Simulation:
         texture = torch.nn.functional.pad(texture[None, None], (right, right, down, down), mode="replicate")[0, 0]
         return texture.repeat_interleave(factor, 0).repeat_interleave(factor, 1)
 
+    @cached_property
     def _ambient(self) -> torch.Tensor:
         """Return the photoelectrons from other emitters, (H, W) or a single zero."""
         rate = self.geometry.ambient_photoelectrons_per_pixel_s

@@ -18,11 +18,11 @@ def check_phase_screens(scene: mi.Scene, hidden: list[mi.Shape]) -> None:
         name, bsdf = shape.id() or "shape", shape.bsdf()
         if bsdf is None:
             continue
-        if not isinstance(bsdf, PhaseScreen):
-            if any(parameter.endswith(".height_rms") for parameter, _ in mi.traverse(bsdf)):
-                expected, found = "a phase_screen around other BSDFs", "one inside another BSDF"
-                raise InputError(name, expected, found, "put twosided, mask and other BSDFs into the phase_screen")
-        elif shape.id() not in may_move and not bsdf.trajectory.matches(Trajectory()):
+        if any(parameter.endswith(".height_rms") for parameter, _ in mi.traverse(bsdf)):
+            expected, found = "a phase_screen around other BSDFs", "one inside another BSDF"
+            raise InputError(name, expected, found, "put twosided, mask and other BSDFs into the phase_screen")
+        is_screen = isinstance(bsdf, PhaseScreen)
+        if is_screen and shape.id() not in may_move and not bsdf.trajectory.matches(Trajectory()):
             expected, remedy = "a shape at rest", "move a hidden_object, the laser (scan_speed) or the speckle_camera instead"
             raise InputError(name, expected, "a velocity, angular_velocity or trajectory", remedy)
 

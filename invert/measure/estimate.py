@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import uniform_filter
 from tqdm import tqdm
 
 from correlograph.errors import InputError
@@ -40,9 +39,6 @@ FRAMES_FOR_CHOICE = 32
 
 MIN_BLUR_TRANSFER = 0.05
 """Minimum transfer of a known blur, two lags from zero."""
-
-MASK_LAGS = 8
-"""Lags within which the edges of a mask may spread the power of a lag; r*r changes little over so many."""
 
 MAX_NEGATIVE_POWER_FRACTION = 0.2
 """Maximum fraction of an estimate's power in negative lags. Noise around a subtracted floor stays below it."""
@@ -168,8 +164,6 @@ def estimate_from_frames(capture: Capture, request: Request | None = None) -> Es
 
     def run_over(frames: Sequence[np.ndarray], tried: PatchGrid) -> _Run:
         estimator = estimator_of(tried, mean_model, device)
-        if isinstance(estimator, AutocorrelationEstimator) and capture.measured is not None:
-            estimator.measured = float(capture.measured.mean())
         with tqdm(total=len(frames), unit="frame", disable=None if frames is not few else True, leave=False) as bar:
             if isinstance(estimator, AutocorrelationEstimator) and len(frames) > PART_FRAMES and device == "cpu":
                 kept = None if frames is few else request.sums_file
@@ -196,31 +190,25 @@ def estimate_from_frames(capture: Capture, request: Request | None = None) -> Es
         drawing=SceneDrawing.from_json(capture.record.get("drawing")),
         seconds=time.perf_counter() - begin,
     )
-    if capture.measured is not None:
-        estimate = _per_measured_pixel(estimate, capture.measured)
     blur = request.known_blur
     return estimate if blur is None else apply_blur_transfer(estimate, (blur, blur))
 
 
-def _per_measured_pixel(estimate: Estimate, measured: np.ndarray) -> Estimate:
-    """Return the estimate of frames that hold their mean where they were not measured, (H, W), as if they had been measured everywhere.
-
-    Of the power within `MASK_LAGS`, a mask leaves the mean square of its density on such a scale: the share of the pixels if these lie
-    together, and its square if they are scattered; the rest is spread over all lags.
-    """
-    record, frames = estimate.record, estimate.filtered_frames
-    assert record is not None
-    power = (
-        uniform_filter(measured.astype(np.float64), [max(1, side // (2 * MASK_LAGS)) for side in record.grid.patch_shape]) ** 2
-    )
-    left, contrast = float(power.mean()), record.contrast
+def per_measured_pixel(estimate: Estimate, measured: np.ndarray) -> Estimate:
+    """Return the estimate of frames that hold their mean where they were not measured, (H, W), as if they had been measured everywhere,
+    with the degrees of freedom that are left."""
+    if estimate.filtered_frames is None or estimate.record is None:
+        return estimate
+    frames, record = estimate.filtered_frames.masked_by(measured), estimate.record
+    kept, contrast = frames.kept, record.contrast
+    assert kept is not None
     if contrast is not None:
-        contrast = Contrast(contrast.square / left, contrast.error / left / float(measured.mean()) ** 0.5)
+        contrast = Contrast(contrast.square / kept.power, contrast.error / kept.power / kept.patterns**0.5)
     return replace(
         estimate,
-        values=(estimate.values / left).astype(np.float32),
-        record=replace(record, contrast=contrast),
-        filtered_frames=None if frames is None else frames.behind(power),
+        values=(estimate.values / kept.power).astype(np.float32),
+        record=replace(record, dof_expected=kept.patterns * record.dof_expected, contrast=contrast),
+        filtered_frames=frames,
     )
 
 

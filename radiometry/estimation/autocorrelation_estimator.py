@@ -69,8 +69,6 @@ class AutocorrelationEstimator:
         self.grid, self.device, self.mean = grid, torch.device(device), mean
         self.background = BackgroundRecord(mean)
         """Background and sensor faults; complete after estimate()."""
-        self.measured = 1.0
-        """Share of the pixels that were measured; the others hold the mean of their frame."""
         self._patch = grid.patch_shape
         self.padded = (
             next_fast_len(grid.frame_shape[0] + self._patch[0] - 1),
@@ -172,10 +170,7 @@ class AutocorrelationEstimator:
     def dof(self) -> float:
         """Degrees of freedom K of a lag without static pattern."""
         counted = self.frames if self.mean != "fixed" or self.frames == 1 else self.frames - 1
-        return self._dof_of(counted)
-
-    def _dof_of(self, frames: int) -> float:
-        return self.measured * degrees_of_freedom(frames, self.grid.frame_shape, self._patch)
+        return degrees_of_freedom(counted, self.grid.frame_shape, self._patch)
 
     def estimate(self) -> np.ndarray:
         """Return the estimate, float32 (127, 127), zero lag in the middle: the power spectrum of the frames
@@ -223,7 +218,7 @@ class AutocorrelationEstimator:
         if self.mean != "auto":
             return np.full(shared.shape, self.mean == "fixed")
         pairs = self.frames * (self.frames - 1)
-        return shared_lags(shared, estimate, pairs * self._dof_of(1))
+        return shared_lags(shared, estimate, pairs * degrees_of_freedom(1, self.grid.frame_shape, self._patch))
 
     def _drift(self) -> float:
         """Return the mean square of the frames' means divided by the mean product of the means of two frames. Drift of a
@@ -241,7 +236,7 @@ class AutocorrelationEstimator:
         if number >= MAX_FRAMES and not self._is_pattern_shared:
             return spectrum, None
         cross = self._first.real * spectrum.real + self._first.imag * spectrum.imag
-        dof = 2.0 * self._dof_of(1)
+        dof = 2.0 * degrees_of_freedom(1, self.grid.frame_shape, self._patch)
         if not shared_lags(self.at_lags(cross), self._first_lags, dof).any():
             return spectrum, None
         shift = shift_between(self._first, spectrum, self.padded, number)

@@ -30,7 +30,7 @@ def frame_differences(frames: FilteredFrames, used: np.ndarray, inflation: float
         inflation: variance inflation of sums over lags.
     """
     count, lags = len(frames.spectra), int(used.sum())
-    dof = degrees_of_freedom(1, frames.frame, frames.patch) * float(frames.measured.mean())
+    dof = degrees_of_freedom(1, frames.frame, frames.patch) * (1.0 if frames.kept is None else frames.kept.patterns)
     if count < 2 or lags < 2:
         return None
     power = np.stack([_power_at_lags(frames, spectrum) for spectrum in frames.spectra])

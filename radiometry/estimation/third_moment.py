@@ -14,7 +14,7 @@ camera (`radiometry.estimation.photon_transfer`), not from the noise floor, beca
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from scipy.stats import f as f_distribution
 from correlograph.lags import LAGS, lag_grid_of
 from radiometry.autocorrelation import autocorrelate
 from radiometry.estimation.excess_scatter import ExcessScatter
+from radiometry.estimation.masked import Kept
 from radiometry.estimation.photon_transfer import PhotonTransfer, shot_noise
 
 _BLOCKS = 8
@@ -38,9 +39,6 @@ MAX_SCATTER = 4.0
 
 MAX_EXACT_CELLS, TRACE_VECTORS = 3000, 48
 """Number of bright cells up to which the expected third moment is exact, and number of vectors that estimate it for more."""
-
-MIN_MEASURED = 0.5
-"""Minimum share of the light of a block that a mask leaves, if it is used."""
 
 MAX_FRAMES = 8
 """Maximum number of frames whose spectra are kept."""
@@ -64,7 +62,7 @@ class FilteredFrames:
         level: mean of the frames.
         noise: noise of the pixels.
         lags: largest lag.
-        measured: share of the power that a mask leaves in each block, (8, 8).
+        kept: what a mask leaves; None without one.
     """
 
     spectra: tuple[torch.Tensor, ...]
@@ -74,13 +72,11 @@ class FilteredFrames:
     level: float
     noise: PhotonTransfer
     lags: int = LAGS
-    measured: np.ndarray = field(default_factory=lambda: np.ones((_BLOCKS, _BLOCKS)))
+    kept: Kept | None = None
 
-    def behind(self, power: np.ndarray) -> FilteredFrames:
-        """Return the frames with the share of the power that a mask leaves at each pixel, (H, W)."""
-        blocks = [side // _BLOCKS for side in power.shape]
-        held = power[: blocks[0] * _BLOCKS, : blocks[1] * _BLOCKS].reshape(_BLOCKS, blocks[0], _BLOCKS, blocks[1]).mean((1, 3))
-        return replace(self, measured=held)
+    def masked_by(self, measured: np.ndarray) -> FilteredFrames:
+        """Return the frames, of which only some pixels were measured, (H, W)."""
+        return replace(self, kept=Kept.of(measured, self.patch, _BLOCKS))
 
     def likeness(
         self, albedo: np.ndarray, weight: np.ndarray, amplitude: np.ndarray, signal: np.ndarray, floor: float, power: float
@@ -106,14 +102,16 @@ class FilteredFrames:
         Args:
             weight: w (n, n), even, zero lag in the middle.
         """
-        is_used = self.measured >= min(MIN_MEASURED, float(self.measured.max()))
-        every = self._block_means(weight, 3)[:, torch.from_numpy(is_used)].flatten()
+        every = self._block_means(weight, 3)
+        if self.kept is not None:
+            every = every[:, torch.from_numpy(self.kept.is_used).to(every.device)]
+        every = every.flatten()
         return float(every.mean()), float(every.std() / len(every) ** 0.5)
 
     def power_differences(
         self, weight: np.ndarray, lags: np.ndarray, signal: np.ndarray, albedo: np.ndarray
     ) -> ExcessScatter | None:
-        """Return the scatter of the mean of J^2 between parts of a frame; None without signal, and if a mask leaves too little of a block.
+        """Return the scatter of the mean of J^2 between parts of a frame; None without signal, and if a mask empties blocks.
 
         A frame has 8 x 8 blocks, and a part is 2 x 2 of them. Speckle has the same statistics everywhere, so parts differ no
         more than expected from the blocks within them (analysis of variance) or from the spectrum: the power of a Gaussian J
@@ -126,7 +124,7 @@ class FilteredFrames:
         Args:
             weight: w (127, 127). lags: the estimate S (127, 127). signal: S without its floor. albedo: a reconstruction (64, 64).
         """
-        if self.measured.min() < MIN_MEASURED:
+        if self.kept is not None and not self.kept.is_used.all():
             return None
         power = self._block_means(weight, 2)
         power = power / power.mean((1, 2), keepdim=True).clamp_min(1e-300)
@@ -174,7 +172,11 @@ class FilteredFrames:
             spectrum[sides[0] - len(seen) + ahead :, : len(columns)] = seen[ahead:]
             filtered = torch.fft.irfft2(spectrum, s=sides)[: blocks[0] * _BLOCKS, : blocks[1] * _BLOCKS] ** exponent
             means.append(filtered.reshape(_BLOCKS, blocks[0], _BLOCKS, blocks[1]).double().mean((1, 3)))
-        return torch.stack(means) / torch.from_numpy(np.maximum(self.measured, 1e-3))
+        every = torch.stack(means)
+        if self.kept is None:
+            return every
+        left = self.kept.squares if exponent == 2 else self.kept.cubes
+        return every / torch.from_numpy(np.maximum(left, 1e-6)).to(device)
 
 
 def shot_noise_part(weight: np.ndarray, signal: np.ndarray, variance: float, patch_pixels: int) -> Any:

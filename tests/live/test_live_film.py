@@ -24,7 +24,7 @@ SHAPE, STEP = (420, 460), np.array([3.0, -2.0])
 @pytest.fixture(scope="module")
 def look():
     """A reconstruction from eight moving frames."""
-    return reconstructed(moving(8))
+    return reconstructed(moving(8, 1.0))
 
 
 def moving(count, light=0.5, seed=5):

@@ -188,6 +188,7 @@ PLAIN = '<bsdf type="diffuse"/>'
     [
         ("hidden_object_2", f'<bsdf type="twosided">{SCREEN.format("", PLAIN)}</bsdf>', "inside another BSDF"),
         ("hidden_object_2", f'<bsdf type="mask">{SCREEN.format("", PLAIN)}</bsdf>', "inside another BSDF"),
+        ("hidden_object_2", SCREEN.format("", SCREEN.format("", PLAIN)), "inside another BSDF"),
         (
             "hidden_object_2",
             SCREEN.format('<boolean name="depolarising" value="true"/>', PLAIN),
