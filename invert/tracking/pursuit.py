@@ -125,10 +125,11 @@ def _pursue(spectra: np.ndarray, band: Band, lags: Sequence[int], alone: Start) 
     while (best := candidates.best_beside(known)) is not None:
         known = candidates.exchange([*known, best])
         objects = candidates.objects(known)
-        followed = follow_several(spectra, band, objects)
-        candidates.add(replace(one, path=exact.path) for one, exact in zip(objects, followed, strict=True))
-        known = candidates.exchange(known)
-        objects = candidates.objects(known)
+        if len(objects) > 1 or objects[0].lag > 1:  # the exact path of a single object by consecutive frames is known
+            followed = follow_several(spectra, band, objects)
+            candidates.add(replace(one, path=exact.path) for one, exact in zip(objects, followed, strict=True))
+            known = candidates.exchange(known)
+            objects = candidates.objects(known)
         for lag in lags:
             for size in {lag, lags[0]}:
                 candidates.add(_sought(subtract_light(spectra, band, objects, size), band, lag))
