@@ -1,4 +1,4 @@
-"""What a mask leaves of the statistics of frames, which hold their mean where they were not measured."""
+"""Statistics of frames behind a mask, which hold their mean where they were not measured."""
 
 from __future__ import annotations
 

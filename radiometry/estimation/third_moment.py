@@ -62,7 +62,7 @@ class FilteredFrames:
         level: mean of the frames.
         noise: noise of the pixels.
         lags: largest lag.
-        kept: what a mask leaves; None without one.
+        kept: statistics of the mask; None without one.
     """
 
     spectra: tuple[torch.Tensor, ...]

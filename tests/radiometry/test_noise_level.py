@@ -48,7 +48,7 @@ def test_a_known_signal_gives_the_gain_whatever_the_floor(rng, floor):
 
 @pytest.mark.parametrize("floor", [1e-5, 0.2])
 def test_the_error_against_a_known_signal_is_that_of_the_noise(rng, floor):
-    """In bright frames, lags without signal have little noise, but must not choose the gain."""
+    """Lags without signal have little noise in bright frames; the gain must not follow them."""
     lags = autocorrelate(albedo())
     signal = smooth_by_window(lags) / lags.max()
     known = SimpleNamespace(signal=signal, grid=SimpleNamespace(lag_grid=lag_grid(LAGS)))
