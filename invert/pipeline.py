@@ -88,7 +88,7 @@ def fulfil(request: Request, source: Source) -> Result:
     else:
         estimate, followed = estimate_following(request, shown)
         estimate, capture, of_objects = choose_object(request, estimate, followed)
-        if capture is shown and shown.measured is not None:  # those of frames that were moved back hold parts of others' light
+        if capture is shown and shown.measured is not None:  # frames that were moved back have no common mask
             estimate = per_measured_pixel(estimate, shown.measured)
         path, may_shake = followed.path_of(request.object_number), followed.may_shake
         notes += followed.notes + of_objects + describe_files(shown)

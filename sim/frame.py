@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import torch
@@ -57,6 +56,8 @@ class Simulation:
         self._electronics = remaining_electronics(self.geometry.camera.electronics, self.effects)
         self._gain: np.ndarray | None = None
         self._stray = plan.stray if self._models("other_light") else StrayLight(None, None)
+        self._paint = self._paint_on_canvas() if self._models("detector_texture") else None
+        self._ambient = self._ambient_light()
         self.budget = light_budget(self.geometry.light_path)
 
     def _models(self, effect: str) -> bool:
@@ -163,7 +164,7 @@ class Simulation:
         factor, polarisations = self._modes.oversampling, self._modes.polarisations
         exposure, channel = divmod(number, self.geometry.camera.polarisation_channels)
         exact = self._modes.exact_roughness
-        texture = self._texture(factor) if self._models("detector_texture") else None
+        texture = None if self._paint is None else _repeat(self._paint.sqrt(), factor)
         total = torch.zeros(self.geometry.canvas_shape, device=self.device)
         poses = self._poses(exposure)
         modes = (
@@ -194,8 +195,8 @@ class Simulation:
             total.add_(image, alpha=weight / polarisations)
         if (background := self._stray.background) is not None:
             image = background.intensity(self.geometry, rng, self.device)
-            if texture is not None:
-                image = image * self._texture(1).square()
+            if self._paint is not None:
+                image = image * self._paint
             if exact and self._models("pupil_and_pixel"):
                 image = mean_image(image, self._transfer)
             total.add_(image, alpha=background.emitters.share * self._samples.brightness)
@@ -220,17 +221,14 @@ class Simulation:
         moving = ("motion", False) not in self.settings.effects
         return poses(self.geometry, number, self._modes.sub_exposures, moving=moving)
 
-    def _texture(self, factor: int) -> torch.Tensor:
-        """Return the amplitude factor of the albedo of the virtual detector, mean square 1, on `factor` samples per
-        pixel and axis."""
-        texture = torch.from_numpy(self.geometry.wall.texture).to(self.device).sqrt()
+    def _paint_on_canvas(self) -> torch.Tensor:
+        """Return the albedo of the virtual detector on the canvas, mean 1."""
+        texture = torch.from_numpy(self.geometry.wall.texture).to(self.device)
         height, width = self.geometry.canvas_shape
         down, right = ((n - m) // 2 for n, m in zip((height, width), texture.shape, strict=True))
-        texture = torch.nn.functional.pad(texture[None, None], (right, right, down, down), mode="replicate")[0, 0]
-        return texture.repeat_interleave(factor, 0).repeat_interleave(factor, 1)
+        return torch.nn.functional.pad(texture[None, None], (right, right, down, down), mode="replicate")[0, 0]
 
-    @cached_property
-    def _ambient(self) -> torch.Tensor:
+    def _ambient_light(self) -> torch.Tensor:
         """Return the photoelectrons from other emitters, (H, W) or a single zero."""
         rate = self.geometry.ambient_photoelectrons_per_pixel_s
         if rate is None or not self._models("ambient"):
@@ -238,11 +236,10 @@ class Simulation:
         coarse = torch.from_numpy(rate * self.geometry.camera.electronics.exposure_s).float()[None, None]
         smooth = torch.nn.functional.interpolate(coarse, self.geometry.camera.frame_shape, mode="bilinear", align_corners=False)
         ambient = smooth[0, 0].to(self.device)
-        if self._models("detector_texture"):
-            albedo = self._texture(1).square()
-            blurred = mean_image(albedo, self._transfer) if self._models("pupil_and_pixel") else albedo
-            ambient = ambient * middle(blurred, self.geometry.camera.frame_shape)
-        return ambient
+        if self._paint is None:
+            return ambient
+        blurred = mean_image(self._paint, self._transfer) if self._models("pupil_and_pixel") else self._paint
+        return ambient * middle(blurred, self.geometry.camera.frame_shape)
 
     def frame(self, seed: int, number: int) -> torch.Tensor:
         """Return one recorded frame in electrons, float32 (H, W).
@@ -260,6 +257,11 @@ def _displace(scatterers: Scatterers, moved: Moved, wavelength_m: float, *, on_l
     path = moved.path_m + moved.frame_path_m if on_lattice else moved.path_m
     position = scatterers.position_m if on_lattice else moved.position_m
     return replace(scatterers, position_m=position, amplitude=scatterers.amplitude * phasor(path, wavelength_m))
+
+
+def _repeat(values: torch.Tensor, factor: int) -> torch.Tensor:
+    """Return values on `factor` samples per pixel and axis."""
+    return values.repeat_interleave(factor, 0).repeat_interleave(factor, 1)
 
 
 def _stream(seed: int, number: int, purpose: int) -> np.random.Generator:

@@ -21,8 +21,7 @@ def check_phase_screens(scene: mi.Scene, hidden: list[mi.Shape]) -> None:
         if any(parameter.endswith(".height_rms") for parameter, _ in mi.traverse(bsdf)):
             expected, found = "a phase_screen around other BSDFs", "one inside another BSDF"
             raise InputError(name, expected, found, "put twosided, mask and other BSDFs into the phase_screen")
-        is_screen = isinstance(bsdf, PhaseScreen)
-        if is_screen and shape.id() not in may_move and not bsdf.trajectory.matches(Trajectory()):
+        if shape.id() not in may_move and not _trajectory_of(shape).matches(Trajectory()):
             expected, remedy = "a shape at rest", "move a hidden_object, the laser (scan_speed) or the speckle_camera instead"
             raise InputError(name, expected, "a velocity, angular_velocity or trajectory", remedy)
 
@@ -31,7 +30,7 @@ def moving_together(shapes: list[mi.Shape]) -> list[tuple[list[mi.Shape], Trajec
     """Return the shapes of each hidden object, which share one motion, and this motion."""
     found: list[tuple[list[mi.Shape], Trajectory]] = []
     for shape in shapes:
-        path = shape.bsdf().trajectory if isinstance(shape.bsdf(), PhaseScreen) else Trajectory()
+        path = _trajectory_of(shape)
         same = next((group for group, known in found if known.matches(path)), None)
         if same is None:
             found.append(([shape], path))
@@ -46,12 +45,12 @@ def is_depolarised(source: mi.Shape, hidden: list[mi.Shape], camera: SpeckleCame
     Raises InputError if a part of the hidden object depolarises polarised light and another does not, and if the camera has polarisation
     channels but no surface depolarises.
     """
-    depolarising = [_depolarises(shape) for shape in hidden]
-    if not _depolarises(source) and any(depolarising) and not all(depolarising):
-        polarised = ", ".join(shape.id() for shape, one in zip(hidden, depolarising, strict=True) if not one)
+    polarised = [shape for shape in hidden if not _depolarises(shape)]
+    is_mixed = _depolarises(source) or len(polarised) < len(hidden)
+    if is_mixed and polarised and not _depolarises(source):
         expected, remedy = "the whole hidden object depolarising, or none of it", "set it everywhere, or at the virtual_source"
-        raise InputError("phase_screen.depolarising", expected, f"not set at {polarised}", remedy)
-    is_mixed = _depolarises(source) or any(depolarising)
+        found = f"not set at {', '.join(shape.id() for shape in polarised)}"
+        raise InputError("phase_screen.depolarising", expected, found, remedy)
     if camera.polarisation_channels == 1:
         return is_mixed
     if not is_mixed:
@@ -59,6 +58,10 @@ def is_depolarised(source: mi.Shape, hidden: list[mi.Shape], camera: SpeckleCame
         remedy = "set depolarising, because both channels show one speckle pattern otherwise"
         raise InputError("speckle_camera.polarisation_channels", expected, camera.polarisation_channels, remedy)
     return False
+
+
+def _trajectory_of(shape: mi.Shape) -> Trajectory:
+    return shape.bsdf().trajectory if isinstance(shape.bsdf(), PhaseScreen) else Trajectory()
 
 
 def _depolarises(shape: mi.Shape) -> bool:

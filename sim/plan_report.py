@@ -26,7 +26,6 @@ CAMERA_SECONDS_PER_PIXEL = 7e-8
 DISAGREEMENT = 0.02
 """Maximum relative difference between light budget and Monte Carlo without a warning, in addition to four standard errors."""
 
-
 MAX_NAMED_SHAPES = 3
 
 MIN_OBJECT_LAGS = 4.0
@@ -34,7 +33,6 @@ MIN_OBJECT_LAGS = 4.0
 
 MAX_STRAY_SHARE = 0.3
 """Ratio of stray light to object light above which a warning is given; the stray light's r*r is then a tenth of the object's."""
-
 
 MAX_LOST_OVER_SPOT = 0.01
 """Part of the squared contrast that path differences across the laser spot take, above which a warning is given."""

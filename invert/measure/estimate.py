@@ -28,6 +28,7 @@ from invert.request import Request
 from radiometry.autocorrelation import PITCH_M, PatchGrid, automatic_patch_size, patch_grid
 from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator, estimator_of
 from radiometry.estimation.background import BackgroundRecord
+from radiometry.estimation.masked import Kept
 from radiometry.estimation.parallel_frames import PART_FRAMES, add_frames
 from radiometry.estimation.published import PublishedEstimator
 from radiometry.estimation.saved_sums import SavedSums
@@ -199,16 +200,15 @@ def per_measured_pixel(estimate: Estimate, measured: np.ndarray) -> Estimate:
     with the degrees of freedom that are left."""
     if estimate.filtered_frames is None or estimate.record is None:
         return estimate
-    frames, record = estimate.filtered_frames.masked_by(measured), estimate.record
-    kept, contrast = frames.kept, record.contrast
-    assert kept is not None
+    record, contrast = estimate.record, estimate.record.contrast
+    kept = Kept.of(measured, record.grid.patch_shape)
     if contrast is not None:
         contrast = Contrast(contrast.square / kept.power, contrast.error / kept.power / kept.patterns**0.5)
     return replace(
         estimate,
         values=(estimate.values / kept.power).astype(np.float32),
         record=replace(record, dof_expected=kept.patterns * record.dof_expected, contrast=contrast),
-        filtered_frames=frames,
+        filtered_frames=replace(estimate.filtered_frames, kept=kept),
     )
 
 

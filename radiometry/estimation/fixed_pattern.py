@@ -48,7 +48,7 @@ def shared_lags(shared: np.ndarray, power: np.ndarray, dof: float) -> np.ndarray
     grid = lag_grid_of(power)
     sigma[grid.lags, grid.lags] = 0.0
     chosen = binary_dilation(sigma > FIXED_PATTERN_SIGMA, np.ones((3, 3), bool))
-    summed = power > MIN_RELATIVE_POWER * np.where(grid.ring > 1, power, 0.0).max()
+    summed = power > MIN_RELATIVE_POWER * power[grid.ring > 1].max()
     sigma[~summed] = 0.0
     chosen |= binary_dilation(
         uniform_filter(sigma, _BLOCK, mode="nearest") > FIXED_PATTERN_SIGMA * _BLOCK_DEVIATION, np.ones((3, 3), bool)

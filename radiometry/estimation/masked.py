@@ -10,6 +10,9 @@ from scipy.ndimage import uniform_filter
 MASK_LAGS = 8
 """Lags within which the edges of a mask may spread the power of a lag; r*r changes little over so many."""
 
+BLOCKS = 8
+"""Blocks along each side of a frame."""
+
 MIN_KEPT = 0.5
 """Blocks with less than this share of the power of the fullest one are left out."""
 
@@ -21,29 +24,24 @@ class Kept:
     Attributes:
         power: share of the power at a lag that is left: that of the pixels if these lie together, its square if they are scattered.
         patterns: share of the degrees of freedom that are left: that of the pixels if these lie together, 1 if they are scattered.
-        squares, cubes: shares of squares and cubes of filtered frames that are left in each block, (blocks, blocks).
+        blocks: by exponent, 2 and 3, the share of this power of filtered frames that is left in each block, (8, 8).
     """
 
     power: float
     patterns: float
-    squares: np.ndarray
-    cubes: np.ndarray
+    blocks: dict[int, np.ndarray]
 
     @classmethod
-    def of(cls, measured: np.ndarray, patch_shape: tuple[int, int], blocks: int) -> Kept:
+    def of(cls, measured: np.ndarray, patch_shape: tuple[int, int]) -> Kept:
         """Return those of a mask (H, W) of pixels that were measured, not zero there."""
         sides = [max(1, side // (2 * MASK_LAGS)) for side in patch_shape]
         density = uniform_filter((np.asarray(measured) != 0).astype(np.float64), sides)
-        height, width = (side // blocks for side in density.shape)
-
-        def in_blocks(values: np.ndarray) -> np.ndarray:
-            return values[: height * blocks, : width * blocks].reshape(blocks, height, blocks, width).mean((1, 3))
-
-        power = density**2
-        patterns = float(power.mean() ** 2 / (power**2).mean())
-        return cls(float(power.mean()), patterns, in_blocks(power), in_blocks(density**3))
+        power, (height, width) = density**2, (side // BLOCKS for side in density.shape)
+        cells = density[: height * BLOCKS, : width * BLOCKS].reshape(BLOCKS, height, BLOCKS, width)
+        blocks = {exponent: np.maximum((cells**exponent).mean((1, 3)), 1e-6) for exponent in (2, 3)}
+        return cls(float(power.mean()), float(power.mean() ** 2 / (power**2).mean()), blocks)
 
     @property
     def is_used(self) -> np.ndarray:
-        """Blocks that are full enough, bool (blocks, blocks)."""
-        return self.squares >= MIN_KEPT * self.squares.max()
+        """Blocks that are full enough, bool (8, 8)."""
+        return self.blocks[2] >= MIN_KEPT * self.blocks[2].max()

@@ -14,7 +14,7 @@ camera (`radiometry.estimation.photon_transfer`), not from the noise floor, beca
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,11 +25,8 @@ from scipy.stats import f as f_distribution
 from correlograph.lags import LAGS, lag_grid_of
 from radiometry.autocorrelation import autocorrelate
 from radiometry.estimation.excess_scatter import ExcessScatter
-from radiometry.estimation.masked import Kept
+from radiometry.estimation.masked import BLOCKS, Kept
 from radiometry.estimation.photon_transfer import PhotonTransfer, shot_noise
-
-_BLOCKS = 8
-"""Blocks along each side of a frame; their scatter gives the standard error."""
 
 MIN_SIGNAL_FRACTION = 0.2
 """Minimum fraction of signal in a lag that is used."""
@@ -73,10 +70,6 @@ class FilteredFrames:
     noise: PhotonTransfer
     lags: int = LAGS
     kept: Kept | None = None
-
-    def masked_by(self, measured: np.ndarray) -> FilteredFrames:
-        """Return the frames, of which only some pixels were measured, (H, W)."""
-        return replace(self, kept=Kept.of(measured, self.patch, _BLOCKS))
 
     def likeness(
         self, albedo: np.ndarray, weight: np.ndarray, amplitude: np.ndarray, signal: np.ndarray, floor: float, power: float
@@ -128,7 +121,7 @@ class FilteredFrames:
             return None
         power = self._block_means(weight, 2)
         power = power / power.mean((1, 2), keepdim=True).clamp_min(1e-300)
-        parts = power.reshape(len(power), _BLOCKS // 2, 2, _BLOCKS // 2, 2).transpose(2, 3).flatten(3)
+        parts = power.reshape(len(power), BLOCKS // 2, 2, BLOCKS // 2, 2).transpose(2, 3).flatten(3)
         means = parts.mean(3)
         count = math.prod(means.shape[1:])
         between = 4.0 * float(((means - 1.0) ** 2).sum()) / (len(power) * (count - 1))
@@ -145,7 +138,8 @@ class FilteredFrames:
         return ExcessScatter.of(between / 4.0, within / 4.0, null)
 
     def _block_means(self, weight: np.ndarray, exponent: int) -> torch.Tensor:
-        """Return the mean of J to a power (`exponent`) in each block of each frame, (frames, 8, 8).
+        """Return the mean of J to a power (`exponent`) in each block of each frame, (frames, 8, 8); the scatter of the
+        blocks gives standard errors.
 
         J is sampled at three times its highest frequency, so that its cube has no alias at zero frequency.
         """
@@ -163,20 +157,17 @@ class FilteredFrames:
         fine = torch.from_numpy(down @ weight.astype(np.float32) @ right.T).to(device)
         fine *= math.prod(sides) / math.prod(self.padded)
         kept, ahead = torch.from_numpy(rows).to(device), int((lag_rows[rows] >= 0.0).sum())
-        blocks = [int(side * full / whole) // _BLOCKS for side, full, whole in zip(sides, self.frame, self.padded, strict=True)]
+        blocks = [int(side * full / whole) // BLOCKS for side, full, whole in zip(sides, self.frame, self.padded, strict=True)]
         means = []
         for values in self.spectra:
             seen = values[kept, : len(columns)] * fine
             spectrum = torch.zeros((sides[0], sides[1] // 2 + 1), dtype=torch.complex64, device=device)
             spectrum[:ahead, : len(columns)] = seen[:ahead]
             spectrum[sides[0] - len(seen) + ahead :, : len(columns)] = seen[ahead:]
-            filtered = torch.fft.irfft2(spectrum, s=sides)[: blocks[0] * _BLOCKS, : blocks[1] * _BLOCKS] ** exponent
-            means.append(filtered.reshape(_BLOCKS, blocks[0], _BLOCKS, blocks[1]).double().mean((1, 3)))
+            filtered = torch.fft.irfft2(spectrum, s=sides)[: blocks[0] * BLOCKS, : blocks[1] * BLOCKS] ** exponent
+            means.append(filtered.reshape(BLOCKS, blocks[0], BLOCKS, blocks[1]).double().mean((1, 3)))
         every = torch.stack(means)
-        if self.kept is None:
-            return every
-        left = self.kept.squares if exponent == 2 else self.kept.cubes
-        return every / torch.from_numpy(np.maximum(left, 1e-6)).to(device)
+        return every if self.kept is None else every / torch.from_numpy(self.kept.blocks[exponent]).to(device)
 
 
 def shot_noise_part(weight: np.ndarray, signal: np.ndarray, variance: float, patch_pixels: int) -> Any:

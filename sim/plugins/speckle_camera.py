@@ -81,7 +81,6 @@ class SpeckleCamera(mi.Sensor):
             bits=int(bits) if bits == int(bits) else bits,
             **{one.name: values[one.name] for one in ELECTRONIC if one.name not in ("exposure", "bits")},
         )
-
         self._check_gates()
 
     def _check_gates(self) -> None:
