@@ -11,6 +11,7 @@ import invert.methods
 from correlograph.errors import InputError
 from invert.__main__ import main
 from invert.albedo.metrics import aligned_pearson
+from invert.assess.reliability import MAX_UNVERIFIED_CONFIDENCE
 from invert.choices import DEFAULT_WEIGHTS, FAST, UNET
 from invert.methods import reconstructor
 from tests.light import letter_cells, thrown
@@ -54,7 +55,10 @@ def test_estimated_blur_is_correct_and_improves_the_reconstruction(kind, down, r
 
 @pytest.mark.slow
 def test_a_wide_blur_is_found_or_lowers_the_confidence():
-    """Letters lose half their likeness to a blur of three pixels, which the network does not notice."""
+    """Letters lose half their likeness to a blur of three pixels, which the network does not notice.
+
+    A blur that is not found lowers the confidence, unless an unexplained part of the signal has lowered it already.
+    """
     found = []
     for seed, character in ((0, "R"), (1, "K"), (3, "F")):
         blurred = frames(character, "wide defocus", 2.0, seed)
@@ -65,7 +69,7 @@ def test_a_wide_blur_is_found_or_lowers_the_confidence():
             assert result.estimate.blur_pixels == pytest.approx((3.0, 3.0), rel=0.1)
             assert pearson > without + 0.1
         else:
-            assert result.confidence < sharp.confidence - 0.1
+            assert result.confidence < max(sharp.confidence - 0.1, MAX_UNVERIFIED_CONFIDENCE + 0.01)
     assert any(found)
 
 
