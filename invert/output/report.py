@@ -195,7 +195,8 @@ def report_lines(result: Outcome, pearson: float | None) -> list[str]:
     parts.append(f"{settings.method}:{settings.quality}, {result.seconds_total:.1f} s")
     told = [describe(result.hypotheses)] if result.hypotheses else []
     remarks = [*(f"warning: {warning}" for warning in result.warnings), *(f"note: {note}" for note in result.notes)]
-    return [result.estimate.name, found, ", ".join(parts), *told, *remarks]
+    names = textwrap.wrap(result.estimate.name, LINE_WIDTH, max_lines=2, placeholder=" ...")
+    return [*names, found, ", ".join(parts), *told, *remarks]
 
 
 def save_contact_sheet(path: Path, albedos: Sequence[np.ndarray], titles: Sequence[str]) -> None:

@@ -24,7 +24,7 @@ RING = lag_grid(LAGS).ring
     [("classical", "F"), ("classical", "7"), ("classical", "t"), ("unet", "F"), ("unet", "7"), ("unet", "t")],
 )
 def test_a_measured_letter_is_recognised(measured, method, letter):
-    """Of four seeds, the most confident reconstruction correlates better with its own template than with any other letter or digit.
+    """The most confident of four reconstructions correlates better with its own template than with any other letter or digit.
 
     The camera of the lab sees the wall mirrored. Phase retrieval is chaotic: single seeds of the classical t show an r or a 7.
     """
