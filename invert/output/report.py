@@ -78,7 +78,7 @@ def draw_report(result: Outcome, comparison: Comparison | None = None) -> Figure
         rows.append(_field_panels(result.fields, result.coarse_albedo, albedo, pitch_m))
     if samples is not None:
         rows.append(_posterior_panels(samples, lag_pitch_m))
-    lines = [line for text in report_lines(result, pearson) for line in textwrap.wrap(text, LINE_WIDTH)]
+    lines = report_lines(result, pearson)
     columns = max(map(len, rows))
     drawing = result.estimate.drawing
     count = len(rows) + (drawing is not None)
@@ -175,7 +175,7 @@ def _albedo_panel(title: str, albedo: np.ndarray, pitch_m: float | None, unit: s
 
 
 def report_lines(result: Outcome, pearson: float | None) -> list[str]:
-    """Return the lines of text of a report: input, finding, numbers, every warning."""
+    """Return the lines of text of a report, of `LINE_WIDTH` characters at most: input, finding, numbers, every warning."""
     measurement, settings = result.measurement, result.settings
     found = "object found" if result.object_found else "NO OBJECT FOUND"
     if result.object_found:
@@ -196,7 +196,8 @@ def report_lines(result: Outcome, pearson: float | None) -> list[str]:
     told = [describe(result.hypotheses)] if result.hypotheses else []
     remarks = [*(f"warning: {warning}" for warning in result.warnings), *(f"note: {note}" for note in result.notes)]
     names = textwrap.wrap(result.estimate.name, LINE_WIDTH, max_lines=2, placeholder=" ...")
-    return [*names, found, ", ".join(parts), *told, *remarks]
+    texts = [found, ", ".join(parts), *told, *remarks]
+    return names + [line for text in texts for line in textwrap.wrap(text, LINE_WIDTH)]
 
 
 def save_contact_sheet(path: Path, albedos: Sequence[np.ndarray], titles: Sequence[str]) -> None:

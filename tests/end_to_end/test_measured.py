@@ -32,8 +32,7 @@ def test_a_measured_letter_is_recognised(measured, method, letter):
     results = [cg.reconstruct(file, method=method, seed=seed) for seed in range(4)]
     assert all(result.object_found for result in results)
     best = max(results, key=lambda result: result.confidence)
-    correlation = dict(identify(best.albedo, mirrored=True))
-    ranked = sorted(correlation, key=lambda template: correlation[template], reverse=True)
+    ranked = [template for template, _ in identify(best.albedo, mirrored=True)]
     assert ranked[0] == letter, ranked[:3]
 
 

@@ -12,12 +12,12 @@ from tests.light import letter_cells, thrown
 def test_the_names_of_many_frames_take_two_lines():
     frames = np.stack([thrown(letter_cells("F"), (514, 514), 257, np.random.default_rng(seed)) for seed in range(2)])
     result = invert.reconstruct(frames.astype(np.float32), method="classical", quality="fast", patch=257)
-    few, many = (
-        report_lines(
-            replace(result, estimate=replace(result.estimate, name=", ".join(f"frame_{n:04d}.exr" for n in range(count)))), None
-        )
-        for count in (2, 500)
-    )
+
+    def lines(count: int) -> list[str]:
+        name = ", ".join(f"frame_{number:04d}.exr" for number in range(count))
+        return report_lines(replace(result, estimate=replace(result.estimate, name=name)), None)
+
+    few, many = lines(2), lines(500)
     assert few[0] == "frame_0000.exr, frame_0001.exr"
     assert many[0].startswith(few[0])
     assert many[1].endswith(" ...")
