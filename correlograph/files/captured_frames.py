@@ -19,7 +19,7 @@ from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.capture_folder import check_complete
 from correlograph.files.exr_frames import FrameHeader
 from correlograph.files.file_frames import FileFrames, frame_digest
-from correlograph.files.file_metadata import read_metadata, rendered_metadata
+from correlograph.files.file_metadata import FileMetadata, read_metadata, rendered_metadata
 from correlograph.files.images import FRAME_KINDS, MAX_PIXEL, read_image
 from correlograph.files.manifest import is_own
 from correlograph.files.stacks import file_of, is_stack, open_stack
@@ -46,6 +46,12 @@ JPEG_SUFFIXES = {suffix for suffix, kind in FRAME_KINDS.items() if kind == "JPEG
 
 MAX_RECORD_BYTES = 2**22
 """Maximum size of a sim.json whose drawing is read."""
+
+SETTINGS = ("exposure_s", "pixel_pitch_m", "row_pitch_m", "gain_e")
+"""Values of file metadata that all frames of a capture share."""
+
+MAX_DEVIATION = 0.01
+"""Largest relative deviation of such a value; some cameras write the exposure that they measured."""
 
 CONTACT_SHEET = "contact_sheet"
 """Prefix of the names of contact sheets."""
@@ -131,6 +137,8 @@ def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture
     if "pixel_pitch_m" in given:  # the angles of the header belong to its own pitch
         given = {"row_pitch_m": None, "column_pitch_m": None, **given}
     written = read_metadata(files[0]) if first is None else rendered_metadata(first.exposure_s)
+    if first is None:
+        _check_metadata(written, files)
     if {"wavelength_m", "distance_m"} <= given.keys() and written.pixel_pitch_m is not None:
         by_file = {"pixel_pitch_m": written.pixel_pitch_m}
         if written.row_pitch_m is not None:
@@ -140,6 +148,20 @@ def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture
     kept = list(frames) if len(frames) * pixels.nbytes <= MAX_KEPT_BYTES else frames
     names = tuple(printable(file.name) for file in files)
     return Capture(kept, metadata, names, record=_read_drawing(files[0], first), file_metadata=written)
+
+
+def _check_metadata(written: FileMetadata, files: Sequence[Path]) -> None:
+    """Raise InputError if a file states another exposure, pixel pitch or gain than the first one, whose metadata are given."""
+    for file in files[1:]:
+        for name, value in read_metadata(file).as_dict().items():
+            expected = getattr(written, name)
+            if name in SETTINGS and expected is not None and not math.isclose(value, expected, rel_tol=MAX_DEVIATION):
+                raise InputError(
+                    "frames",
+                    f"frames of one camera setting ({name} {expected:.4g}, as {files[0].name})",
+                    f"{value:.4g} in {file.name}",
+                    "invert the captures one by one",
+                )
 
 
 def describe_files(capture: Capture) -> list[str]:

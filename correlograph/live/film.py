@@ -109,9 +109,8 @@ class LiveFilm:
         if not images:
             raise InputError("images", "reconstructions that show an object", "none so far", "wait for one")
         if path is not None:
-            first, every = numbers[0], np.arange(numbers[0], numbers[-1] + 1)
-            places, errors = (_at(every, numbers, one) for one in (path.path_pixels, path.error_pixels))
-            path = replace(path, path_pixels=places, error_pixels=errors, interval_s=interval_s)
+            first = numbers[0]
+            path = replace(path, numbers=numbers - first, interval_s=interval_s)
         return Film(
             albedos=register_sequence(np.stack([one.albedo for one in images])),
             middle_frame=np.array([one.middle - first for one in images]),

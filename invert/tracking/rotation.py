@@ -21,7 +21,7 @@ from invert.measure.spectrum import read_measurement
 from invert.request import Request
 from invert.tracking.pursuit import MIN_SHARE
 from invert.tracking.rings import Turns, find_turns, group_means
-from invert.tracking.tables import check_frames, save_table
+from invert.tracking.tables import check_frames, frame_numbers, missing_frames, save_table
 from invert.tracking.travel import common_share
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ class Rotation:
         frames_per_angle: number of frames in a group.
         interval_s: time between frames; None if unknown.
         common: share of the power of the speckle that consecutive frames have in common, because the laser is at rest.
+        numbers: number of each frame from the first, (frames,), of which files may be missing; None if frames are counted.
     """
 
     angle_deg: np.ndarray
@@ -66,16 +67,18 @@ class Rotation:
     frames_per_angle: int
     interval_s: float | None = None
     common: float = 0.0
+    numbers: np.ndarray | None = None
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Doubts about angles and distances, in words."""
-        if self.common < MIN_SHARE:
-            return ()
-        return (
-            f"consecutive frames share {100.0 * self.common:.0f} % of their speckle, as if the laser were at rest: its light does not turn "
-            "with the object, and angles and distances are wrong by more than stated; move the laser between frames",
-        )
+        doubts = [] if self.numbers is None else missing_frames(self.numbers)
+        if self.common >= MIN_SHARE:
+            doubts.append(
+                f"consecutive frames share {100.0 * self.common:.0f} % of their speckle, as if the laser were at rest: its light does not "
+                "turn with the object, and angles and distances are wrong by more than stated; move the laser between frames"
+            )
+        return tuple(doubts)
 
     @classmethod
     def of(cls, turns: Turns, frames_per_angle: int, interval_s: float | None) -> Rotation:
@@ -94,11 +97,18 @@ class Rotation:
 
     @property
     def middle_frame(self) -> np.ndarray:
-        """Number of the frame in the middle of each group, (groups,)."""
+        """Index of the frame in the middle of each group, (groups,)."""
         return self.frames_per_angle * (np.arange(len(self.angle_deg)) + 0.5) - 0.5
 
+    @property
+    def middle_number(self) -> np.ndarray:
+        """Number of the frame in the middle of each group, (groups,), with frames that are missing."""
+        if self.numbers is None:
+            return self.middle_frame
+        return np.interp(self.middle_frame, np.arange(len(self.numbers)), self.numbers)
+
     def angle_at(self, frames: np.ndarray) -> np.ndarray:
-        """Return the angle in degrees at frame numbers; straight lines connect the groups and continue beyond them."""
+        """Return the angle in degrees at indices of frames; straight lines connect the groups and continue beyond them."""
         return np.asarray(interp1d(self.middle_frame, self.angle_deg, fill_value="extrapolate")(frames))
 
     def __repr__(self) -> str:
@@ -117,7 +127,7 @@ class Rotation:
         figure = Figure(figsize=(5.6, 5.0), layout="constrained")
         upper, lower = figure.subplots(2, 1, sharex=True)
         known = self.interval_s is not None
-        place = self.middle_frame * (self.interval_s if known else 1.0)
+        place = self.middle_number * (self.interval_s if known else 1.0)
         upper.errorbar(place, self.angle_deg, self.angle_error_deg, fmt=".-", capsize=2)
         upper.set_ylabel("angle (degrees)")
         lower.errorbar(place, self.distance_ratio, self.distance_error, fmt=".-", capsize=2)
@@ -126,7 +136,9 @@ class Rotation:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the numbers for JSON, without the list of angles."""
-        rate = None if self.interval_s is None else float(np.polyfit(self.middle_frame * self.interval_s, self.angle_deg, 1)[0])
+        rate = (
+            None if self.interval_s is None else float(np.polyfit(self.middle_number * self.interval_s, self.angle_deg, 1)[0])
+        )
         return {
             "groups": len(self.angle_deg),
             "frames_per_angle": self.frames_per_angle,
@@ -141,9 +153,9 @@ class Rotation:
 
     def columns(self) -> dict[str, np.ndarray]:
         """Return the columns of the table: middle frame, seconds if known, angle and distance."""
-        table = {"frame": self.middle_frame}
+        table = {"frame": self.middle_number}
         if self.interval_s is not None:
-            table["time_s"] = self.middle_frame * self.interval_s
+            table["time_s"] = self.middle_number * self.interval_s
         return table | {"angle_deg": self.angle_deg, "distance_ratio": self.distance_ratio}
 
     def save(self, folder: str | Path) -> Path:
@@ -161,7 +173,8 @@ def track_rotation(capture: Capture, *, interval_s: float | None = None) -> Rota
     Raises InputError for too few frames, frames that are too small or equal, too little light, and objects that look alike at every angle.
     """
     check_frames(capture, interval_s, 2 * MIN_ANGLES, "rotation")
-    return replace(rotation_of(*_signals(capture), interval_s), common=common_share(capture.frames))
+    found = rotation_of(*_signals(capture), interval_s)
+    return replace(found, common=common_share(capture.frames), numbers=frame_numbers(capture))
 
 
 def rotation_of(signals: Sequence[np.ndarray], aspect: float, interval_s: float | None = None) -> Rotation:

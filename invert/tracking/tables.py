@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,9 @@ from correlograph.files.output import atomic, output_folder, replace_files, save
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+MAX_DIGITS = 18
+"""Digits of a number that fits into 64 bits."""
 
 
 def check_frames(capture: Capture, interval_s: float | None, least: int, purpose: str) -> None:
@@ -35,6 +39,36 @@ def check_frames(capture: Capture, interval_s: float | None, least: int, purpose
 def exposure_of(capture: Capture) -> float | None:
     """Return the exposure of a capture's frames in seconds; None if it is unknown."""
     return capture.headers[0].exposure_s if capture.headers else capture.file_metadata.exposure_s
+
+
+def frame_numbers(capture: Capture) -> np.ndarray:
+    """Return the number of each frame from the first one, (frames,), in units of the smallest difference.
+
+    Numbers in the names of files tell frames that are missing, if one number in each name differs and the differences are multiples of the
+    smallest. Otherwise frames are counted.
+    """
+    counted = np.arange(len(capture.frames))
+    parts = [re.split("([0-9]+)", name) for name in capture.names]
+    if len(parts) != len(counted) or any(one[::2] != parts[0][::2] for one in parts):
+        return counted
+    varying = [one for one in zip(*(name[1::2] for name in parts), strict=True) if len(set(one)) > 1]
+    if len(varying) != 1 or max(map(len, varying[0])) > MAX_DIGITS:
+        return counted
+    steps = np.diff(np.array(varying[0], np.int64))
+    if steps.min() < 1 or (steps % steps.min()).any():
+        return counted
+    return np.concatenate([[0], np.cumsum(steps // steps.min())])
+
+
+def missing_frames(numbers: np.ndarray) -> list[str]:
+    """Return a warning if numbers of frames (frames,) leave some out."""
+    missing = int(numbers[-1]) + 1 - len(numbers)
+    if not missing:
+        return []
+    first = int(np.argmax(np.diff(numbers) > 1)) + 1
+    return [
+        f"by their numbers, {missing} of {int(numbers[-1]) + 1} frames are missing, the first after {first}; times and steps count them"
+    ]
 
 
 def save_table(

@@ -10,7 +10,7 @@ import numpy as np
 
 from correlograph.files.figures import figure_as_html
 from invert.tracking.smoothing import smooth
-from invert.tracking.tables import save_table
+from invert.tracking.tables import missing_frames, save_table
 from invert.tracking.vibration import find_vibrations
 
 if TYPE_CHECKING:
@@ -44,6 +44,7 @@ class Track:
         fading: distance of frames, and part of what consecutive frames share that frames so far apart share along the path of a single
             object; None if it leaves no room for another object, or three standard errors do.
         shortened: largest part by which the open shutter shortens a step; corrected, but not well if large.
+        numbers: number of each frame from the first, (frames,), of which files may be missing; None if frames are counted.
     """
 
     path_pixels: np.ndarray
@@ -59,11 +60,17 @@ class Track:
     stretch: np.ndarray | None = None
     fading: tuple[int, float] | None = None
     shortened: float = 0.0
+    numbers: np.ndarray | None = None
+
+    @property
+    def frame_numbers(self) -> np.ndarray:
+        """Number of each frame from the first, (frames,), with those that are missing."""
+        return np.arange(len(self.path_pixels)) if self.numbers is None else self.numbers
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Doubts about the path, in words."""
-        doubts = []
+        doubts = missing_frames(self.frame_numbers)
         if self.shortened > MAX_SHORTENED:
             doubts.append(
                 f"the open shutter shortens steps by up to {100.0 * self.shortened:.0f} %; such steps are corrected by a rough estimate: "
@@ -85,12 +92,12 @@ class Track:
     @property
     def step_pixels(self) -> np.ndarray:
         """Mean displacement from frame to frame (2,)."""
-        return (self.path_pixels[-1] - self.path_pixels[0]) / (len(self.path_pixels) - 1)
+        return (self.path_pixels[-1] - self.path_pixels[0]) / self.frame_numbers[-1]
 
     @property
     def step_error_pixels(self) -> np.ndarray:
         """Standard error of the mean displacement, (2,)."""
-        return self.error_pixels[-1] / (len(self.path_pixels) - 1)
+        return self.error_pixels[-1] / self.frame_numbers[-1]
 
     @property
     def path_m(self) -> np.ndarray | None:
@@ -121,13 +128,17 @@ class Track:
         error = self.error_m
         if error is None or self.interval_s is None:
             return None
-        return error[-1] / ((len(error) - 1) * self.interval_s)
+        return error[-1] / (self.frame_numbers[-1] * self.interval_s)
 
     @property
     def vibrations(self) -> list[dict[str, Any]]:
-        """Periodic parts of the path: periods per frame and, if the geometry is known, hertz and metres (rows, columns)."""
+        """Periodic parts of the path: periods per frame and, if the geometry is known, hertz and metres (rows, columns).
+
+        They are sought in the longest part of the path without a missing frame.
+        """
+        gaps = np.flatnonzero(np.diff(self.frame_numbers) > 1) + 1
         found = []
-        for one in find_vibrations(self.path_pixels):
+        for one in find_vibrations(max(np.split(self.path_pixels, gaps), key=len)):
             told: dict[str, Any] = {"periods_per_frame": one.periods_per_frame, "amplitude_pixels": list(one.amplitude_pixels)}
             if self.interval_s is not None:
                 told["hz"] = one.periods_per_frame / self.interval_s
@@ -190,10 +201,9 @@ class Track:
 
     def columns(self) -> dict[str, np.ndarray]:
         """Return the columns of the table of positions: frame, seconds if known, and for each object pixels, errors and metres."""
-        numbers = np.arange(len(self.path_pixels))
-        table: dict[str, np.ndarray] = {"frame": numbers}
+        table: dict[str, np.ndarray] = {"frame": self.frame_numbers}
         if self.interval_s is not None:
-            table["time_s"] = numbers * self.interval_s
+            table["time_s"] = self.frame_numbers * self.interval_s
         for number, one in enumerate((self, *self.others), 1):
             suffix = "" if number == 1 else f"_{number}"
             named = {"pixels": one.path_pixels, "error_pixels": one.error_pixels}

@@ -18,7 +18,7 @@ from invert.tracking.joint import follow_several
 from invert.tracking.pursuit import fading_along, find_objects
 from invert.tracking.shutter import fading_along_steps, for_open_shutter
 from invert.tracking.spectra import Reader
-from invert.tracking.tables import check_frames, exposure_of
+from invert.tracking.tables import check_frames, exposure_of, frame_numbers
 from invert.tracking.to_object import metres_per_pixel, stretch_by_illumination
 from invert.tracking.track import Track
 
@@ -90,6 +90,7 @@ def track(
             stretch=stretch,
             fading=fading_along(spectra, band, one.path) if is_alone else None,
             shortened=opened.shortened,
+            numbers=frame_numbers(capture),
         )
         tracks.append(found)
     return replace(tracks[0], others=tuple(tracks[1:]))

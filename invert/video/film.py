@@ -37,7 +37,7 @@ class Film:
 
     Attributes:
         albedos: (images, n, n), float32.
-        middle_frame: number of the frame at whose time each image is, (images,).
+        middle_frame: number of the frame at whose time each image is, (images,), with frames that are missing.
         confidence: predicted correlation of each image with the truth, (images,).
         frames_per_image: number of frames whose mean would have the noise of an image, on average.
         angle_deg: angle of the object in each image from the first frame, (images,); None if no rotation is followed.
@@ -128,9 +128,8 @@ class Film:
         if self.angle_deg is not None:
             table["angle_deg"] = self.angle_deg
         if self.path is not None:
-            numbers = np.arange(len(self.path.path_pixels))
             for axis, values in zip(("row_pixels", "column_pixels"), self.path.path_pixels.T, strict=True):
-                table[axis] = np.interp(self.middle_frame, numbers, values, left=np.nan)  # before the path
+                table[axis] = np.interp(self.middle_frame, self.path.frame_numbers, values, left=np.nan)  # before the path
         return table
 
     def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:

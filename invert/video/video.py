@@ -23,7 +23,7 @@ from invert.pipeline import choose_object, estimate_following, fulfil, read_prep
 from invert.request import Request
 from invert.sources import Source, read_source
 from invert.tracking.rotation import rotation_of, signal_of
-from invert.tracking.tables import check_frames
+from invert.tracking.tables import check_frames, frame_numbers, missing_frames
 from invert.tracking.track import Track
 from invert.video.film import Film
 from invert.video.fine import of_one_size, retrieve_fields
@@ -60,6 +60,8 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
     """Reconstruct a film with the options of a request; see `film`."""
     capture, notes = _read(request, source)
     check_frames(capture, interval_s, MIN_FRAMES, "film")
+    counted = frame_numbers(capture)
+    notes += missing_frames(counted)
     whole, followed = estimate_following(request, capture, MIN_FRAMES)
     chosen, _, of_objects = choose_object(request, whole, followed)
     path = followed.path_of(request.object_number)
@@ -83,7 +85,7 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
     warnings = [one.advice for one in doubts if one.is_raised] + [warning for one in found for warning in one.warnings]
     return Film(
         albedos=np.stack(images),
-        middle_frame=followed.middle_frame[numbers],
+        middle_frame=np.interp(followed.middle_frame[numbers], np.arange(len(counted)), counted),
         confidence=np.resize([min(_confidence(one), confidence_limit(doubts)) for one in found], len(images)),
         frames_per_image=round(pooled),
         angle_deg=looks.turns[numbers] if looks.turns.any() else None,
@@ -106,7 +108,7 @@ def _film_of_one(alone: Result, path: Track, interval_s: float | None, notes: li
             "frames", "light of a hidden object", "none at any time", "add light or frames, or move the laser between frames"
         )
     count = len(path.path_pixels)
-    numbers = spread(count, MAX_IMAGES)
+    numbers = path.frame_numbers[spread(count, MAX_IMAGES)]
     return Film(
         albedos=np.repeat(alone.albedo[None], len(numbers), 0),
         middle_frame=numbers.astype(float),

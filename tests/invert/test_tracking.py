@@ -14,6 +14,7 @@ pytest.importorskip("mitsuba")
 
 import correlograph as cg
 from invert.track import main
+from invert.tracking.tables import frame_numbers
 from invert.tracking.track import Track
 from invert.tracking.tracker import track
 from sim.rendering import render_geometry
@@ -289,3 +290,37 @@ def test_a_vibration_is_found_with_its_amplitude(rng):
     assert first["hz"] == pytest.approx(200.0, abs=4.0)
     assert first["amplitude_pixels"][0] == pytest.approx(0.4, abs=0.08)
     assert track(cg.Capture(drifting(rng, drift, 0.05)), interval_s=1e-3).vibrations == []
+
+
+def test_missing_frames_are_counted_by_their_numbers(rng, tmp_path):
+    """Files 4, 5 and 9 of fifteen are lost: step, velocity and times are those of all fifteen."""
+    kept = [number for number in range(15) if number not in (4, 5, 9)]
+    step = np.array((2.0, -3.0))
+    frames = drifting(rng, np.arange(15)[:, None] * step, 0.1)
+    camera = cg.CameraMetadata(532e-9, 80e-6, 1.0)
+    capture = cg.Capture([frames[number] for number in kept], camera, tuple(f"run_7_{number:03}.tif" for number in kept))
+    found = track(capture, source_distance_m=0.5, interval_s=1e-2)
+    np.testing.assert_allclose(found.step_pixels, step, atol=0.03)
+    np.testing.assert_allclose(found.velocity_m_s, found.metres_per_pixel @ found.step_pixels / 1e-2)
+    assert "3 of 15 frames are missing, the first after 4" in found.warnings[0]
+    found.save(tmp_path)
+    table = np.genfromtxt(tmp_path / "track.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(table["time_s"], np.array(kept) * 1e-2)
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (("a10.tif", "a20.tif", "a40.tif"), (0, 1, 3)),  # every tenth is kept, and one of these is lost
+        (("a1_7.tif", "a2_9.tif", "a4_13.tif"), (0, 1, 2)),  # two numbers
+        (("a3.tif", "a2.tif", "a1.tif"), (0, 1, 2)),
+        (("t1041.tif", "t1083.tif", "t1124.tif"), (0, 1, 2)),  # times
+        (("a.tif", "b.tif", "c.tif"), (0, 1, 2)),
+        (("a1.tif", "b2.tif", "c4.tif"), (0, 1, 2)),
+        (("x" + 30 * "9" + ".tif", "x1.tif", "x2.tif"), (0, 1, 2)),
+        (("stack.tif",), (0, 1, 2)),
+    ],
+)
+def test_numbers_of_frames_come_from_names_that_tell_them(names, expected):
+    capture = cg.Capture(list(np.zeros((3, 70, 70), np.float32)), names=names)
+    np.testing.assert_array_equal(frame_numbers(capture), expected)

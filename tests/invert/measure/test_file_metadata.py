@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -60,6 +61,23 @@ def test_fits_header(tmp_path, frames):
     header = fits.Header({"EXPTIME": 0.5, "EGAIN": 0.37, "DATE-OBS": "2026-11-23T10:00:00"})
     fits.writeto(tmp_path / "a.fits", frames.astype(np.int16), header)
     assert read_metadata(tmp_path / "a.fits") == FileMetadata(0.5, None, 0.37, None, "2026-11-23T10:00:00")
+
+
+@pytest.mark.parametrize(
+    ("second", "message"),
+    [
+        ({"EXPTIME": 0.505, "EGAIN": 0.37}, None),  # as measured by the camera
+        ({"EXPTIME": 0.25, "EGAIN": 0.37}, "exposure_s 0.5, as a.fits.*0.25 in b.fits"),
+        ({"EXPTIME": 0.5, "EGAIN": 0.74}, "gain_e 0.37, as a.fits.*0.74 in b.fits"),
+        ({}, None),
+    ],
+)
+def test_files_of_two_camera_settings_are_refused(tmp_path, frames, second, message):
+    fits = pytest.importorskip("astropy.io.fits")
+    for name, values, frame in zip("ab", ({"EXPTIME": 0.5, "EGAIN": 0.37}, second), frames.astype(np.int16), strict=True):
+        fits.writeto(tmp_path / f"{name}.fits", frame, fits.Header(values))
+    with nullcontext() if message is None else pytest.raises(InputError, match=message):
+        read_capture([tmp_path], cg.CameraMetadata())
 
 
 @pytest.mark.parametrize(("unit", "exposure_s"), [("ms", 0.02), ("s", 20.0), ("furlong", None)])
