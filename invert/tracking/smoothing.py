@@ -3,19 +3,51 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solve_banded
+from scipy.fft import dct, idct
+from scipy.stats import chi2
+
+FALSE_ALARM = 0.01
+"""Probability that noise alone gives a path a periodic part that is kept."""
+
+RATES = np.concatenate([[0.0], np.logspace(-8.0, 2.0, 101)])
+"""Variances of the change of a step from one frame to the next that are tried, over that of the noise of a step."""
+
+ROUNDS = 3
 
 
 def smooth(path: np.ndarray, bend_error: np.ndarray) -> np.ndarray:
-    """Return a path (frames, 2), from its first frame, whose displacements are smoothed as far as the second differences of the path are
-    not significantly larger than those of noise, whose standard error is `bend_error` (2,) (Whittaker's smoother)."""
+    """Return a path (frames, 2), from its first frame, whose steps are smoothed as far as noise may have changed them.
+
+    Steps are the sum of a random walk, of white noise, and of periodic parts. In the discrete cosine transform of the steps, a random walk
+    that changes by a variance q per frame has the variance q / (2 - 2 cos(pi k / n)) at frequency k; the likelihood of the coefficients
+    tells q, and the conditional mean (Wiener's filter) the steps. Coefficients too large for it are periodic parts, such as a vibration,
+    and stay.
+
+    Args:
+        bend_error: standard error of a second difference of the path, (2,), which is the root of 2 times that of a step.
+    """
     steps, found = np.diff(path, axis=0), np.zeros_like(path)
-    bends = np.diff(steps, axis=0)
+    waves = dct(steps, axis=0, norm="ortho")
+    walk = 1.0 / (2.0 - 2.0 * np.cos(np.pi * np.arange(1, len(steps)) / len(steps)))
     for axis, error in enumerate(bend_error):
-        of_noise = max(error**2, 1e-12)
-        of_motion = max(float(np.mean(bends[:, axis] ** 2)) - of_noise, of_noise * (8.0 / max(len(bends), 1)) ** 0.5)
-        penalty = np.full(len(steps), 0.5 * of_noise / of_motion)
-        bands = np.stack([-penalty, 1.0 + 2.0 * penalty, -penalty])
-        bands[1, [0, -1]] -= penalty[0]  # no neighbour beyond the ends
-        found[1:, axis] = np.cumsum(solve_banded((1, 1), bands, steps[:, axis]))
+        power = waves[1:, axis] ** 2 / max(0.5 * error**2, 1e-12)
+        waves[1:, axis] *= _gains(power, walk)
+        found[1:, axis] = np.cumsum(idct(waves[:, axis], norm="ortho"))
     return found
+
+
+def _gains(power: np.ndarray, walk: np.ndarray) -> np.ndarray:
+    """Return the part of each coefficient that is motion.
+
+    Args:
+        power: squared coefficients over the variance of the noise, (n - 1,).
+        walk: variances of the coefficients of a random walk that changes by a variance of one per frame.
+    """
+    highest = chi2.isf(FALSE_ALARM / max(len(power), 1), 1)
+    expected = 1.0 + np.outer(RATES, walk)
+    is_periodic = np.zeros(len(power), bool)
+    for _ in range(ROUNDS):
+        unlikely = (np.log(expected) + power / expected)[:, ~is_periodic].sum(1)
+        chosen = expected[int(unlikely.argmin())]
+        is_periodic = power > highest * chosen
+    return np.where(is_periodic, 1.0, 1.0 - 1.0 / chosen)

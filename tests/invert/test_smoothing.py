@@ -1,0 +1,57 @@
+"""Smoothed paths: as good as if the motion were known to be a random walk, straight or periodic."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from invert.tracking.smoothing import smooth
+
+FRAMES, NOISE = 300, 0.7
+
+
+def step_errors(true: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
+    """Return the mean square errors of the steps after and before smoothing, over the variance of the noise of a step."""
+    seen = true + np.concatenate([np.zeros((1, 2)), np.cumsum(NOISE * rng.standard_normal((len(true) - 1, 2)), 0)])
+    found = smooth(seen, np.full(2, NOISE * 2.0**0.5))
+    return tuple(float((np.diff(one - true, axis=0) ** 2).mean()) / NOISE**2 for one in (found, seen))
+
+
+@pytest.mark.parametrize("rate", [0.001, 0.03, 1.0])
+def test_a_random_walk_of_the_steps_is_followed_as_well_as_a_known_one(rate):
+    """Wiener's filter for a known variance q per frame leaves the mean of q / (q + l) with l = 2 - 2 cos(pi k / n). If q is small, few
+    coefficients tell it, which costs a quarter more."""
+    curve = 2.0 - 2.0 * np.cos(np.pi * np.arange(FRAMES - 1) / (FRAMES - 1))
+    known = float(np.mean(rate / (rate + curve)))
+    left = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        steps = np.array([3.0, -1.0]) + np.cumsum(NOISE * rate**0.5 * rng.standard_normal((FRAMES - 1, 2)), 0)
+        left.append(step_errors(np.concatenate([np.zeros((1, 2)), np.cumsum(steps, 0)]), rng)[0])
+    assert 0.9 * known < np.mean(left) < 1.3 * known
+
+
+def test_a_straight_path_becomes_straight():
+    """Its mean step alone has an error of 1 / n; noise looks like a slow change or a vibration in few cases."""
+    straight = np.arange(FRAMES)[:, None] * np.array([1.7, -3.6])
+    left = [step_errors(straight, np.random.default_rng(seed))[0] for seed in range(40)]
+    assert np.median(left) < 2.0 / FRAMES
+    assert np.mean(left) < 0.02
+
+
+def test_a_vibration_beside_a_slow_curve_stays():
+    """Two pixels at any frequency: of its steps, less than a tenth of the power is lost."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        numbers = np.arange(FRAMES)[:, None]
+        curve = 40.0 * np.sin(3.0 * numbers / FRAMES) * np.array([1.0, -0.5])
+        shaken = 2.0 * np.sin(rng.uniform(0.3, 2.8) * numbers) * np.array([1.0, 0.6])
+        left, before = step_errors(curve + shaken - (curve + shaken)[0], rng)
+        assert left < 0.1 * np.diff(shaken, axis=0).var() / NOISE**2
+        assert left < before
+
+
+def test_short_paths_and_paths_of_unknown_error_stay():
+    path = np.array([[0.0, 0.0], [1.0, 2.0], [3.0, 1.0]])
+    np.testing.assert_allclose(smooth(path, np.zeros(2)), path, atol=1e-4)
+    assert smooth(path[:2], np.ones(2)) == pytest.approx(path[:2])
