@@ -25,7 +25,7 @@ from invert.choices import FAST, UNET
 from invert.field.reconstruction import FieldReconstruction
 from invert.field.retrieval import retrieve_fields
 from invert.measure.estimate import Estimate, estimate_from_frames, per_measured_pixel
-from invert.measure.preparation import mean_frame, prepare
+from invert.measure.preparation import prepare
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.methods import Reconstruction, reconstructor
 from invert.network.checkpoints import load_network, untrained_parts
@@ -34,11 +34,11 @@ from invert.output.result import Result
 from invert.request import Request
 from invert.sources import Source, read_source
 from invert.tracking.alone import estimate_alone
-from invert.tracking.stabilise import MIN_GROUPS, Stabilised, follow_travel
+from invert.tracking.stabilise import MIN_GROUPS, Stabilised, follow_travel, mean_pattern
 from radiometry.field_forecast import forecast_fields
 
 ONE_PATTERN = (
-    "the frames show one speckle pattern, as if the laser spot had not moved; their mean was reconstructed as one frame; "
+    "the frames show one speckle pattern, as if the laser spot had not moved; their sum was reconstructed as one frame; "
     "move the spot between frames to gain from several"
 )
 
@@ -109,7 +109,7 @@ def fulfil(request: Request, source: Source) -> Result:
     found = lower_confidence(found, doubts, object_probability(hypotheses))
     warnings = [one.advice for one in doubts if one.is_raised] + describe_frames(estimate.record, measurement)
     if capture is not None and _may_be_one_pattern(capture, estimate, found):
-        single = fulfil(request.for_capture(), mean_frame(capture))
+        single = fulfil(request.for_capture(), mean_pattern(capture))
         if single.object_found and is_speckle(single.speckle_test):
             return replace(single, notes=(*notes, ONE_PATTERN, *single.notes))
     notes += describe_limits(found, measurement, estimate, hypotheses)

@@ -15,6 +15,7 @@ import numpy as np
 from correlograph.errors import InputError, memory_bytes
 from correlograph.files.capture import Capture
 from invert.measure.estimate import estimate_from_frames
+from invert.measure.preparation import mean_frame
 from invert.measure.spectrum import read_measurement
 from invert.request import Request
 from invert.tracking.track import Track
@@ -102,6 +103,15 @@ def follow_travel(capture: Capture, filtered: FilteredFrames | None, groups: int
     except InputError as error:  # too dim, or too many frames for the memory
         return Stabilised.at_rest(capture, travel, obstacle=str(error))
     return Stabilised.at_rest(capture, travel, path) if path.others else stabilise(capture, path, groups)
+
+
+def mean_pattern(capture: Capture) -> Capture:
+    """Return a capture of one frame: the sum of frames that show one pattern, moved back as far as it moved to and fro, or their mean where no
+    path is found."""
+    try:
+        return _add(capture, track(capture).smooth_path_pixels, [range(len(capture.frames))])
+    except InputError:
+        return mean_frame(capture)
 
 
 def stabilise(capture: Capture, path: Track, least: int = MIN_GROUPS) -> Stabilised:

@@ -92,7 +92,7 @@ def _read_first(frames: Sequence[np.ndarray]) -> tuple[np.ndarray, Band] | None:
 
 def find_travel(capture: Capture) -> Travel | None:
     """Return how the speckle of a capture travels; None if consecutive frames have less than `MIN_SHARE` in common, or if it travels by
-    less than a grain in all."""
+    less than a grain in all, to and fro included."""
     if (read := _read_first(capture.frames)) is None:
         return None
     spectra, band = read
@@ -106,7 +106,8 @@ def find_travel(capture: Capture) -> Travel | None:
     powers = np.linalg.solve(_overlap(found, band) + 1e-3 * np.eye(len(found)), shares)
     share = float(np.sqrt(powers.clip(0.0)).sum() ** 2)
     steps = np.array([one.path[-1] / (len(spectra) - 1) for one in found])
-    way = np.linalg.norm(steps, axis=1).max() * (len(capture.frames) - 1)
+    far = max(float(np.linalg.norm(one.path, axis=1).max()) for one in found)
+    way = max(far, float(np.linalg.norm(steps, axis=1).max()) * (len(capture.frames) - 1))
     return Travel(steps, share) if share > MIN_SHARE and way > band.grain_pixels else None
 
 

@@ -99,3 +99,18 @@ def test_speckle_at_rest_does_not_travel(rng):
     capture = cg.Capture([rng.poisson(0.5 * wall).astype(np.float32) for _ in range(6)])
     assert may_travel(estimate_from_frames(capture).filtered_frames.spectra)
     assert find_travel(capture) is None
+
+
+@pytest.mark.parametrize("kind", ["shake", "circle"])
+def test_a_pattern_that_moves_to_and_fro_is_added_along_its_path(kind):
+    """Two pixels rms, or a closed circle of 20 pixels: the mean of the frames would correlate with the letter by 0.3 to 0.6."""
+    rng, numbers = np.random.default_rng(2), np.arange(16)[:, None]
+    turn = 2.0 * np.pi * numbers / 15.0
+    away = 2.0 * rng.standard_normal((16, 2)) if kind == "shake" else 10.0 * np.hstack([np.cos(turn), np.sin(turn)])
+    places = np.round(away - away.min(0)).astype(int)
+    wall = expected_frame(letter(64, 26), (380, 410), PATCH, rng)
+    frames = [rng.poisson(0.1 * wall[row : row + 320, column : column + 350]).astype(np.float32) for row, column in places]
+    result = fulfil(Request(quality="fast", blur_pixels=0.0), cg.Capture(frames))
+    correlation = float(cg.aligned_pearson(result.albedo.astype(np.float32), letter(64, 26).astype(np.float32))[0])
+    assert correlation > 0.75
+    assert result.confidence == pytest.approx(correlation, abs=0.15)
