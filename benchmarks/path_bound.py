@@ -43,8 +43,10 @@ def bounds_m(geometry: Geometry, capture: Capture, truths: list[np.ndarray]) -> 
 
 
 def covariance_of_noise(geometry: Geometry, capture: Capture, truths: list[np.ndarray]) -> np.ndarray:
-    """Return the bound of the covariance of positions by the noise of the frames, in squared pixels, (T - 1, n, 2, T - 1, n, 2) for n objects
-    in T frames, from the second on. The band of the frames is that of a capture, which may have fewer."""
+    """Return the bound of the covariance of positions by the noise of the frames, in squared pixels, (T - 1, n, 2, T - 1, n, 2).
+
+    It is that of n objects in T frames, from the second on. The band of the frames is that of a capture, which may have fewer.
+    """
     band = Reader(capture.frames[0].shape, 1).band(capture.frames)
     assert band is not None
     paths, places = np.stack([truth @ geometry.travel.T for truth in truths]), np.argwhere(band.counts > 0.0)

@@ -108,18 +108,19 @@ def _first_angles(rings: Rings, count: int) -> tuple[np.ndarray, float]:
     over all pairs.
     """
     series = [rings.series(group, 0.0, 1.0) for group in range(count)]
-    power = np.mean([np.abs(one) ** 2 for one in series], 0)
+    power = np.abs(series) ** 2
     outer = len(rings.radius) * 2 // 3  # beyond the object
-    noise = rings.radius[outer:, None] * power[outer:] * rings.is_used[outer:]
-    noise = noise.sum() / rings.is_used[outer:].sum() / rings.radius[:, None] + 1e-300
-    signal = np.where(rings.is_used, (power - noise).clip(0.0), 0.0)
+    every = (rings.radius[outer:, None] * power[:, outer:] * rings.is_used[outer:]).sum((1, 2)) / rings.is_used[outer:].sum()
+    noises = every[:, None, None] / rings.radius[:, None] + 1e-300  # of each group
+    noise = noises.mean(0)
+    signal = np.where(rings.is_used, (power.mean(0) - noise).clip(0.0), 0.0)
     weight = signal / (noise * (2.0 * signal + noise))  # Knapp and Carter, doi:10.1109/TASSP.1976.1162830
-    chance = np.sqrt(0.5 * ((weight * (signal + noise)) ** 2).sum()) + 1e-300
 
     def turn_between(one: int, other: int, about: float) -> tuple[float, float]:
         """Return the turn from one group to another that is nearest to an angle, and the correlation there in standard deviations."""
         cross = np.fft.irfft((weight * series[one] * series[other].conj()).sum(0), FINE_ANGLES) * (0.5 * FINE_ANGLES)
         found = -np.pi * float(np.argmax(cross)) / FINE_ANGLES
+        chance = np.sqrt(0.5 * (weight**2 * (signal + noises[one]) * (signal + noises[other])).sum()) + 1e-300
         return about + (found - about + 0.5 * np.pi) % np.pi - 0.5 * np.pi, float(cross.max() / chance)
 
     steps = np.array([turn_between(number, number + 1, 0.0) for number in range(count - 1)])

@@ -43,6 +43,9 @@ MIN_SIGMA = 5.0
 """Minimum correlation of consecutive groups in standard deviations; among fifty pairs and fifty angles, chance exceeds it with a
 probability of 0.001."""
 
+MIN_LIGHT = 1e-4
+"""Least square of the light of a frame, over the usual one, by which r*r is divided."""
+
 ROTATION_FILES = ("rotation.csv", "rotation.png", "rotation.json")
 
 
@@ -207,8 +210,14 @@ def signal_of(values: np.ndarray, transfer: np.ndarray | None) -> np.ndarray:
     return measurement.values - measurement.noise.floor
 
 
+def relative_light(frames: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the square of the light of each frame over the mean square, (frames,), to which r*r is proportional."""
+    light = np.array([max(float(np.mean(frame)), 0.0) for frame in frames]) ** 2
+    return np.maximum(light / max(float(light.mean()), 1e-300), MIN_LIGHT)
+
+
 def _signals(capture: Capture) -> tuple[list[np.ndarray], float]:
-    """Return r*r of each frame without floor, (127, 127) each, and the pitch of its lags along rows over that along columns."""
+    """Return r*r of each frame without floor, for equal light, (127, 127), and the pitch of its lags along rows over that along columns."""
     shape = capture.frames[0].shape
     if min(shape) < MIN_SIDE:
         raise InputError("frames", f"sides of {MIN_SIDE} pixels or more for a rotation", shape, "use larger frames")
@@ -218,5 +227,5 @@ def _signals(capture: Capture) -> tuple[list[np.ndarray], float]:
     for frame in tqdm(capture.frames, desc="autocorrelations", unit="frame", disable=None, leave=False):
         estimate = estimate_from_frames(replace(capture, frames=[frame], names=()), request)
         signals.append(signal_of(estimate.values, estimate.transfer))
-    pitches = estimate.pitches_m
-    return signals, 1.0 if pitches is None else pitches[0] / pitches[1]
+    pitches, light = estimate.pitches_m, relative_light(capture.frames)
+    return [one / part for one, part in zip(signals, light, strict=True)], 1.0 if pitches is None else pitches[0] / pitches[1]

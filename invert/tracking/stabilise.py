@@ -106,8 +106,7 @@ def follow_travel(capture: Capture, filtered: FilteredFrames | None, groups: int
 
 
 def mean_pattern(capture: Capture) -> Capture:
-    """Return a capture of one frame: the sum of frames that show one pattern, moved back as far as it moved to and fro, or their mean where no
-    path is found."""
+    """Return a capture of one frame: the sum of frames of one pattern, moved back along its path, or their mean where none is found."""
     try:
         return _add(capture, track(capture).smooth_path_pixels, [range(len(capture.frames))])
     except InputError:

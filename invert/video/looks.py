@@ -12,9 +12,13 @@ from correlograph.errors import InputError
 from correlograph.files.capture import Capture
 from invert.measure.estimate import Estimate
 from invert.request import Request
+from invert.tracking.rotation import relative_light
 from invert.video.turning import turn
 from radiometry.estimation.autocorrelation_estimator import estimator_of
 from radiometry.noise.measured_noise import fill_zero_lag, read_noise_level
+
+MIN_OVER_FLOOR = 1e-3
+"""Least r*r over its floor to which noise is proportional."""
 
 MIN_POWER = 0.01
 """Power of a frame over the usual one, below which it cannot show what others show: with a hundredth of the light in faint frames, a tenth
@@ -23,17 +27,21 @@ in bright ones."""
 
 @dataclass(frozen=True)
 class Looks:
-    """r*r of each frame.
+    """r*r of each frame, as if all had the same light.
 
     Attributes:
-        values: (frames, n, n), with noise floor; static patterns are subtracted, zero lag holds a mean of the lags around it.
+        values: (frames, n, n), with the noise floor of their mean; static patterns are subtracted, zero lag is a mean of those around it.
         whole: estimate from all frames, whose lags and metadata these share.
         angle_deg: angle of the object in each frame, (frames,); zero where it is not followed.
+        excess: noise floor of each frame for the same light, above the mean, (frames,): a frame of less light has a higher one.
+        are_dark: whether a frame has next to no light compared with others, (frames,).
     """
 
     values: np.ndarray
     whole: Estimate
     angle_deg: np.ndarray
+    excess: np.ndarray
+    are_dark: np.ndarray
 
     @classmethod
     def of(cls, capture: Capture, whole: Estimate, request: Request) -> Looks:
@@ -51,7 +59,12 @@ class Looks:
         every = np.stack(values)
         if whole.record.background.fixed_pattern_lags:
             every -= every.mean(0) - _fill_zero_lag_by_neighbours(whole.values)
-        return cls(every, whole, np.zeros(len(every)))
+        power = every.mean((1, 2))
+        are_dark = power < MIN_POWER * np.median(power[power > 0.0])
+        every /= relative_light(capture.frames)[:, None, None]
+        floors = np.array([read_noise_level(one).floor for one in every])
+        excess = floors - floors.mean()
+        return cls(every - excess[:, None, None], whole, np.zeros(len(every)), excess, are_dark)
 
     @property
     def turns(self) -> np.ndarray:
@@ -69,12 +82,18 @@ class Looks:
         """Noise floor of the mean over all frames."""
         return read_noise_level(self.values.mean(0)).floor
 
-    @property
-    def are_dark(self) -> np.ndarray:
-        """Whether a frame has next to no light compared with others, (frames,): its power is below `MIN_POWER` of the median of those
-        that have any."""
-        power = self.values.mean((1, 2))
-        return power < MIN_POWER * np.median(power[power > 0.0])
+    @cached_property
+    def noise(self) -> np.ndarray:
+        """Standard deviation of the noise of each frame over the usual one, (frames,), in the mean over the lags."""
+        over_mean = self.deviations(self.values.mean(0)[self.whole.lag_grid.off_axis])
+        noise = np.sqrt((over_mean**2).mean(1))
+        return noise * float((noise**-2.0).mean()) ** 0.5
+
+    def deviations(self, mean: np.ndarray) -> np.ndarray:
+        """Return the noise of each frame at some lags (k,) of known mean, over that of a frame of the usual floor, (frames, k): it is
+        proportional to r*r with its own floor."""
+        usual = np.maximum(mean, MIN_OVER_FLOOR * self.floor)
+        return np.maximum(usual + self.excess[:, None], MIN_OVER_FLOOR * self.floor) / usual
 
     def with_angles(self, angle_deg: np.ndarray) -> Looks:
         """Return the same with the angle of the object in each frame, (frames,)."""
@@ -90,10 +109,10 @@ class Looks:
     def combine(self, values: np.ndarray, weights: np.ndarray) -> Estimate:
         """Return the estimate from a weighted sum of values (frames, n, n), with weights (frames,) that add up to 1."""
         assert self.whole.record is not None
-        frames = 1.0 / float((weights**2).sum())
+        frames = 1.0 / float(((weights * self.noise) ** 2).sum())
         dof = self.whole.record.dof_expected * frames / len(values)
         record = replace(self.whole.record, frames=max(2, round(frames)), dof_expected=dof)
-        values = np.tensordot(weights, values, 1).clip(1e-3 * self.floor).astype(np.float32)
+        values = np.tensordot(weights, values, 1).clip(MIN_OVER_FLOOR * self.floor).astype(np.float32)
         return replace(self.whole, values=values, record=record, filtered_frames=None)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from invert.measure.spectrum import read_measurement
-from invert.video.looks import Looks
+from invert.video.looks import MIN_OVER_FLOOR, Looks
 from radiometry.noise.measured_noise import WHOLE_FRAME_INFLATION
 
 
@@ -22,16 +22,18 @@ class Pooling:
 
     Attributes:
         weights: weight of each frame at each time, (frames, frames); rows add up to 1.
+        noise: standard deviation of the noise of each frame over the usual one, (frames,).
         patterns: number of patterns of change; 0 for an object that stays the same.
     """
 
     weights: np.ndarray
+    noise: np.ndarray
     patterns: int
 
     @property
     def frames(self) -> float:
         """Number of frames whose mean would have the noise of an image, on average over time."""
-        return float(np.mean(1.0 / (self.weights**2).sum(1)))
+        return float(np.mean(1.0 / ((self.weights * self.noise) ** 2).sum(1)))
 
     def times(self, most: int) -> np.ndarray:
         """Return the numbers of the frames at whose times images are reconstructed: at most so many, and one of an object that stays the
@@ -42,18 +44,18 @@ class Pooling:
 
 def pool(looks: Looks) -> Pooling:
     """Return the weights by which frames are pooled, at the angles of the looks."""
-    every = looks.upright
-    mean = every.mean(0)
+    every, noise = looks.upright, looks.noise
+    mean = np.average(every, 0, noise**-2.0)
     measured = read_measurement(mean.astype(np.float32))
     used = looks.whole.lag_grid.off_axis & (looks.whole.lag_grid.ring <= measured.noise.signal_ring)
-    # The noise of r*r is proportional to r*r with its floor.
-    change = (every[:, used] - mean[used]) / np.maximum(mean[used], 1e-3 * looks.floor)
+    change = (every[:, used] / np.maximum(mean[used], MIN_OVER_FLOOR * looks.floor) - 1.0) / looks.deviations(mean[used])
     courses, sizes, _ = np.linalg.svd(change, full_matrices=False)
     lags = used.sum() / WHOLE_FRAME_INFLATION  # as many as are independent
     median = np.median(sizes[: min(len(every) - 1, int(lags))])
     patterns = int((sizes > threshold_over_median(len(every) / lags) * median).sum())
-    shown = courses[:, :patterns]
-    return Pooling(np.full((len(every),) * 2, 1.0 / len(every)) + shown @ shown.T, patterns)
+    # In units of noise, what stays the same has the course 1 / noise.
+    shown, _ = np.linalg.qr(np.column_stack([1.0 / noise, courses[:, :patterns]]))
+    return Pooling(noise[:, None] * (shown @ shown.T) / noise, noise, patterns)
 
 
 def spread(count: int, most: int) -> np.ndarray:

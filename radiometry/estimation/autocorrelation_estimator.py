@@ -42,6 +42,9 @@ from radiometry.estimation.third_moment import MAX_FRAMES, FilteredFrames, narro
 MIN_COPY_CORRELATION = 1.0 - 1e-6
 """Minimum correlation of frames that are copies of one frame."""
 
+MAX_GAIN = 10.0
+"""Largest factor by which a dim frame is brightened for the third moment."""
+
 
 def degrees_of_freedom(frames: int, frame_shape: tuple[int, int], patch_shape: tuple[int, int]) -> float:
     """Return K of a lag of white noise: frames times, along both axes, L / sum over d of w(d)^2 / (1 - d / L).
@@ -159,11 +162,19 @@ class AutocorrelationEstimator:
         return self._memory.buffers
 
     def filtered_frames(self) -> FilteredFrames:
-        """Return the band-limited frames for the third moment."""
-        level = float(np.mean(self.sums.levels))
-        noise = combine(self.sums.noise)
+        """Return the band-limited frames for the third moment, all with the light to which r*r is proportional: the rms of all frames."""
+        levels = np.array(self.sums.levels)
+        usual = float(np.sqrt(np.square(levels).mean()))
+        gains = [min(usual / one, MAX_GAIN) if one > 0.0 else 1.0 for one in levels[: len(self.sums.narrow)]]
         return FilteredFrames(
-            tuple(self.sums.narrow), self.padded, self.grid.frame_shape, self._patch, level, noise, self.grid.lags
+            tuple(gain * one for gain, one in zip(gains, self.sums.narrow, strict=True)),
+            self.padded,
+            self.grid.frame_shape,
+            self._patch,
+            float(levels.mean()),
+            combine(self.sums.noise),
+            self.grid.lags,
+            gain=float(np.mean(gains)),
         )
 
     @property

@@ -53,7 +53,8 @@ def looks_of(values):
     capture = cg.Capture([np.random.default_rng(number).poisson(2.0, (300, 300)).astype(np.float32) for number in range(2)])
     whole = estimate_from_frames(capture, Request(lags=32))
     record = replace(whole.record, frames=len(values), dof_expected=20.0 * len(values))
-    return Looks(values, replace(whole, record=record), np.zeros(len(values)))
+    count = len(values)
+    return Looks(values, replace(whole, record=record), np.zeros(count), np.zeros(count), np.zeros(count, bool))
 
 
 def gamma_noise(rng, mean, dof=20.0):
@@ -274,3 +275,29 @@ def test_unsuitable_frames_and_options_are_refused(command, tmp_path, rng):
         code, _, error = command(invert_command, tmp_path / "frames.npy", "-o", tmp_path / "out", *options)
         assert code == 2
         assert "remove" in error
+
+
+def drifting_light(rng, angles, factor):
+    """Frames of a letter at angles in degrees, while its light rises by a factor."""
+    light = 0.5 * factor ** np.linspace(-0.5, 0.5, len(angles))
+    shown = (turned(angle) for angle in angles)
+    frames = [one * expected_frame(albedo, (300, 330), 128, rng) for one, albedo in zip(light, shown, strict=True)]
+    return cg.Capture([rng.poisson(one).astype(np.float32) for one in frames])
+
+
+@pytest.mark.parametrize("factor", [1.0, 3.0, 10.0])
+def test_light_that_drifts_is_no_change_of_the_object(rng, factor):
+    """Frames of an object at rest are pooled by their noise: a frame of less light has more."""
+    looks = looks_from(drifting_light(rng, np.zeros(16), factor))
+    pooling = pool(looks)
+    assert pooling.patterns == 0
+    np.testing.assert_allclose(pooling.weights[3], looks.noise**-2.0 / 16.0, rtol=1e-5)
+    assert factor**0.3 < 1.2 * looks.noise[0] / looks.noise[-1] < 1.44 * factor
+
+
+@pytest.mark.parametrize("factor", [3.0, 0.1])
+def test_light_that_drifts_hides_no_rotation(rng, factor):
+    found = cg.track_rotation(drifting_light(rng, 4.0 * np.arange(24), factor))
+    turned_by = 4.0 * (found.middle_frame - found.middle_frame[0])
+    np.testing.assert_allclose(found.angle_deg, turned_by, atol=4.0 * found.angle_error_deg)
+    assert found.angle_error_deg < 1.5
