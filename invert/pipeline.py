@@ -108,7 +108,7 @@ def fulfil(request: Request, source: Source) -> Result:
     found = beside_other(found, search.other, blurred if estimate.blur_pixels is None else 1.0 - blurred)
     found = lower_confidence(found, doubts, object_probability(hypotheses))
     warnings = [one.advice for one in doubts if one.is_raised] + describe_frames(estimate.record, measurement)
-    if capture is not None and _may_be_one_pattern(capture, estimate, found):
+    if capture is not None and not found.object_found and may_be_one_pattern(capture, estimate):
         single = fulfil(request.for_capture(), mean_pattern(capture))
         if single.object_found and is_speckle(single.speckle_test):
             return replace(single, notes=(*notes, ONE_PATTERN, *single.notes))
@@ -200,11 +200,11 @@ def _search_blur(request: Request, estimate: Estimate) -> BlurSearch:
         return search_blur(estimate, draft)
 
 
-def _may_be_one_pattern(capture: Capture, estimate: Estimate, found: Reconstruction) -> bool:
-    """Return whether several frames share so much that nothing is left of the object."""
+def may_be_one_pattern(capture: Capture, estimate: Estimate) -> bool:
+    """Return whether several frames share so much that nothing may be left of the object."""
     background = None if estimate.record is None else estimate.record.background
     shared = (background and background.fixed_pattern_lags) or 0.0
-    return not found.object_found and len(capture.frames) > 1 and shared > MIN_SHARED_LAGS
+    return len(capture.frames) > 1 and shared > MIN_SHARED_LAGS
 
 
 def add_fields(request: Request, capture: Capture, result: Result) -> tuple[Result, list[str]]:

@@ -200,7 +200,7 @@ def rotation_of(signals: Sequence[np.ndarray], aspect: float, interval_s: float 
         "frames",
         expected,
         "none",
-        "add light, or more frames per second if the rate of rotation changes; a jump or a round object shows no angle",
+        "add light, or more frames per second if the rate of rotation changes; a jump shows no angle, nor does a round object or one that looks alike after a quarter turn",
     )
 
 
@@ -222,10 +222,13 @@ def _signals(capture: Capture) -> tuple[list[np.ndarray], float]:
     if min(shape) < MIN_SIDE:
         raise InputError("frames", f"sides of {MIN_SIDE} pixels or more for a rotation", shape, "use larger frames")
     check_frames_in_memory(capture.frames)
-    request, signals = Request(lags=LAGS), []
-    estimate_from_frames(capture, request)  # refuses copies of one frame
+    request, values = Request(lags=LAGS), []
+    whole = estimate_from_frames(capture, request)  # refuses copies of one frame
     for frame in tqdm(capture.frames, desc="autocorrelations", unit="frame", disable=None, leave=False):
         estimate = estimate_from_frames(replace(capture, frames=[frame], names=()), request)
-        signals.append(signal_of(estimate.values, estimate.transfer))
-    pitches, light = estimate.pitches_m, relative_light(capture.frames)
-    return [one / part for one, part in zip(signals, light, strict=True)], 1.0 if pitches is None else pitches[0] / pitches[1]
+        values.append(estimate.values)
+    assert whole.record is not None
+    at_rest = np.mean(values, 0) - whole.values if whole.record.background.fixed_pattern_lags else 0.0
+    pitches, light = whole.pitches_m, relative_light(capture.frames)
+    signals = [signal_of(one - at_rest, whole.transfer) / part for one, part in zip(values, light, strict=True)]
+    return signals, 1.0 if pitches is None else pitches[0] / pitches[1]

@@ -19,7 +19,7 @@ from invert.measure.preparation import find_empty
 from invert.measure.spectrum import read_measurement
 from invert.methods import empty_reconstruction
 from invert.output.result import Result
-from invert.pipeline import choose_object, estimate_following, fulfil, read_prepared
+from invert.pipeline import ONE_PATTERN, choose_object, estimate_following, fulfil, may_be_one_pattern, read_prepared
 from invert.request import Request
 from invert.sources import Source, read_source
 from invert.tracking.rotation import rotation_of, signal_of
@@ -68,7 +68,9 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
     path = path and replace(path, interval_s=interval_s)
     if path is not None and len(followed.objects) > 1:
         alone = fulfil(request.for_estimate(), chosen)
-        return _film_of_one(alone, path, interval_s, [*notes, *followed.notes, *of_objects])
+        return _film_of_one(alone, path, counted, interval_s, [*notes, *followed.notes, *of_objects])
+    if may_be_one_pattern(capture, whole) and ONE_PATTERN in (still := fulfil(request.for_capture(), capture)).notes:
+        return _film_of_one(still, None, counted, interval_s, notes)
     looks = Looks.of(followed.capture, whole, request)
     looks, pooling, of_turn = _turn_back(looks)
     numbers, of_fields = pooling.times(MAX_IMAGES), []
@@ -101,19 +103,22 @@ def _doubt(path: Track, whole: Estimate) -> tuple[Doubt, ...]:
     return doubt_motion(path.path_pixels, whole.record, read_measurement(whole.values, whole.quantisation, whole.transfer))
 
 
-def _film_of_one(alone: Result, path: Track, interval_s: float | None, notes: list[str]) -> Film:
-    """Return the film of one of several objects: its image, to which all frames contribute, along its path."""
+def _film_of_one(alone: Result, path: Track | None, counted: np.ndarray, interval_s: float | None, notes: list[str]) -> Film:
+    """Return the film of an object that changes its place only: its image, to which all frames contribute, along its path if it has one.
+
+    Args:
+        counted: number of each frame.
+    """
     if not alone.object_found:
         raise InputError(
             "frames", "light of a hidden object", "none at any time", "add light or frames, or move the laser between frames"
         )
-    count = len(path.path_pixels)
-    numbers = path.frame_numbers[spread(count, MAX_IMAGES)]
+    numbers = counted[spread(len(counted), MAX_IMAGES if path else 1)]
     return Film(
         albedos=np.repeat(alone.albedo[None], len(numbers), 0),
         middle_frame=numbers.astype(float),
         confidence=np.full(len(numbers), alone.confidence),
-        frames_per_image=count,
+        frames_per_image=len(counted),
         path=path,
         pitches_m=alone.pitches_m,
         interval_s=interval_s,

@@ -31,6 +31,9 @@ from radiometry.estimation.photon_transfer import PhotonTransfer, shot_noise
 MIN_SIGNAL_FRACTION = 0.2
 """Minimum fraction of signal in a lag that is used."""
 
+FINE_LAGS = 4
+"""Points per lag with which sums over lags are compared."""
+
 MAX_SCATTER = 4.0
 """Maximum variance of the power of blocks of speckle, in units of that of a Gaussian of the same spectrum."""
 
@@ -77,7 +80,7 @@ class FilteredFrames:
         self, albedo: np.ndarray, weight: np.ndarray, amplitude: np.ndarray, signal: np.ndarray, floor: float, power: float
     ) -> tuple[float, float]:
         """Return the ratio of the measured third moment to that expected of speckle from an albedo (64, 64), and the
-        standard error of the ratio.
+        standard error of the ratio. What the sums over lags deviate from integrals by counts as an error.
 
         Args:
             weight: w (127, 127). amplitude: amplitude transfer of the camera, the root of H (127, 127).
@@ -89,6 +92,7 @@ class FilteredFrames:
         by_noise = shot_noise_part(weight, signal, self.gain * noise.variance, pixels)
         measured, error = measured - self.gain * noise.gain * by_noise, math.hypot(error, self.gain * noise.error * by_noise)
         expected = expected_third_moment(albedo, weight * amplitude, power, pixels)
+        error = math.hypot(error, error_of_sums(weight) * (expected + self.gain * noise.gain * by_noise))
         return (measured / expected, error / expected) if expected > 0.0 else (0.0, np.inf)
 
     def third_moment(self, weight: np.ndarray) -> tuple[float, float]:
@@ -182,6 +186,24 @@ def shot_noise_part(weight: np.ndarray, signal: np.ndarray, variance: float, pat
     lags = lag_grid_of(weight).lags
     pairs = autocorrelate(weight)[lags:-lags, lags:-lags]
     return (weight * pairs * (3.0 * signal + variance)).sum((-2, -1)) / patch_pixels**2
+
+
+def error_of_sums(weight: np.ndarray) -> float:
+    """Return the relative deviation of the sum over lags of the triple product w(a) w(b) w(a + b) of a filter (n, n) from its integral.
+
+    Between lags, the filter is interpolated linearly, as in frames. It is small unless few lags are left, such as a thin ring.
+    """
+    lags = lag_grid_of(weight).lags
+    reach = int(np.abs(np.argwhere(weight) - lags).max(initial=0)) + 1
+    between = _between_lags(np.arange(-FINE_LAGS * reach, FINE_LAGS * reach + 1) / FINE_LAGS, lags)
+
+    def triples(values: np.ndarray) -> float:
+        side = len(values) // 2
+        return float((values * autocorrelate(values)[side:-side, side:-side]).sum())
+
+    whole = slice(lags - min(reach, lags), lags + min(reach, lags) + 1)
+    at_lags = triples(weight[whole, whole])
+    return abs(triples(between @ weight @ between.T) / FINE_LAGS**4 / at_lags - 1.0) if at_lags > 0.0 else math.inf
 
 
 def light_variance(albedo: np.ndarray, patch: tuple[int, int], area: tuple[int, int]) -> float:

@@ -301,3 +301,12 @@ def test_light_that_drifts_hides_no_rotation(rng, factor):
     turned_by = 4.0 * (found.middle_frame - found.middle_frame[0])
     np.testing.assert_allclose(found.angle_deg, turned_by, atol=4.0 * found.angle_error_deg)
     assert found.angle_error_deg < 1.5
+
+
+def test_an_object_at_rest_under_a_laser_at_rest_is_one_image(rng):
+    wall = expected_frame(letter(64, 26), (320, 350), 128, rng)
+    film = cg.film(cg.Capture([rng.poisson(0.2 * wall).astype(np.float32) for _ in range(10)]), quality="fast", blur_pixels=0)
+    assert len(film.albedos) == 1
+    assert any("one speckle pattern" in note for note in film.notes)
+    correlation = float(cg.aligned_pearson(film.albedos[0], letter(64, 26).astype(np.float32))[0])
+    assert correlation > 0.7
