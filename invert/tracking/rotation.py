@@ -200,7 +200,8 @@ def rotation_of(signals: Sequence[np.ndarray], aspect: float, interval_s: float 
         "frames",
         expected,
         "none",
-        "add light, or more frames per second if the rate of rotation changes; a jump shows no angle, nor does a round object or one that looks alike after a quarter turn",
+        "add light, or more frames per second if the rate of rotation changes; a jump shows no angle, nor does a round object or one that "
+        "looks alike after a quarter turn",
     )
 
 
