@@ -25,22 +25,26 @@ MIN_POWER = 0.01
 in bright ones."""
 
 
+NOISE_OF_DARKNESS = 1e3
+"""Noise of a frame without light over the usual one."""
+
+
 @dataclass(frozen=True)
 class Looks:
     """r*r of each frame, as if all had the same light.
 
     Attributes:
-        values: (frames, n, n), with the noise floor of their mean; static patterns are subtracted, zero lag is a mean of those around it.
+        values: (frames, n, n), with one noise floor; static patterns are subtracted, zero lag is a mean of those around it.
         whole: estimate from all frames, whose lags and metadata these share.
         angle_deg: angle of the object in each frame, (frames,); zero where it is not followed.
-        excess: noise floor of each frame for the same light, above the mean, (frames,): a frame of less light has a higher one.
+        floors: noise floor of each frame for the same light, (frames,): a frame of less light has a higher one.
         are_dark: whether a frame has next to no light compared with others, (frames,).
     """
 
     values: np.ndarray
     whole: Estimate
     angle_deg: np.ndarray
-    excess: np.ndarray
+    floors: np.ndarray
     are_dark: np.ndarray
 
     @classmethod
@@ -63,8 +67,9 @@ class Looks:
         are_dark = power < MIN_POWER * np.median(power[power > 0.0])
         every /= relative_light(capture.frames)[:, None, None]
         floors = np.array([read_noise_level(one).floor for one in every])
-        excess = floors - floors.mean()
-        return cls(every - excess[:, None, None], whole, np.zeros(len(every)), excess, are_dark)
+        usual = usual_floor(np.maximum(floors[~are_dark], 1e-300))
+        every -= (floors - usual)[:, None, None]
+        return cls(every, whole, np.zeros(len(every)), np.where(are_dark, NOISE_OF_DARKNESS * usual, floors), are_dark)
 
     @property
     def turns(self) -> np.ndarray:
@@ -78,14 +83,19 @@ class Looks:
         return 1.0 if pitches is None else pitches[0] / pitches[1]
 
     @cached_property
+    def mean(self) -> np.ndarray:
+        """Mean over all frames, weighted by their noise, (n, n)."""
+        return np.average(self.values, 0, self.floors**-2.0)
+
+    @cached_property
     def floor(self) -> float:
-        """Noise floor of the mean over all frames."""
-        return read_noise_level(self.values.mean(0)).floor
+        """Noise floor of the mean."""
+        return read_noise_level(self.mean).floor
 
     @cached_property
     def noise(self) -> np.ndarray:
         """Standard deviation of the noise of each frame over the usual one, (frames,), in the mean over the lags."""
-        over_mean = self.deviations(self.values.mean(0)[self.whole.lag_grid.off_axis])
+        over_mean = self.deviations(self.mean[self.whole.lag_grid.off_axis])
         noise = np.sqrt((over_mean**2).mean(1))
         return noise * float((noise**-2.0).mean()) ** 0.5
 
@@ -93,7 +103,8 @@ class Looks:
         """Return the noise of each frame at some lags (k,) of known mean, over that of a frame of the usual floor, (frames, k): it is
         proportional to r*r with its own floor."""
         usual = np.maximum(mean, MIN_OVER_FLOOR * self.floor)
-        return np.maximum(usual + self.excess[:, None], MIN_OVER_FLOOR * self.floor) / usual
+        excess = self.floors - usual_floor(self.floors)
+        return np.maximum(usual + excess[:, None], MIN_OVER_FLOOR * self.floor) / usual
 
     def with_angles(self, angle_deg: np.ndarray) -> Looks:
         """Return the same with the angle of the object in each frame, (frames,)."""
@@ -114,6 +125,11 @@ class Looks:
         record = replace(self.whole.record, frames=max(2, round(frames)), dof_expected=dof)
         values = np.tensordot(weights, values, 1).clip(MIN_OVER_FLOOR * self.floor).astype(np.float32)
         return replace(self.whole, values=values, record=record, filtered_frames=None)
+
+
+def usual_floor(floors: np.ndarray) -> float:
+    """Return the noise floor of the mean of frames, weighted by their noise, from the floor of each, (frames,)."""
+    return float(np.average(floors, weights=floors**-2.0))
 
 
 def _fill_zero_lag_by_neighbours(values: np.ndarray) -> np.ndarray:

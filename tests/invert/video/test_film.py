@@ -54,7 +54,7 @@ def looks_of(values):
     whole = estimate_from_frames(capture, Request(lags=32))
     record = replace(whole.record, frames=len(values), dof_expected=20.0 * len(values))
     count = len(values)
-    return Looks(values, replace(whole, record=record), np.zeros(count), np.zeros(count), np.zeros(count, bool))
+    return Looks(values, replace(whole, record=record), np.zeros(count), np.ones(count), np.zeros(count, bool))
 
 
 def gamma_noise(rng, mean, dof=20.0):
@@ -310,3 +310,16 @@ def test_an_object_at_rest_under_a_laser_at_rest_is_one_image(rng):
     assert any("one speckle pattern" in note for note in film.notes)
     correlation = float(cg.aligned_pearson(film.albedos[0], letter(64, 26).astype(np.float32))[0])
     assert correlation > 0.7
+
+
+def test_dark_frames_have_no_weight(rng):
+    """Four of sixteen frames have a hundredth of the light, or none."""
+    capture = drifting_light(rng, np.zeros(16), 1.0)
+    for number, light in ((3, 0.0), (4, 0.0), (5, 0.01), (6, 0.01)):
+        capture.frames[number][:] = rng.binomial(capture.frames[number].astype(int), light)
+    looks = looks_from(capture)
+    assert np.flatnonzero(looks.are_dark).tolist() == [3, 4, 5, 6]
+    pooling = pool(looks)
+    assert pooling.patterns == 0
+    assert pooling.weights[8, 3:7].max() < 1e-3
+    np.testing.assert_allclose(pooling.weights[8, [0, 1, 2, 7, 8, 9]], 1.0 / 12.0, rtol=0.2)
