@@ -18,7 +18,14 @@ from correlograph.workers import check_scheduler
 from invert.assess.frame_remarks import describe_frames
 from invert.assess.hypotheses import MIN_SHARED_LAGS, blurred_share, object_probability, weigh_hypotheses
 from invert.assess.motion_blur import doubt_motion
-from invert.assess.reliability import beside_other, describe_limits, find_doubts, is_speckle, lower_confidence
+from invert.assess.reliability import (
+    MAX_UNVERIFIED_CONFIDENCE,
+    beside_other,
+    describe_limits,
+    find_doubts,
+    is_speckle,
+    lower_confidence,
+)
 from invert.assess.speckle_test import speckle_test
 from invert.blur_fit import MAX_RECONSTRUCTIONS, BlurSearch, likelihood_before_division, search_blur
 from invert.choices import FAST, UNET
@@ -108,9 +115,9 @@ def fulfil(request: Request, source: Source) -> Result:
     found = beside_other(found, search.other, blurred if estimate.blur_pixels is None else 1.0 - blurred)
     found = lower_confidence(found, doubts, object_probability(hypotheses))
     warnings = [one.advice for one in doubts if one.is_raised] + describe_frames(estimate.record, measurement)
-    if capture is not None and not found.object_found and may_be_one_pattern(capture, estimate):
+    if capture is not None and found.confidence <= MAX_UNVERIFIED_CONFIDENCE and may_be_one_pattern(capture, estimate):
         single = fulfil(request.for_capture(), mean_pattern(capture))
-        if single.object_found and is_speckle(single.speckle_test):
+        if single.object_found and is_speckle(single.speckle_test) and single.confidence > found.confidence:
             return replace(single, notes=(*notes, ONE_PATTERN, *single.notes))
     notes += describe_limits(found, measurement, estimate, hypotheses)
     seconds["retrieval"] = time.perf_counter() - begin

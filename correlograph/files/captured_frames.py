@@ -50,7 +50,7 @@ MAX_RECORD_BYTES = 2**22
 SETTINGS = ("exposure_s", "pixel_pitch_m", "row_pitch_m", "gain_e")
 """Values of file metadata that all frames of a capture share."""
 
-MAX_DEVIATION = 0.01
+MAX_DEVIATION = 0.03
 """Largest relative deviation of such a value; some cameras write the exposure that they measured."""
 
 CONTACT_SHEET = "contact_sheet"
@@ -136,9 +136,7 @@ def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture
     given = {name: value for name, value in vars(known).items() if value is not None}
     if "pixel_pitch_m" in given:  # the angles of the header belong to its own pitch
         given = {"row_pitch_m": None, "column_pitch_m": None, **given}
-    written = read_metadata(files[0]) if first is None else rendered_metadata(first.exposure_s)
-    if first is None:
-        _check_metadata(written, files)
+    written = _common_metadata(files) if first is None else rendered_metadata(first.exposure_s)
     if {"wavelength_m", "distance_m"} <= given.keys() and written.pixel_pitch_m is not None:
         by_file = {"pixel_pitch_m": written.pixel_pitch_m}
         if written.row_pitch_m is not None:
@@ -150,18 +148,22 @@ def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture
     return Capture(kept, metadata, names, record=_read_drawing(files[0], first), file_metadata=written)
 
 
-def _check_metadata(written: FileMetadata, files: Sequence[Path]) -> None:
-    """Raise InputError if a file states another exposure, pixel pitch or gain than the first one, whose metadata are given."""
-    for file in files[1:]:
+def _common_metadata(files: Sequence[Path]) -> FileMetadata:
+    """Return the metadata of the first file, with settings that only later ones state. Raises InputError for settings that differ."""
+    first, stated = read_metadata(files[0]), {}
+    for file in files:
         for name, value in read_metadata(file).as_dict().items():
-            expected = getattr(written, name)
-            if name in SETTINGS and expected is not None and not math.isclose(value, expected, rel_tol=MAX_DEVIATION):
+            if name not in SETTINGS:
+                continue
+            expected, where = stated.setdefault(name, (value, file))
+            if not math.isclose(value, expected, rel_tol=MAX_DEVIATION):
                 raise InputError(
                     "frames",
-                    f"frames of one camera setting ({name} {expected:.4g}, as {files[0].name})",
+                    f"frames of one camera setting ({name} {expected:.4g}, as {where.name})",
                     f"{value:.4g} in {file.name}",
                     "invert the captures one by one",
                 )
+    return replace(first, **{name: value for name, (value, _) in stated.items()})
 
 
 def describe_files(capture: Capture) -> list[str]:

@@ -150,8 +150,9 @@ def _read_fits(file: Path) -> FileMetadata:
     from astropy.io import fits
 
     with fits.open(file) as units:
-        header = next(unit.header for unit in units if unit.is_image and len(unit.shape) > 1)
-        exposure = header.get("EXPTIME", header.get("EXPOSURE"))
+        of_image = next(unit.header for unit in units if unit.is_image and len(unit.shape) > 1)
+        header = {**units[0].header, **of_image}  # an extension may leave its camera to the first header
+        exposure = _positive(header.get("EXPTIME")) or header.get("EXPOSURE")
         return _metadata(exposure, gain=header.get("EGAIN"), time=header.get("DATE-OBS"))
 
 

@@ -155,7 +155,7 @@ def _boundaries(spectra: np.ndarray, band: Band, path: np.ndarray, group: int) -
 
     found = sum_over_rows(measure, spectra)
     heights, power = found[: len(path) - 1], found[len(path) - 1 :]
-    usual = np.median(power)
+    usual = max(float(np.median(power)), 1e-300)
     changing = max(0.0, 1.0 - weight.deviation**2 / max(power.var(), 1e-300))  # the rest of their scatter is noise
     light = np.sqrt(np.maximum(usual + changing * (power - usual), NOTHING * usual))[:, None]
     before, after = _sums(light, group)

@@ -44,20 +44,23 @@ def exposure_of(capture: Capture) -> float | None:
 def frame_numbers(capture: Capture) -> np.ndarray:
     """Return the number of each frame from the first one, (frames,), in units of the smallest difference.
 
-    Numbers in the names of files tell frames that are missing, if one number in each name differs and the differences are multiples of the
-    smallest. Otherwise frames are counted.
+    A number in the names of files that rises by multiples of its least difference tells which are missing, unless another such number
+    disagrees. Otherwise frames are counted. Raises InputError if the only number that differs falls and rises: names in the order of text.
     """
     counted = np.arange(len(capture.frames))
     parts = [re.split("([0-9]+)", name) for name in capture.names]
-    if len(parts) != len(counted) or any(one[::2] != parts[0][::2] for one in parts):
+    if len(parts) != len(counted) or len(counted) < 2 or any(one[::2] != parts[0][::2] for one in parts):
         return counted
-    varying = [one for one in zip(*(name[1::2] for name in parts), strict=True) if len(set(one)) > 1]
-    if len(varying) != 1 or max(map(len, varying[0])) > MAX_DIGITS:
+    columns = [one for one in zip(*(name[1::2] for name in parts), strict=True) if len(set(one)) > 1]
+    if any(len(digits) > MAX_DIGITS for one in columns for digits in one):
         return counted
-    steps = np.diff(np.array(varying[0], np.int64))
-    if steps.min() < 1 or (steps % steps.min()).any():
-        return counted
-    return np.concatenate([[0], np.cumsum(steps // steps.min())])
+    varying = [np.diff(np.array(one, np.int64)) for one in columns]
+    if len(varying) == 1 and varying[0].min() < 0 < varying[0].max():
+        place = int(np.argmax(varying[0] < 0))
+        found = f"{capture.names[place + 1]} after {capture.names[place]}"
+        raise InputError("frames", "files in the order of their numbers", found, "name their folder, or sort them by number")
+    rising = {tuple(steps // steps.min()) for steps in varying if steps.min() > 0 and not (steps % steps.min()).any()}
+    return counted if len(rising) != 1 else np.concatenate([[0], np.cumsum(rising.pop())])
 
 
 def missing_frames(numbers: np.ndarray) -> list[str]:

@@ -42,8 +42,8 @@ from radiometry.estimation.third_moment import MAX_FRAMES, FilteredFrames, narro
 MIN_COPY_CORRELATION = 1.0 - 1e-6
 """Minimum correlation of frames that are copies of one frame."""
 
-MAX_GAIN = 10.0
-"""Largest factor by which a dim frame is brightened for the third moment."""
+MAX_GAIN = 5.0
+"""Largest factor by which a dim frame is brightened for the third moment; dimmer ones are left out."""
 
 
 def degrees_of_freedom(frames: int, frame_shape: tuple[int, int], patch_shape: tuple[int, int]) -> float:
@@ -165,16 +165,17 @@ class AutocorrelationEstimator:
         """Return the band-limited frames for the third moment, all with the light to which r*r is proportional: the rms of all frames."""
         levels = np.array(self.sums.levels)
         usual = float(np.sqrt(np.square(levels).mean()))
-        gains = [min(usual / one, MAX_GAIN) if one > 0.0 else 1.0 for one in levels[: len(self.sums.narrow)]]
+        every = [(usual / level, one) for level, one in zip(levels, self.sums.narrow, strict=False) if MAX_GAIN * level > usual]
+        every = every or [(1.0, one) for one in self.sums.narrow]
         return FilteredFrames(
-            tuple(gain * one for gain, one in zip(gains, self.sums.narrow, strict=True)),
+            tuple(gain * one for gain, one in every),
             self.padded,
             self.grid.frame_shape,
             self._patch,
             float(levels.mean()),
             combine(self.sums.noise),
             self.grid.lags,
-            gain=float(np.mean(gains)),
+            gains=tuple(gain for gain, _ in every),
         )
 
     @property

@@ -63,7 +63,7 @@ class FilteredFrames:
         noise: noise of the pixels.
         lags: largest lag.
         kept: statistics of the mask; None without one.
-        gain: mean factor of the spectra, which gave all frames the same light.
+        gains: factor of each spectrum, which gave all frames the same light.
     """
 
     spectra: tuple[torch.Tensor, ...]
@@ -74,7 +74,7 @@ class FilteredFrames:
     noise: PhotonTransfer
     lags: int = LAGS
     kept: Kept | None = None
-    gain: float = 1.0
+    gains: tuple[float, ...] = (1.0,)
 
     def likeness(
         self, albedo: np.ndarray, weight: np.ndarray, amplitude: np.ndarray, signal: np.ndarray, floor: float, power: float
@@ -89,10 +89,11 @@ class FilteredFrames:
         """
         pixels, noise = math.prod(self.patch), shot_noise(self.noise, self.level, floor)
         measured, error = self.third_moment(weight)
-        by_noise = shot_noise_part(weight, signal, self.gain * noise.variance, pixels)
-        measured, error = measured - self.gain * noise.gain * by_noise, math.hypot(error, self.gain * noise.error * by_noise)
+        gain, square = float(np.mean(self.gains)), float(np.mean(np.square(self.gains)))
+        by_noise = shot_noise_part(weight, gain * signal, square * noise.variance, pixels)
+        measured, error = measured - noise.gain * by_noise, math.hypot(error, noise.error * by_noise)
         expected = expected_third_moment(albedo, weight * amplitude, power, pixels)
-        error = math.hypot(error, error_of_sums(weight) * (expected + self.gain * noise.gain * by_noise))
+        error = math.hypot(error, error_of_sums(weight) * (expected + noise.gain * by_noise))
         return (measured / expected, error / expected) if expected > 0.0 else (0.0, np.inf)
 
     def third_moment(self, weight: np.ndarray) -> tuple[float, float]:

@@ -312,7 +312,9 @@ def test_missing_frames_are_counted_by_their_numbers(rng, tmp_path):
     ("names", "expected"),
     [
         (("a10.tif", "a20.tif", "a40.tif"), (0, 1, 3)),  # every tenth is kept, and one of these is lost
-        (("a1_7.tif", "a2_9.tif", "a4_13.tif"), (0, 1, 2)),  # two numbers
+        (("a1_7.tif", "a2_9.tif", "a4_13.tif"), (0, 1, 3)),  # two numbers that agree
+        (("a1_7.tif", "a2_9.tif", "a4_11.tif"), (0, 1, 2)),
+        (("a1_7.tif", "a1_9.tif", "a2_13.tif"), (0, 1, 3)),  # the other does not count
         (("a3.tif", "a2.tif", "a1.tif"), (0, 1, 2)),
         (("t1041.tif", "t1083.tif", "t1124.tif"), (0, 1, 2)),  # times
         (("a.tif", "b.tif", "c.tif"), (0, 1, 2)),
@@ -324,3 +326,9 @@ def test_missing_frames_are_counted_by_their_numbers(rng, tmp_path):
 def test_numbers_of_frames_come_from_names_that_tell_them(names, expected):
     capture = cg.Capture(list(np.zeros((3, 70, 70), np.float32)), names=names)
     np.testing.assert_array_equal(frame_numbers(capture), expected)
+
+
+def test_names_in_the_order_of_text_are_refused():
+    capture = cg.Capture(list(np.zeros((3, 70, 70), np.float32)), names=("f1.tif", "f10.tif", "f2.tif"))
+    with pytest.raises(cg.InputError, match=r"f2.tif after f10.tif"):
+        frame_numbers(capture)
