@@ -103,9 +103,11 @@ def test_speckle_at_rest_does_not_travel(rng):
 
 @pytest.mark.parametrize(("kind", "seed"), [("shake", 2), ("circle", 2), ("vibration", 5), ("rest", 2)])
 def test_a_pattern_that_moves_to_and_fro_is_added_along_its_path(kind, seed):
-    """Two pixels rms, a closed circle of 20 pixels, a vibration of 9, and faint light at rest. Before, the images correlated with the
-    letter by 0.3 to 0.6, because the mean of all frames was taken, or because what they share was subtracted; one frame of the same light shows
-    what the pattern allows."""
+    """Two pixels rms, a closed circle of 20 pixels, a vibration of 9, and faint light at rest.
+
+    Before, the images correlated with the letter by 0.3 to 0.6, because the mean of all frames was taken, or because what they share was
+    subtracted. One frame of the same light shows what the pattern allows.
+    """
     rng, numbers = np.random.default_rng(seed), np.arange(16)[:, None]
     turn = 2.0 * np.pi * numbers / 15.0
     away = {
