@@ -116,8 +116,8 @@ def fulfil(request: Request, source: Source) -> Result:
     found = lower_confidence(found, doubts, object_probability(hypotheses))
     warnings = [one.advice for one in doubts if one.is_raised] + describe_frames(estimate.record, measurement)
     if capture is not None and found.confidence <= MAX_UNVERIFIED_CONFIDENCE and may_be_one_pattern(capture, estimate):
-        single = fulfil(request.for_capture(), mean_pattern(capture))
-        if single.object_found and is_speckle(single.speckle_test) and single.confidence > found.confidence:
+        single = _of_one_pattern(request, capture)
+        if single is not None and single.confidence > found.confidence:
             return replace(single, notes=(*notes, ONE_PATTERN, *single.notes))
     notes += describe_limits(found, measurement, estimate, hypotheses)
     seconds["retrieval"] = time.perf_counter() - begin
@@ -205,6 +205,15 @@ def _search_blur(request: Request, estimate: Estimate) -> BlurSearch:
             return found
 
         return search_blur(estimate, draft)
+
+
+def _of_one_pattern(request: Request, capture: Capture) -> Result | None:
+    """Return the result from the sum of all frames as one; None if it shows no object by speckle."""
+    try:
+        single = fulfil(request.for_capture(), mean_pattern(capture))
+    except InputError:  # such as a patch that was chosen for larger frames
+        return None
+    return single if single.object_found and is_speckle(single.speckle_test) else None
 
 
 def may_be_one_pattern(capture: Capture, estimate: Estimate) -> bool:

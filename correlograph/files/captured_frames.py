@@ -47,7 +47,7 @@ JPEG_SUFFIXES = {suffix for suffix, kind in FRAME_KINDS.items() if kind == "JPEG
 MAX_RECORD_BYTES = 2**22
 """Maximum size of a sim.json whose drawing is read."""
 
-SETTINGS = ("exposure_s", "pixel_pitch_m", "row_pitch_m", "gain_e")
+SETTINGS = {"exposure_s", "pixel_pitch_m", "row_pitch_m", "gain_e"}
 """Values of file metadata that all frames of a capture share."""
 
 MAX_DEVIATION = 0.03
@@ -150,11 +150,13 @@ def read_capture(inputs: Sequence[str | Path], known: CameraMetadata) -> Capture
 
 def _common_metadata(files: Sequence[Path]) -> FileMetadata:
     """Return the metadata of the first file, with settings that only later ones state. Raises InputError for settings that differ."""
-    first, stated = read_metadata(files[0]), {}
-    for file in files:
-        for name, value in read_metadata(file).as_dict().items():
-            if name not in SETTINGS:
-                continue
+    every, stated = [read_metadata(file) for file in files], {}
+    for file, written in zip(files, every, strict=True):
+        values = written.as_dict()
+        if written.pixel_pitch_m is not None:  # pixels are square unless the file says otherwise
+            values.setdefault("row_pitch_m", written.pixel_pitch_m)
+        for name in SETTINGS & values.keys():
+            value = values[name]
             expected, where = stated.setdefault(name, (value, file))
             if not math.isclose(value, expected, rel_tol=MAX_DEVIATION):
                 raise InputError(
@@ -163,7 +165,8 @@ def _common_metadata(files: Sequence[Path]) -> FileMetadata:
                     f"{value:.4g} in {file.name}",
                     "invert the captures one by one",
                 )
-    return replace(first, **{name: value for name, (value, _) in stated.items()})
+    known = {name: value for name, (value, _) in stated.items() if name != "row_pitch_m" or value != stated["pixel_pitch_m"][0]}
+    return replace(every[0], **known)
 
 
 def describe_files(capture: Capture) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import ChainMap
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -151,7 +152,7 @@ def _read_fits(file: Path) -> FileMetadata:
 
     with fits.open(file) as units:
         of_image = next(unit.header for unit in units if unit.is_image and len(unit.shape) > 1)
-        header = {**units[0].header, **of_image}  # an extension may leave its camera to the first header
+        header = ChainMap(of_image, units[0].header)  # an extension may leave its camera to the first header
         exposure = _positive(header.get("EXPTIME")) or header.get("EXPOSURE")
         return _metadata(exposure, gain=header.get("EGAIN"), time=header.get("DATE-OBS"))
 

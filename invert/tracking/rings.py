@@ -144,7 +144,7 @@ def _fit(rings: Rings, series: np.ndarray, mean: np.ndarray, weight: np.ndarray)
     return (np.linalg.pinv(matrix) @ np.einsum("ro,jro,ro->j", rings.on_rings(series - mean), basis, weight))[:2]
 
 
-def group_means(estimates: Sequence[np.ndarray], size: int) -> np.ndarray:
-    """Return the means of consecutive groups of estimates; what fills no group is left out."""
-    count = len(estimates) // size
-    return np.stack([np.mean(estimates[number * size : (number + 1) * size], 0) for number in range(count)])
+def group_means(estimates: Sequence[np.ndarray], size: int, weights: np.ndarray) -> np.ndarray:
+    """Return the means of consecutive groups of estimates with weights (n,); what fills no group is left out."""
+    groups = [slice(first, first + size) for first in range(0, len(estimates) + 1 - size, size)]
+    return np.stack([np.average(estimates[one], 0, weights[one]) for one in groups])

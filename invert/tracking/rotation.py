@@ -19,9 +19,10 @@ from correlograph.lags import LAGS
 from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import read_measurement
 from invert.request import Request
+from invert.tracking.numbers import frame_numbers, missing_frames
 from invert.tracking.pursuit import MIN_SHARE
 from invert.tracking.rings import Turns, find_turns, group_means
-from invert.tracking.tables import check_frames, frame_numbers, missing_frames, save_table
+from invert.tracking.tables import check_frames, save_table
 from invert.tracking.travel import common_share
 
 if TYPE_CHECKING:
@@ -173,24 +174,28 @@ def track_rotation(capture: Capture, *, interval_s: float | None = None) -> Rota
     less than a quarter from one half to the next. The laser may move. If it is at rest, its illumination does not turn with the object and
     draws the angle towards zero, unless its grain is much smaller than a lag.
 
-    Raises InputError for too few frames, frames that are too small or equal, too little light, and objects that look alike at every angle.
+    Raises InputError for too few frames, frames that are too small or equal, too little light, and objects that look alike at every
+    angle or after a quarter turn.
     """
     check_frames(capture, interval_s, 2 * MIN_ANGLES, "rotation")
-    found = rotation_of(*_signals(capture), interval_s)
-    return replace(found, common=common_share(capture.frames), numbers=frame_numbers(capture))
+    numbers, light = frame_numbers(capture), relative_light(capture.frames)
+    signals, aspect = _signals(capture, light)
+    found = rotation_of(signals, aspect, light, interval_s)
+    return replace(found, common=common_share(capture.frames), numbers=numbers)
 
 
-def rotation_of(signals: Sequence[np.ndarray], aspect: float, interval_s: float | None = None) -> Rotation:
+def rotation_of(signals: Sequence[np.ndarray], aspect: float, weights: np.ndarray, interval_s: float | None = None) -> Rotation:
     """Return the rotation from r*r of each frame without floor (n, n); see `track_rotation`.
 
     Args:
         aspect: pitch of the lags along rows over that along columns.
+        weights: weight of each frame in the mean of its group, (frames,).
 
     Raises InputError for too little light, and objects that look alike at every angle.
     """
     size = -(-len(signals) // MAX_HALVES)
     while len(signals) // (2 * size) >= MIN_ANGLES:
-        turns = find_turns(group_means(signals, size), aspect)
+        turns = find_turns(group_means(signals, size, weights), aspect)
         found = Rotation.of(turns, 2 * size, interval_s)
         if turns.significance >= MIN_SIGMA and found.angle_error_deg <= MAX_ERROR_DEG:
             return found
@@ -217,7 +222,7 @@ def relative_light(frames: Sequence[np.ndarray]) -> np.ndarray:
     return np.maximum(light / max(float(light.mean()), 1e-300), MIN_LIGHT)
 
 
-def _signals(capture: Capture) -> tuple[list[np.ndarray], float]:
+def _signals(capture: Capture, light: np.ndarray) -> tuple[list[np.ndarray], float]:
     """Return r*r of each frame without floor, for equal light, (127, 127), and the pitch of its lags along rows over that along columns."""
     shape = capture.frames[0].shape
     if min(shape) < MIN_SIDE:
@@ -230,6 +235,6 @@ def _signals(capture: Capture) -> tuple[list[np.ndarray], float]:
         values.append(estimate.values)
     assert whole.record is not None
     at_rest = np.mean(values, 0) - whole.values if whole.record.background.fixed_pattern_lags else 0.0
-    pitches, light = whole.pitches_m, relative_light(capture.frames)
-    signals = [signal_of(one - at_rest, whole.transfer) / part for one, part in zip(values, light, strict=True)]
+    pitches = whole.pitches_m
+    signals = [signal_of(one / part - at_rest, whole.transfer) for one, part in zip(values, light, strict=True)]
     return signals, 1.0 if pitches is None else pitches[0] / pitches[1]

@@ -74,7 +74,7 @@ def fading_along_steps(spectra: np.ndarray, band: Band, path: np.ndarray, share:
     return float(minimize_scalar(misfit, bounds=(0.0, MAX_FADING), method="bounded").x)
 
 
-def for_open_shutter(found: Followed, band: Band, share: float) -> Followed:
+def for_open_shutter(found: Followed, band: Band, share: float, gaps: np.ndarray | None = None) -> Followed:
     """Return the path for a shutter that is open for a share of the interval between frames.
 
     The fading is proportional to the square of the step from frame to frame, where noise leaves these known. As far as a step differs from
@@ -82,10 +82,12 @@ def for_open_shutter(found: Followed, band: Band, share: float) -> Followed:
 
     Args:
         band: band with the power of this object.
+        gaps: number of intervals of each step, (frames - 1,); steps over missing frames are left as they are. None for one each.
     """
     if share == 0.0 or found.fading == 0.0:
         return found
-    steps, ways = np.diff(found.path, axis=0), np.diff(smooth(found.path, found.bend_error), axis=0)
+    gaps = np.ones(len(found.path) - 1) if gaps is None else gaps
+    steps, ways = np.diff(found.path, axis=0), np.diff(smooth(found.path, found.bend_error), axis=0) / gaps[:, None]
     squares = (ways**2).sum(1)
     squares = squares / max(float(squares.mean()), 1e-12) if found.bend_error.any() else np.ones(len(ways))
     # Weighted by their slopes, frequencies of a Gaussian band act like the one at the root of 3 times their rms.
@@ -94,7 +96,7 @@ def for_open_shutter(found: Followed, band: Band, share: float) -> Followed:
     for _ in range(ROUNDS):
         fading = np.minimum(found.fading * squares * (usual / factor) ** 2, MAX_FADING)
         factor = shortening(fading, phase / factor, share)
-    longer = 1.0 / factor - 1.0
+    longer = np.where(gaps > 1, 0.0, 1.0 / factor - 1.0)
     # Where a longer step has less and less in common, it appears hardly longer, and what is seen tells it less well.
     parts = longer, SHUTTER_ERROR * longer / np.maximum(2.0 * factor - 1.0, 0.2), longer - (1.0 / usual - 1.0)
     added, *errors = (np.concatenate([np.zeros((1, 2)), np.cumsum(part[:, None] * steps, 0)]) for part in parts)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.fft import dct, idct
+from scipy.ndimage import median_filter
 from scipy.stats import chi2
 
 FALSE_ALARM = 0.01
@@ -11,6 +12,9 @@ FALSE_ALARM = 0.01
 
 RATES = np.concatenate([[0.0], np.logspace(-8.0, 2.0, 101)])
 """Variances of the change of a step from one frame to the next that are tried, over that of the noise of a step."""
+
+BESIDE, MAX_JUMPS = 5, 0.1
+"""Number of steps around a jump whose median is that without it, and part of the steps above which they are none."""
 
 ROUNDS = 3
 
@@ -30,7 +34,10 @@ def smooth(path: np.ndarray, bend_error: np.ndarray) -> np.ndarray:
     walk = 1.0 / (2.0 - 2.0 * np.cos(np.pi * np.arange(1, len(steps)) / len(steps)))
     highest = chi2.isf(FALSE_ALARM / max(len(steps), 1), 1)
     for axis, error in enumerate(bend_error):
-        seen, jumps, noise = steps[:, axis], np.zeros(len(steps)), max(0.5 * error**2, 1e-12)
+        seen, noise = steps[:, axis], max(0.5 * error**2, 1e-12)
+        apart = seen - median_filter(seen, BESIDE, mode="nearest")
+        is_jump = apart**2 > highest * noise
+        jumps = np.where(is_jump, apart, 0.0) if is_jump.mean() < MAX_JUMPS else np.zeros(len(steps))
         for _ in range(ROUNDS):
             waves = dct(seen - jumps, norm="ortho")
             waves[1:] *= _gains(waves[1:] ** 2 / noise, walk, highest)

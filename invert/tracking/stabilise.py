@@ -14,10 +14,12 @@ import numpy as np
 
 from correlograph.errors import InputError, memory_bytes
 from correlograph.files.capture import Capture
+from correlograph.lags import LAG_SIDE
 from invert.measure.estimate import estimate_from_frames
 from invert.measure.preparation import mean_frame
 from invert.measure.spectrum import read_measurement
 from invert.request import Request
+from invert.tracking.numbers import frame_numbers
 from invert.tracking.track import Track
 from invert.tracking.tracker import track
 from invert.tracking.travel import Travel, find_travel, may_travel
@@ -29,6 +31,9 @@ MIN_GROUPS = 2
 FRAMES_FOR_SIZE = 64
 """Number of frames, in the middle of the capture, by which the size of a group is chosen."""
 
+
+MIN_SIGMA = 3.0
+"""Standard errors by which a pattern must have moved to be moved back."""
 
 MIN_FRAMES_OF_PATH = 6
 """Number of frames from which the path of a camera that shakes looks different from that of an object."""
@@ -98,6 +103,7 @@ def follow_travel(capture: Capture, filtered: FilteredFrames | None, groups: int
     """
     if filtered is None or not may_travel(filtered.spectra) or (travel := find_travel(capture)) is None:
         return Stabilised.at_rest(capture)
+    frame_numbers(capture)  # refuses files that are not in order
     try:
         path = track(capture)
     except InputError as error:  # too dim, or too many frames for the memory
@@ -106,11 +112,15 @@ def follow_travel(capture: Capture, filtered: FilteredFrames | None, groups: int
 
 
 def mean_pattern(capture: Capture) -> Capture:
-    """Return a capture of one frame: the sum of frames of one pattern, moved back along its path, or their mean where none is found."""
+    """Return a capture of one frame: the sum of frames of one pattern, moved back along its path; their mean, if it stays at rest as far as
+    the path is known, or if hardly any pixels would be left."""
     try:
-        return _add(capture, track(capture).smooth_path_pixels, [range(len(capture.frames))])
+        path = track(replace(capture, names=()))  # their order does not matter
+        moved = _add(capture, path.smooth_path_pixels, [range(len(capture.frames))])
     except InputError:
         return mean_frame(capture)
+    is_at_rest = (np.abs(path.smooth_path_pixels) <= MIN_SIGMA * path.error_pixels).all()
+    return mean_frame(capture) if is_at_rest or min(moved.frames[0].shape) < LAG_SIDE else moved
 
 
 def stabilise(capture: Capture, path: Track, least: int = MIN_GROUPS) -> Stabilised:

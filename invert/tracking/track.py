@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from correlograph.files.figures import figure_as_html
+from invert.tracking.numbers import missing_frames
 from invert.tracking.smoothing import smooth
-from invert.tracking.tables import missing_frames, save_table
+from invert.tracking.tables import save_table
 from invert.tracking.vibration import find_vibrations
 
 if TYPE_CHECKING:

@@ -15,10 +15,11 @@ from correlograph.files.captured_frames import check_copies, check_finite, check
 from invert.tracking.band import Band
 from invert.tracking.breaks import check_continuity, follow_over_jumps
 from invert.tracking.joint import follow_several
+from invert.tracking.numbers import frame_numbers
 from invert.tracking.pursuit import fading_along, find_objects
 from invert.tracking.shutter import fading_along_steps, for_open_shutter
 from invert.tracking.spectra import Reader
-from invert.tracking.tables import check_frames, exposure_of, frame_numbers
+from invert.tracking.tables import check_frames, exposure_of
 from invert.tracking.to_object import metres_per_pixel, stretch_by_illumination
 from invert.tracking.track import Track
 
@@ -61,6 +62,7 @@ def track(
     elif any(source_angle_deg):
         raise InputError("source_angle_deg", "source_distance_m with it", "an angle alone", "give both")
     check_frames(capture, interval_s, 3, "path")
+    numbers = frame_numbers(capture)
     lever = None if source_distance_m is None else metres_per_pixel(capture.camera, source_distance_m, source_angle_deg)
     spectra, band = _read_spectra(capture, binning)
     starts = find_objects(spectra, band)
@@ -75,7 +77,7 @@ def track(
         its_band = replace(band, signal=one.power)
         if is_alone and open_share and one.significance:
             one = replace(one, fading=fading_along_steps(spectra, band, one.path, open_share))
-        opened = for_open_shutter(one, its_band, open_share)
+        opened = for_open_shutter(one, its_band, open_share, np.diff(numbers))
         stretch = None if lever is None else stretch_by_illumination(its_band, capture.camera, binning)
         found = Track(
             opened.path * binning,
@@ -90,7 +92,7 @@ def track(
             stretch=stretch,
             fading=fading_along(spectra, band, one.path) if is_alone else None,
             shortened=opened.shortened,
-            numbers=frame_numbers(capture),
+            numbers=numbers,
         )
         tracks.append(found)
     return replace(tracks[0], others=tuple(tracks[1:]))

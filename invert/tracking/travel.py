@@ -91,8 +91,8 @@ def _read_first(frames: Sequence[np.ndarray]) -> tuple[np.ndarray, Band] | None:
 
 
 def find_travel(capture: Capture) -> Travel | None:
-    """Return how the speckle of a capture travels; None if consecutive frames have less than `MIN_SHARE` in common, or if it travels by
-    less than a grain in all, to and fro included."""
+    """Return how the speckle of a capture travels; None if consecutive frames have less than `MIN_SHARE` in common, or if it is
+    never farther than a grain from its start."""
     if (read := _read_first(capture.frames)) is None:
         return None
     spectra, band = read

@@ -35,7 +35,8 @@ def retrieve_fields(
         nearest = coarse[int(np.argmin(np.abs(times - middle)))]
         numbers = range(*still.around(middle).indices(len(capture.frames)))
         frames = replace(capture, frames=[capture.frames[number] for number in numbers], names=(), headers=())
-        estimate = looks.combine(looks.values, still.weights(middle))
+        weights = still.weights(middle) * looks.noise**-2.0
+        estimate = looks.combine(looks.values, weights / weights.sum())
         if estimate.blur_pixels is None and nearest.estimate.blur_pixels is not None:
             estimate = apply_blur_transfer(estimate, nearest.estimate.blur_pixels)
         prior = replace(nearest.reconstruction, albedo=turn(nearest.coarse_albedo, looks.turns[middle], looks.aspect).clip(0.0))

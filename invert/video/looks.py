@@ -61,13 +61,14 @@ class Looks:
             estimator.add(frame)
             values.append(_fill_zero_lag_by_neighbours(estimator.estimate()))
         every = np.stack(values)
-        if whole.record.background.fixed_pattern_lags:
-            every -= every.mean(0) - _fill_zero_lag_by_neighbours(whole.values)
-        power = every.mean((1, 2))
+        power, at_rest = every.mean((1, 2)), every.mean(0) - _fill_zero_lag_by_neighbours(whole.values)
         are_dark = power < MIN_POWER * np.median(power[power > 0.0])
         every /= relative_light(capture.frames)[:, None, None]
+        if whole.record.background.fixed_pattern_lags:  # its light is taken to drift as that of the laser
+            every -= at_rest
         floors = np.array([read_noise_level(one).floor for one in every])
-        usual = usual_floor(np.maximum(floors[~are_dark], 1e-300))
+        floors = np.maximum(floors, MIN_OVER_FLOOR * float(np.median(np.abs(every[~are_dark]))))
+        usual = usual_floor(floors[~are_dark])
         every -= (floors - usual)[:, None, None]
         return cls(every, whole, np.zeros(len(every)), np.where(are_dark, NOISE_OF_DARKNESS * usual, floors), are_dark)
 

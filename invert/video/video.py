@@ -22,8 +22,9 @@ from invert.output.result import Result
 from invert.pipeline import ONE_PATTERN, choose_object, estimate_following, fulfil, may_be_one_pattern, read_prepared
 from invert.request import Request
 from invert.sources import Source, read_source
+from invert.tracking.numbers import frame_numbers, missing_frames
 from invert.tracking.rotation import rotation_of, signal_of
-from invert.tracking.tables import check_frames, frame_numbers, missing_frames
+from invert.tracking.tables import check_frames
 from invert.tracking.track import Track
 from invert.video.film import Film
 from invert.video.fine import of_one_size, retrieve_fields
@@ -113,7 +114,7 @@ def _film_of_one(alone: Result, path: Track | None, counted: np.ndarray, interva
         raise InputError(
             "frames", "light of a hidden object", "none at any time", "add light or frames, or move the laser between frames"
         )
-    numbers = counted[spread(len(counted), MAX_IMAGES if path else 1)]
+    numbers = counted[spread(len(counted), MAX_IMAGES)] if path else counted[[len(counted) // 2]]
     return Film(
         albedos=np.repeat(alone.albedo[None], len(numbers), 0),
         middle_frame=numbers.astype(float),
@@ -164,7 +165,7 @@ def _turn_back(looks: Looks) -> tuple[Looks, Pooling, list[str]]:
     if unturned.patterns == 0:
         return looks, unturned, []
     try:
-        rotation = rotation_of([signal_of(one, looks.whole.transfer) for one in looks.values], looks.aspect)
+        rotation = rotation_of([signal_of(one, looks.whole.transfer) for one in looks.values], looks.aspect, looks.noise**-2.0)
     except InputError:
         return looks, unturned, []
     turned = looks.with_angles(rotation.angle_at(np.arange(len(looks.values))))

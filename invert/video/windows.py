@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from invert.video.looks import Looks
+from invert.video.looks import MIN_OVER_FLOOR, Looks
 from invert.video.turning import turn
 from radiometry.noise.measured_noise import WHOLE_FRAME_INFLATION
 
@@ -103,5 +103,5 @@ def change(looks: Looks, upright: np.ndarray, half: int) -> tuple[float, float]:
 
 def _score(looks: Looks, number: int, expected: np.ndarray, used: np.ndarray) -> float:
     """Return the log-likelihood of a frame under a prediction at the angle of the first frame, per degree of freedom."""
-    mean = turn(expected, looks.turns[number], looks.aspect, looks.floor)[used].clip(1e-3 * looks.floor)
+    mean = turn(expected, looks.turns[number], looks.aspect, looks.floor)[used].clip(MIN_OVER_FLOOR * looks.floor)
     return -float((np.log(mean / looks.floor) + looks.values[number][used] / mean).sum())

@@ -165,17 +165,19 @@ class AutocorrelationEstimator:
         """Return the band-limited frames for the third moment, all with the light to which r*r is proportional: the rms of all frames."""
         levels = np.array(self.sums.levels)
         usual = float(np.sqrt(np.square(levels).mean()))
-        every = [(usual / level, one) for level, one in zip(levels, self.sums.narrow, strict=False) if MAX_GAIN * level > usual]
-        every = every or [(1.0, one) for one in self.sums.narrow]
+        shown = [(usual / level, one) for level, one in zip(levels, self.sums.narrow, strict=False) if level > 0.0]
+        bright = [(gain, one) for gain, one in shown if gain < MAX_GAIN] or shown or [(1.0, one) for one in self.sums.narrow]
+        gains, mean = np.array([gain for gain, _ in bright]), float(levels.mean())
         return FilteredFrames(
-            tuple(gain * one for gain, one in every),
+            tuple(gain * one for gain, one in bright),
             self.padded,
             self.grid.frame_shape,
             self._patch,
-            float(levels.mean()),
+            mean,
             combine(self.sums.noise),
             self.grid.lags,
-            gains=tuple(gain for gain, _ in every),
+            gain=float(gains.mean()),
+            noise_gain=float(np.square(gains).mean() * usual / mean) if mean > 0.0 else 1.0,
         )
 
     @property

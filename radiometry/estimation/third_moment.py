@@ -63,7 +63,8 @@ class FilteredFrames:
         noise: noise of the pixels.
         lags: largest lag.
         kept: statistics of the mask; None without one.
-        gains: factor of each spectrum, which gave all frames the same light.
+        gain: mean factor of the spectra, which gave all frames the same light.
+        noise_gain: mean of the factor's cube times the light, over the mean light: that of the third moment of shot noise alone.
     """
 
     spectra: tuple[torch.Tensor, ...]
@@ -74,7 +75,8 @@ class FilteredFrames:
     noise: PhotonTransfer
     lags: int = LAGS
     kept: Kept | None = None
-    gains: tuple[float, ...] = (1.0,)
+    gain: float = 1.0
+    noise_gain: float = 1.0
 
     def likeness(
         self, albedo: np.ndarray, weight: np.ndarray, amplitude: np.ndarray, signal: np.ndarray, floor: float, power: float
@@ -89,8 +91,7 @@ class FilteredFrames:
         """
         pixels, noise = math.prod(self.patch), shot_noise(self.noise, self.level, floor)
         measured, error = self.third_moment(weight)
-        gain, square = float(np.mean(self.gains)), float(np.mean(np.square(self.gains)))
-        by_noise = shot_noise_part(weight, gain * signal, square * noise.variance, pixels)
+        by_noise = shot_noise_part(weight, self.gain * signal, self.noise_gain * noise.variance, pixels)
         measured, error = measured - noise.gain * by_noise, math.hypot(error, noise.error * by_noise)
         expected = expected_third_moment(albedo, weight * amplitude, power, pixels)
         error = math.hypot(error, error_of_sums(weight) * (expected + noise.gain * by_noise))

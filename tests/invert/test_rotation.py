@@ -58,7 +58,7 @@ def test_unrelated_groups_are_not_significant(rng):
 
 
 def test_groups_are_means_of_consecutive_estimates():
-    assert group_means([np.full((2, 2), float(number)) for number in range(7)], 3)[:, 0, 0].tolist() == [1.0, 4.0]
+    assert group_means([np.full((2, 2), float(number)) for number in range(7)], 3, np.ones(7))[:, 0, 0].tolist() == [1.0, 4.0]
 
 
 def frames_of(angles, light, rng, scales=None):
@@ -169,3 +169,15 @@ def test_a_texture_at_rest_turns_no_angle(seed):
     assert found.angle_deg[-1] == pytest.approx(
         3.0 * (found.middle_frame[-1] - found.middle_frame[0]), abs=4.0 * found.angle_error_deg
     )
+
+
+def test_one_dim_frame_does_not_hide_a_rotation(rng):
+    """A frame with a fifteenth of the light of the others has little weight in its group."""
+    angles = 4.0 * np.arange(24)
+    frames = [expected_frame(turned(angle), (300, 330), 128, rng) for angle in angles]
+    light = np.where(np.arange(24) == 9, 0.03, 0.5)
+    found = cg.track_rotation(
+        cg.Capture([rng.poisson(x * one).astype(np.float32) for x, one in zip(light, frames, strict=True)])
+    )
+    true = 4.0 * (found.middle_frame[-1] - found.middle_frame[0])
+    assert found.angle_deg[-1] == pytest.approx(true, abs=4.0 * found.angle_error_deg)

@@ -14,7 +14,7 @@ pytest.importorskip("mitsuba")
 
 import correlograph as cg
 from invert.track import main
-from invert.tracking.tables import frame_numbers
+from invert.tracking.numbers import frame_numbers
 from invert.tracking.track import Track
 from invert.tracking.tracker import track
 from sim.rendering import render_geometry
@@ -302,7 +302,7 @@ def test_missing_frames_are_counted_by_their_numbers(rng, tmp_path):
     found = track(capture, source_distance_m=0.5, interval_s=1e-2)
     np.testing.assert_allclose(found.step_pixels, step, atol=0.03)
     np.testing.assert_allclose(found.velocity_m_s, found.metres_per_pixel @ found.step_pixels / 1e-2)
-    assert "3 of 15 frames are missing, the first after 4" in found.warnings[0]
+    assert "3 of 15 frames are missing, the first after 4 frames" in found.warnings[0]
     found.save(tmp_path)
     table = np.genfromtxt(tmp_path / "track.csv", delimiter=",", names=True)
     np.testing.assert_allclose(table["time_s"], np.array(kept) * 1e-2)

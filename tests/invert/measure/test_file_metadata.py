@@ -63,6 +63,16 @@ def test_fits_header(tmp_path, frames):
     assert read_metadata(tmp_path / "a.fits") == FileMetadata(0.5, None, 0.37, None, "2026-11-23T10:00:00")
 
 
+@pytest.mark.filterwarnings("ignore")
+def test_a_bad_card_and_a_camera_in_the_first_header_of_a_fits_file(tmp_path, frames):
+    fits = pytest.importorskip("astropy.io.fits")
+    first = fits.PrimaryHDU()
+    first.header["EXPTIME"] = 0.25
+    first.header.append(fits.Card.fromstring("FOO     = 1.0.0"))
+    fits.HDUList([first, fits.ImageHDU(frames[0].astype(np.int16))]).writeto(tmp_path / "a.fits", output_verify="warn")
+    assert read_metadata(tmp_path / "a.fits").exposure_s == 0.25
+
+
 @pytest.mark.parametrize(
     ("second", "message"),
     [
