@@ -10,6 +10,7 @@ candidates.py candidates for objects, compared by what they explain
 pursuit.py   all objects of a capture
 separation.py  frames without the light of objects that were found
 register.py  frames registered to those around them
+numbers.py   numbers of frames, by the names of their files
 smoothing.py paths without noise
 follow.py    exact path of a single object, frame by frame
 shutter.py   steps that an open shutter shortens
