@@ -119,7 +119,7 @@ def mean_pattern(capture: Capture) -> Capture:
         moved = _add(capture, path.smooth_path_pixels, [range(len(capture.frames))])
     except InputError:
         return mean_frame(capture)
-    is_at_rest = (np.abs(path.smooth_path_pixels) <= MIN_SIGMA * path.error_pixels).all()
+    is_at_rest = (np.abs(path.smooth_path_pixels) <= np.maximum(0.5, MIN_SIGMA * path.error_pixels)).all()  # whole pixels
     return mean_frame(capture) if is_at_rest or min(moved.frames[0].shape) < LAG_SIDE else moved
 
 
