@@ -24,6 +24,7 @@ from invert.tracking.to_object import slope_variance
 from sim.geometry import Geometry
 from sim.optics.object_samples import ObjectSamples, sample_object
 from sim.rendering import render_geometry
+from sim.scene_file import parse_definitions
 
 FRAMES_FOR_BAND = 32
 """Number of frames from which the command takes the band of the speckle."""
@@ -33,7 +34,9 @@ def bounds_m(geometry: Geometry, capture: Capture, truths: list[np.ndarray]) -> 
     """Return the Cramer-Rao bound of the path of each object in metres, rms of both axes together, about its mean difference."""
     samples, to_metres, frames = sample_object(geometry), np.linalg.inv(geometry.travel), len(truths[0])
     covariance = np.zeros((frames, len(truths), 2, frames, len(truths), 2))  # of positions from the first
-    covariance[1:, :, :, 1:] = covariance_of_noise(geometry, capture, truths)
+    information = information_of_frames(geometry, capture, truths)
+    size = 2 * len(truths) * (frames - 1)
+    covariance[1:, :, :, 1:] = np.linalg.inv(information.reshape(size, size)).reshape(information.shape)
     centred, bounds = np.eye(frames) - 1.0 / frames, []
     for number, truth in enumerate(truths):
         own = np.einsum("ia,tasb,ib->its", to_metres, covariance[:, number, :, :, number], to_metres)
@@ -42,8 +45,8 @@ def bounds_m(geometry: Geometry, capture: Capture, truths: list[np.ndarray]) -> 
     return bounds
 
 
-def covariance_of_noise(geometry: Geometry, capture: Capture, truths: list[np.ndarray]) -> np.ndarray:
-    """Return the bound of the covariance of positions by the noise of the frames, in squared pixels, (T - 1, n, 2, T - 1, n, 2).
+def information_of_frames(geometry: Geometry, capture: Capture, truths: list[np.ndarray]) -> np.ndarray:
+    """Return the Fisher information of positions in frames with noise, per squared pixel, (T - 1, n, 2, T - 1, n, 2).
 
     It is that of n objects in T frames, from the second on. The band of the frames is that of a capture, which may have fewer.
     """
@@ -52,9 +55,7 @@ def covariance_of_noise(geometry: Geometry, capture: Capture, truths: list[np.nd
     paths, places = np.stack([truth @ geometry.travel.T for truth in truths]), np.argwhere(band.counts > 0.0)
     frames, components = paths.shape[1], components_of(geometry, sample_object(geometry), band, truths)
     normal = NormalEquations.of(np.zeros((frames, *band.signal.shape), np.complex64), band, components, places)
-    information = normal.information(paths, slice(0, frames))[1:, :, :, 1:]
-    size = 2 * len(truths) * (frames - 1)
-    return band.noise_gain * np.linalg.inv(information.reshape(size, size)).reshape(information.shape)
+    return normal.information(paths, slice(0, frames))[1:, :, :, 1:] / band.noise_gain
 
 
 def stretch_variance(geometry: Geometry, samples: ObjectSamples, number: int) -> float:
@@ -102,19 +103,19 @@ def main() -> None:
     """Print the bound of the last position for a number of frames."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.path_bound", description=__doc__)
     parser.add_argument("scene", help="shipped scene or file with one object that moves uniformly")
-    parser.add_argument("-D", dest="values", action="append", default=[], metavar="NAME=VALUE", help="value of the scene")
+    parser.add_argument("-D", dest="definitions", action="append", default=[], metavar="key=value", help="scene parameter")
     parser.add_argument("--frames", type=int, nargs="+", default=[32, 128], help="numbers of frames")
     options = parser.parse_args()
-    geometry = cg.load(options.scene, **dict(one.split("=", 1) for one in options.values)).geometry
+    geometry = cg.load(options.scene, **parse_definitions(options.definitions)).geometry
     capture = render_geometry(geometry, FRAMES_FOR_BAND)
     for frames in options.frames:
         truth = np.arange(frames)[:, None] * geometry.object_way_m
         way = float(np.linalg.norm(truth[-1] @ geometry.travel.T))
-        covariance = covariance_of_noise(geometry, capture, [truth])[:, 0, :, :, 0]
+        information = information_of_frames(geometry, capture, [truth])[:, 0, :, :, 0]
         ramp = np.arange(1, frames) / (frames - 1.0)
-        information = np.linalg.inv(covariance.reshape(2 * frames - 2, -1)).reshape(covariance.shape)
+        of_any_form = np.linalg.inv(information.reshape(2 * frames - 2, -1))[-2:, -2:]
         straight = np.linalg.inv(np.einsum("t,tasb,s->ab", ramp, information, ramp))
-        free, known = (float(np.trace(one)) ** 0.5 for one in (covariance[-1, :, -1], straight))
+        free, known = (float(np.trace(one)) ** 0.5 for one in (of_any_form, straight))
         stretch = stretch_variance(geometry, sample_object(geometry), 0) ** 0.5
         print(
             f"{frames} frames, {way:.0f} pixels: noise {free:.1f} pixels ({free / way:.2%}), {known:.1f} ({known / way:.2%}) of a "

@@ -178,9 +178,8 @@ def track_rotation(capture: Capture, *, interval_s: float | None = None) -> Rota
     angle or after a quarter turn.
     """
     check_frames(capture, interval_s, 2 * MIN_ANGLES, "rotation")
-    numbers, light = frame_numbers(capture), relative_light(capture.frames)
-    signals, aspect = _signals(capture, light)
-    found = rotation_of(signals, aspect, light, interval_s)
+    numbers = frame_numbers(capture)
+    found = rotation_of(*_signals(capture), interval_s)
     return replace(found, common=common_share(capture.frames), numbers=numbers)
 
 
@@ -216,25 +215,27 @@ def signal_of(values: np.ndarray, transfer: np.ndarray | None) -> np.ndarray:
     return measurement.values - measurement.noise.floor
 
 
-def relative_light(frames: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the square of the light of each frame over the mean square, (frames,), to which r*r is proportional."""
-    light = np.array([max(float(np.mean(frame)), 0.0) for frame in frames]) ** 2
+def relative_light(levels: Sequence[float]) -> np.ndarray:
+    """Return the square of the light of each frame over the mean square, (frames,), to which r*r is proportional, from their means."""
+    light = np.maximum(levels, 0.0) ** 2
     return np.maximum(light / max(float(light.mean()), 1e-300), MIN_LIGHT)
 
 
-def _signals(capture: Capture, light: np.ndarray) -> tuple[list[np.ndarray], float]:
-    """Return r*r of each frame without floor, for equal light, (127, 127), and the pitch of its lags along rows over that along columns."""
+def _signals(capture: Capture) -> tuple[list[np.ndarray], float, np.ndarray]:
+    """Return r*r of each frame without floor, for equal light, (127, 127); the pitch of its lags along rows over that along columns; and
+    the relative light of each frame, (frames,), which is its weight."""
     shape = capture.frames[0].shape
     if min(shape) < MIN_SIDE:
         raise InputError("frames", f"sides of {MIN_SIDE} pixels or more for a rotation", shape, "use larger frames")
     check_frames_in_memory(capture.frames)
-    request, values = Request(lags=LAGS), []
+    request, values, levels = Request(lags=LAGS), [], []
     whole = estimate_from_frames(capture, request)  # refuses copies of one frame
     for frame in tqdm(capture.frames, desc="autocorrelations", unit="frame", disable=None, leave=False):
         estimate = estimate_from_frames(replace(capture, frames=[frame], names=()), request)
         values.append(estimate.values)
+        levels.append(float(np.mean(frame)))
     assert whole.record is not None
     at_rest = np.mean(values, 0) - whole.values if whole.record.background.fixed_pattern_lags else 0.0
-    pitches = whole.pitches_m
+    pitches, light = whole.pitches_m, relative_light(levels)
     signals = [signal_of(one / part - at_rest, whole.transfer) for one, part in zip(values, light, strict=True)]
-    return signals, 1.0 if pitches is None else pitches[0] / pitches[1]
+    return signals, 1.0 if pitches is None else pitches[0] / pitches[1], light

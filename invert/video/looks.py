@@ -55,15 +55,16 @@ class Looks:
         if grid.count < 2:
             found = f"{grid.frame_shape[0]} x {grid.frame_shape[1]} pixels, patches of {grid.size}"
             raise InputError("frames", "two patches or more in each frame of a film", found, "use larger frames")
-        values = []
+        values, levels = [], []
         for frame in tqdm(capture.frames, desc="autocorrelations", unit="frame", disable=None, leave=False):
             estimator = estimator_of(grid, whole.record.background.mean, request.device)
             estimator.add(frame)
             values.append(_fill_zero_lag_by_neighbours(estimator.estimate()))
+            levels.append(float(np.mean(frame)))
         every = np.stack(values)
         power, at_rest = every.mean((1, 2)), every.mean(0) - _fill_zero_lag_by_neighbours(whole.values)
         are_dark = power < MIN_POWER * np.median(power[power > 0.0])
-        every /= relative_light(capture.frames)[:, None, None]
+        every /= relative_light(levels)[:, None, None]
         if whole.record.background.fixed_pattern_lags:  # its light is taken to drift as that of the laser
             every -= at_rest
         floors = np.array([read_noise_level(one).floor for one in every])
@@ -118,10 +119,14 @@ class Looks:
             [turn(one, -angle, self.aspect, self.floor) for one, angle in zip(self.values, self.turns, strict=True)]
         )
 
+    def equivalent_frames(self, weights: np.ndarray) -> np.ndarray:
+        """Return the number of frames whose mean would have the noise of a weighted sum, (...), with weights (..., frames)."""
+        return 1.0 / ((weights * self.noise) ** 2).sum(-1)
+
     def combine(self, values: np.ndarray, weights: np.ndarray) -> Estimate:
         """Return the estimate from a weighted sum of values (frames, n, n), with weights (frames,) that add up to 1."""
         assert self.whole.record is not None
-        frames = 1.0 / float(((weights * self.noise) ** 2).sum())
+        frames = float(self.equivalent_frames(weights))
         dof = self.whole.record.dof_expected * frames / len(values)
         record = replace(self.whole.record, frames=max(2, round(frames)), dof_expected=dof)
         values = np.tensordot(weights, values, 1).clip(MIN_OVER_FLOOR * self.floor).astype(np.float32)

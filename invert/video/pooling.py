@@ -1,8 +1,8 @@
 """Weights by which frames are pooled: r*r of an object that changes is a combination of a few patterns, each of which all frames show.
 
 The singular values of r*r over time, in units of its noise, show how many patterns exceed the noise. Projected on the course of these in
-time, r*r at each time is a weighted sum over all frames. The weights of an object that stays the same are equal; a movement that repeats is
-pooled over its repetitions, and one that is short changes only the weights around it.
+time, r*r at each time is a weighted sum over all frames. The weights of an object that stays the same are those of the noise of the frames;
+a movement that repeats is pooled over its repetitions, and one that is short changes only the weights around it.
 """
 
 from __future__ import annotations
@@ -22,18 +22,13 @@ class Pooling:
 
     Attributes:
         weights: weight of each frame at each time, (frames, frames); rows add up to 1.
-        noise: standard deviation of the noise of each frame over the usual one, (frames,).
+        frames: number of frames whose mean would have the noise of an image, on average over time.
         patterns: number of patterns of change; 0 for an object that stays the same.
     """
 
     weights: np.ndarray
-    noise: np.ndarray
+    frames: float
     patterns: int
-
-    @property
-    def frames(self) -> float:
-        """Number of frames whose mean would have the noise of an image, on average over time."""
-        return float(np.mean(1.0 / ((self.weights * self.noise) ** 2).sum(1)))
 
     def times(self, most: int) -> np.ndarray:
         """Return the numbers of the frames at whose times images are reconstructed: at most so many, and one of an object that stays the
@@ -55,7 +50,8 @@ def pool(looks: Looks) -> Pooling:
     patterns = int((sizes > threshold_over_median(len(every) / lags) * median).sum())
     # In units of noise, what stays the same has the course 1 / noise.
     shown, _ = np.linalg.qr(np.column_stack([1.0 / noise, courses[:, :patterns]]))
-    return Pooling(noise[:, None] * (shown @ shown.T) / noise, noise, patterns)
+    weights = noise[:, None] * (shown @ shown.T) / noise
+    return Pooling(weights, float(looks.equivalent_frames(weights).mean()), patterns)
 
 
 def spread(count: int, most: int) -> np.ndarray:

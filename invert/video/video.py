@@ -70,8 +70,8 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
     if path is not None and len(followed.objects) > 1:
         alone = fulfil(request.for_estimate(), chosen)
         return _film_of_one(alone, path, counted, interval_s, [*notes, *followed.notes, *of_objects])
-    if may_be_one_pattern(capture, whole) and ONE_PATTERN in (still := fulfil(request.for_capture(), capture)).notes:
-        return _film_of_one(still, None, counted, interval_s, notes)
+    if may_be_one_pattern(capture, whole) and ONE_PATTERN in (single := fulfil(request.for_capture(), capture)).notes:
+        return _film_of_one(single, None, counted, interval_s, notes)
     looks = Looks.of(followed.capture, whole, request)
     looks, pooling, of_turn = _turn_back(looks)
     numbers, of_fields = pooling.times(MAX_IMAGES), []

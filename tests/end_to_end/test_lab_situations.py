@@ -82,12 +82,14 @@ def reconstructed(frames, lab, corrections=None):
 
 @pytest.mark.slow
 def test_an_unmoved_spot_gives_one_frame(lab, camera):
-    """One pattern looks blurred in one capture of seven; one reconstruction of it differs from another by 0.03."""
-    result, pearson = reconstructed([camera.shoot(lab[0][0]) for _ in range(FRAMES)], lab)
-    assert pearson > 0.85
-    assert any("one speckle pattern" in note for note in result.notes)
-    assert result.estimate.record.frames == 1
-    assert all("look blurred" in warning for warning in result.warnings)
+    """Four patterns, because one is one draw: it looks blurred in one capture of seven, more than two of four in one of a hundred."""
+    found = [reconstructed([camera.shoot(pattern) for _ in range(FRAMES)], lab) for pattern in lab[0]]
+    assert np.mean([pearson for _, pearson in found]) > 0.9
+    assert all("one speckle pattern" in " ".join(result.notes) for result, _ in found)
+    assert all(result.estimate.record.frames == 1 for result, _ in found)
+    warnings = [warning for result, _ in found for warning in result.warnings]
+    assert len(warnings) <= 2
+    assert all("look blurred" in warning for warning in warnings)
 
 
 def test_static_texture_is_not_taken_for_an_unmoved_spot(lab, camera):
