@@ -10,13 +10,14 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import chi2
 
 from correlograph.errors import InputError
 from invert.tracking.band import Band
 from invert.tracking.follow import Followed, follow
 from invert.tracking.maxima import highest
 from invert.tracking.parts import on_all_cores, sum_over_rows
-from invert.tracking.shifts import MIN_SIGNIFICANCE, fold, move_back, overlap_share, weight_of
+from invert.tracking.shifts import MIN_SIGNIFICANCE, Weight, fold, move_back, overlap_share, weight_of
 from invert.tracking.start import Start, share_along
 
 MAX_LOW, MIN_HIGH = 0.3, 0.45
@@ -29,8 +30,11 @@ USUAL, USUAL_OF_SOME = 0.9, 0.75
 BOUNDARIES_FOR_USUAL = 16
 """Number of these boundaries. They tell the usual likeness where the path jumps at most boundaries."""
 
-JUMP_FACTOR = 1.5
-"""Factor between `MIN_SIGNIFICANCE` and that of a jump: the speckle of other frames in a sum is noise, too."""
+FALSE_ALARM = 0.01
+"""Probability that noise alone looks like light that changes from frame to frame."""
+
+MAX_LIGHT_NOISE = 0.25
+"""Variance of the light that is measured in one frame, over its square, above which it is taken to be the same in all."""
 
 NOTHING = 0.05
 """Likeness over the usual one below which frames have nothing in common."""
@@ -38,8 +42,14 @@ NOTHING = 0.05
 MAX_SIGMA = 3.0
 """Significance of the likeness of clear frames below which they have nothing in common along a path."""
 
-GROUPS = (4, 16)
-"""Numbers of frames on each side of a boundary that are added where single ones are too dim."""
+BREAK_SIGMA = 8.0
+"""Least significance of the usual likeness at which its absence is no noise: below `MAX_SIGMA` once in 10^6 boundaries."""
+
+MIN_USUAL = 0.7
+"""Least usual likeness of sums that may break: of longer sums, whose illumination changes within, some have little in common anyway."""
+
+GROUPS = (4, 8, 16)
+"""Numbers of frames on each side of a boundary that are added where fewer are too dim."""
 
 ROUNDS = 3
 
@@ -54,11 +64,13 @@ class Boundaries(NamedTuple):
         group: number of frames on each side.
         alike: over the light of both sides and the overlap of their windows, (frames - 1,).
         scale: height of the cross-correlation for an `alike` of 1, in standard deviations, (frames - 1,).
+        weight: of the cross-spectra of the sums of both sides.
     """
 
     group: int
     alike: np.ndarray
     scale: np.ndarray
+    weight: Weight
 
     @property
     def usual(self) -> float:
@@ -66,9 +78,19 @@ class Boundaries(NamedTuple):
         return float(np.quantile(self.alike, USUAL))
 
     @property
+    def are_clear(self) -> np.ndarray:
+        """Whether each boundary would show a jump, bool (frames - 1,)."""
+        return MIN_HIGH * self.usual * self.scale > MIN_SIGNIFICANCE
+
+    @property
     def is_clear(self) -> bool:
         """Whether most boundaries would show a jump."""
-        return MIN_HIGH * self.usual * float(np.median(self.scale)) > JUMP_FACTOR * MIN_SIGNIFICANCE
+        return float(self.are_clear.mean()) >= 0.5
+
+    @property
+    def show_breaks(self) -> np.ndarray:
+        """Whether each boundary would show that its sides share nothing, bool (frames - 1,)."""
+        return (self.usual > MIN_USUAL) & (self.usual * self.scale > BREAK_SIGMA)
 
     @property
     def is_continuous(self) -> bool:
@@ -99,6 +121,7 @@ def follow_over_jumps(spectra: np.ndarray, band: Band, start: Start) -> Followed
     found = follow(spectra, band, start)
     if start.is_continuous or not found.significance:
         return found
+    clear = None
     for group in (one for one in GROUPS if 4 * one <= len(spectra)):
         for _ in range(ROUNDS):
             at_path = _boundaries(spectra, band, found.path, group)
@@ -111,10 +134,14 @@ def follow_over_jumps(spectra: np.ndarray, band: Band, start: Start) -> Followed
             if not len(chosen):
                 break
             path = _jump(found.path, where[far][chosen], jumps[far][chosen])
-            found = follow(spectra, band, replace(start, path=path))
-        if at_path.is_clear:
-            _check_sums(at_path)
+            found, clear = follow(spectra, band, replace(start, path=path)), None
+        else:
+            continue
+        clear = at_path if at_path.show_breaks.mean() >= 0.5 else clear
+        if at_path.is_continuous:
             break
+    if clear is not None:
+        _check_sums(clear)
     return found
 
 
@@ -125,11 +152,12 @@ def check_continuity(spectra: np.ndarray, band: Band, path: np.ndarray) -> None:
     if len(path) < 4:
         return
     single, double = (_boundaries(spectra, band, path, group) for group in (1, 2))
-    if single.is_clear:
+    if single.show_breaks.mean() >= 0.5:
         is_broken = np.maximum(single.alike * single.scale, double.alike * double.scale) < MAX_SIGMA
+        is_broken &= single.show_breaks
     else:
         several = double if double.is_clear else _boundaries(spectra, band, path, 4)
-        is_broken = several.is_clear & (several.alike < MAX_LOW * several.usual)
+        is_broken = several.are_clear & (several.alike < MAX_LOW * several.usual)
     if is_broken.any():
         raise _broken_after(int(np.argmax(is_broken)) + 1)
 
@@ -144,30 +172,64 @@ def _broken_after(frame: int) -> InputError:
 
 def _boundaries(spectra: np.ndarray, band: Band, path: np.ndarray, group: int) -> Boundaries:
     """Return the likeness of the `group` frames before and after each boundary along a path."""
-    weight = weight_of(band, 0.0)
+    weight = _weight_of_sums(spectra, band, path, group)
 
     def measure(rows: slice) -> np.ndarray:
-        part, values = band.part(rows), weight.values[rows].astype(np.float32)
-        before, after = _sums(move_back(spectra[:, rows], part, path), group)
-        heights = np.vecdot(before * values, after).real.sum(1)
-        power = np.vecdot(spectra[:, rows] * values, spectra[:, rows]).real.sum(1) - (values * part.floor).sum()
-        return np.concatenate([heights, power]).astype(np.float64)
+        before, after = _sums(move_back(spectra[:, rows], band.part(rows), path), group)
+        return np.vecdot(before * weight.values[rows].astype(np.float32), after).real.sum(1).astype(np.float64)
 
-    found = sum_over_rows(measure, spectra)
-    heights, power = found[: len(path) - 1], found[len(path) - 1 :]
-    usual = max(float(np.median(power)), 1e-300)
-    changing = max(0.0, 1.0 - weight.deviation**2 / max(power.var(), 1e-300))  # the rest of their scatter is noise
-    light = np.sqrt(np.maximum(usual + changing * (power - usual), NOTHING * usual))[:, None]
-    before, after = _sums(light, group)
-    counts = _sums(np.ones_like(light), group)
-    expected = (before * after)[:, 0] * np.maximum(overlap_share(np.diff(path, axis=0), band), NOTHING)
+    before, after = _sums(_light(spectra, band)[:, None], group)
+    counts = _sums(np.ones((len(path), 1)), group)
+    overlap = np.maximum(overlap_share(np.diff(path, axis=0), band), NOTHING)
+    expected = weight.full * (before * after)[:, 0] * overlap
     deviation = weight.deviation * np.sqrt(counts[0] * counts[1])[:, 0]
-    return Boundaries(group, heights / np.maximum(expected, 1e-300), expected / deviation)
+    return Boundaries(group, sum_over_rows(measure, spectra) / expected, expected / deviation, weight)
+
+
+def _light(spectra: np.ndarray, band: Band) -> np.ndarray:
+    """Return the amplitude of the speckle in each frame, (frames,), over that of the band, if its changes are no noise.
+
+    The weights leave out what grows with the floor, because the number of photons in a frame is random, too.
+    """
+    total = np.maximum(band.signal + band.floor, 1e-300)
+    of_signal, of_floor = (band.counts * one / total**2 for one in (band.signal, band.floor))
+    weights = of_signal - of_floor * (of_signal * band.floor).sum() / max(float((of_floor * band.floor).sum()), 1e-300)
+    full = max(float((weights * band.signal).sum()), 1e-300)
+
+    def powers(rows: slice) -> np.ndarray:
+        return (np.abs(spectra[:, rows]) ** 2 * weights[rows].astype(np.float32)).sum((1, 2), np.float64)
+
+    found = (sum_over_rows(powers, spectra) - (weights * band.floor).sum()) / full
+    noise = 2.0 * band.noise_gain * (weights**2 / np.maximum(band.counts, 1.0) * total**2).sum() / full**2
+    variance, noisy = float(found.var(ddof=1)), chi2.isf(FALSE_ALARM, len(found) - 1) / (len(found) - 1)
+    if noise > MAX_LIGHT_NOISE or variance < noise * noisy:
+        return np.ones(len(found))
+    usual = max(float(np.median(found)), NOTHING)
+    return np.sqrt(np.maximum(usual + (1.0 - noise / variance) * (found - usual), NOTHING * usual))
+
+
+def _weight_of_sums(spectra: np.ndarray, band: Band, path: np.ndarray, group: int) -> Weight:
+    """Return the weight of cross-spectra of sums of `group` frames along a path, in which their common speckle counts as that of single
+    frames does. It adds up to more than the noise of the frames, and what two sums do not share is noise, too."""
+    of_frame = weight_of(band, 0.0)
+    if group == 1:
+        return of_frame
+
+    def power(rows: slice) -> np.ndarray:
+        before = _sums(move_back(spectra[:, rows], band.part(rows), path), group)[0][group - 1 :]
+        return (np.vecdot(before, before, axis=0).real * of_frame.values[rows]).sum()
+
+    of_sums = float(sum_over_rows(power, spectra)) / (len(path) - group) / group
+    gain = (of_sums - (of_frame.values * band.floor).sum()) / of_frame.full
+    gain = float(np.clip(gain, 1.0, group))
+    found = weight_of(replace(band, signal=gain * band.signal), 0.0)
+    scale = gain * of_frame.full / found.full
+    return replace(found, values=scale * found.values, deviation=scale * found.deviation, full=of_frame.full)
 
 
 def _jumps(spectra: np.ndarray, band: Band, path: np.ndarray, at_path: Boundaries) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the boundaries (k,) at which a path jumps, the jumps (k, 2), and the likeness of the frames with them, (k,)."""
-    weight, steps, group = weight_of(band, 0.0), np.diff(path, axis=0), at_path.group
+    steps, group, weight = np.diff(path, axis=0), at_path.group, at_path.weight
 
     def search(boundary: int) -> np.ndarray:
         first, last = max(0, boundary + 1 - group), min(len(spectra), boundary + 1 + group)
@@ -189,7 +251,7 @@ def _jumps(spectra: np.ndarray, band: Band, path: np.ndarray, at_path: Boundarie
     usual = max(at_path.usual, np.quantile(most, USUAL_OF_SOME))
     low = np.flatnonzero(at_path.alike < MAX_LOW * usual)
     found = look(low)
-    is_jump = (found[:, 2] > MIN_HIGH * usual) & (found[:, 3] > JUMP_FACTOR * MIN_SIGNIFICANCE)
+    is_jump = (found[:, 2] > MIN_HIGH * usual) & (found[:, 3] > MIN_SIGNIFICANCE)
     return low[is_jump], found[is_jump, :2], found[is_jump, 2]
 
 
@@ -212,8 +274,9 @@ def _separate(where: np.ndarray, heights: np.ndarray, group: int) -> np.ndarray:
 def _check_sums(at_path: Boundaries) -> None:
     """Raise InputError if frames share nothing across a boundary, while those on each side of it do."""
     group, clear = at_path.group, MIN_HIGH * at_path.usual
-    inside = np.abs(at_path.alike[group:-group])
-    is_broken = (inside < NOTHING * clear) & (at_path.alike[: -2 * group] > clear) & (at_path.alike[2 * group :] > clear)
+    nothing = np.minimum(MAX_SIGMA / at_path.scale, MAX_LOW * at_path.usual)
+    is_broken = (at_path.show_breaks & (at_path.alike < nothing))[group:-group]
+    is_broken &= (at_path.alike[: -2 * group] > clear) & (at_path.alike[2 * group :] > clear)
     if is_broken.any():
         raise _broken_after(int(np.argmax(is_broken)) + group + 1)
 

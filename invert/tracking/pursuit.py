@@ -62,9 +62,9 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
     some = np.s_[middle : middle + FRAMES_FOR_NUMBER]
     lags = _lags_for_others(alone.path[some], spectra[some], band)
     found = _pursue(spectra[some], band, lags, replace(alone, path=alone.path[some])) if lags else [alone]
-    if len(found) > 1 and len(spectra) > FRAMES_FOR_NUMBER:
+    if len(spectra) > FRAMES_FOR_NUMBER and not _is_alone(found):
         found = _pursue(spectra, band, lags, alone)
-    if len(found) > 1 or found[0].lag > 1:
+    if not _is_alone(found):
         return found
     if not _persists(alone, spectra, band):
         expected, remedy = "speckle that moves as a whole", "keep the laser and the camera at rest"
@@ -143,6 +143,11 @@ def _sought(spectra: np.ndarray, band: Band, lag: int) -> list[Start]:
     """Return the candidates at a distance of frames, from blocks of different length."""
     lengths = dict.fromkeys(max(1, (len(spectra) - lag) // blocks) for blocks in BLOCKS)
     return [one for length in lengths for one in paths_at(spectra, band, lag, length)[0]]
+
+
+def _is_alone(found: Sequence[Start]) -> bool:
+    """Return whether the only object is the one by consecutive frames."""
+    return len(found) == 1 and found[0].lag == 1
 
 
 def _persists(alone: Start, spectra: np.ndarray, band: Band) -> bool:

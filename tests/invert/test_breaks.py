@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 import correlograph as cg
-from invert.tracking.breaks import mend
+from invert.tracking.breaks import _light, mend
 from invert.tracking.spectra import Reader
 from invert.tracking.start import Start
 from tests.invert.field.speckle import expected_frame, letter, travelling_frames
@@ -44,6 +44,38 @@ def test_a_jump_is_found_where_single_frames_are_too_dim(rng):
     found = cg.track(cg.Capture(frames_along(path, rng, 0.006)))
     assert found.others == ()
     assert np.abs(found.path_pixels[-1] - path[-1]).max() < 6.0
+
+
+def test_a_jump_is_found_where_sums_of_four_are_too_dim():
+    """0.004 photoelectrons per pixel, eight draws. Sums of eight or sixteen frames show the jump."""
+    numbers = np.arange(64)
+    path = numbers[:, None] * 0.5 * STEP + (numbers >= 30)[:, None] * np.array([-40.0, 65.0])
+    for seed in range(8):
+        rng = np.random.default_rng([seed, 3])
+        found = cg.track(cg.Capture(frames_along(path, rng, 0.004)))
+        assert np.abs(found.path_pixels[-1] - path[-1]).max() < 5.0 * found.error_pixels[-1].max()
+
+
+def test_faint_light_on_a_changing_illumination_neither_jumps_nor_breaks():
+    """0.004 photoelectrons per pixel, four draws: a frame has 270 photons, give or take 16, and the speckle of sums is no white noise."""
+    path = np.arange(96)[:, None] * np.array([0.7, -1.1])
+    for seed in range(4):
+        rng = np.random.default_rng([seed, 7])
+        frames = travelling_frames(letter(64, 28), (240, 280), 128, rng, path, 16.0)
+        found = cg.track(cg.Capture([rng.poisson(0.004 * frame).astype(np.float32) for frame in frames]))
+        np.testing.assert_array_less(np.abs(found.path_pixels - path)[1:], 5.0 * found.error_pixels[1:])
+
+
+def test_the_light_of_frames_is_that_of_their_speckle(rng):
+    """Photons in frames are random; half of them in one frame, and twice as many in another, are not."""
+    light = np.where(NUMBERS == 4, 0.5, 1.0) * np.where(NUMBERS == 9, 2.0, 1.0)
+    for mean, limit in ((0.02, 0.35), (1.0, 0.1)):
+        frames = travelling_frames(letter(64, 28), (300, 340), 128, rng, NUMBERS[:, None] * STEP, 1e6)
+        frames = [rng.poisson(mean * one * frame).astype(np.float32) for one, frame in zip(light, frames, strict=True)]
+        reader = Reader(frames[0].shape, 1)
+        band = reader.band(frames)
+        found = _light(reader.all_spectra(frames, band), band)
+        assert np.abs(found / np.median(found) - light).max() < limit
 
 
 @pytest.mark.parametrize("counts", [(8, 0), (5, 3), (8, 4)])

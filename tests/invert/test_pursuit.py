@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import correlograph as cg
+from invert.tracking import pursuit
 from invert.tracking.candidates import Candidates
 from invert.tracking.explained import Explained
 from invert.tracking.maxima import highest
@@ -99,3 +100,13 @@ def test_a_better_candidate_takes_the_place_of_an_object():
     assert candidates.exchange([0, 2]) == [1, 2]
     assert candidates.best_beside([1]) == 2
     assert candidates.best_beside([1, 2]) is None  # the first is not apart from the second
+
+
+def test_a_path_found_by_distant_frames_covers_the_capture(monkeypatch):
+    """The middle of a capture decides whether consecutive frames show its only object; if not, all frames are searched."""
+    monkeypatch.setattr(pursuit, "FRAMES_FOR_NUMBER", 10)
+    monkeypatch.setattr(pursuit, "_pursue", lambda spectra, *_: [Start(np.zeros((len(spectra), 2)), 10.0, 0.5, lag=5)])
+    rng, steps = np.random.default_rng(8), np.array([[2.5, -1.0], [-1.5, 3.0]])
+    spectra, band = _read_spectra(cg.Capture(two_patterns(rng, steps, np.ones(2))), 1)
+    (one,) = find_objects(spectra, band)
+    assert len(one.path) == len(spectra) == 20
