@@ -14,6 +14,7 @@ numbers.py   numbers of frames, by the names of their files
 smoothing.py paths without noise
 follow.py    exact path of a single object, frame by frame
 shutter.py   steps that an open shutter shortens
+boundaries.py  likeness of the frames on both sides of a boundary
 breaks.py    jumps of a path, and paths across them
 components.py  power and fading of each of several objects
 joint.py     exact paths of several objects together

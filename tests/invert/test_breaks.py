@@ -7,7 +7,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 import correlograph as cg
-from invert.tracking.breaks import _light, mend
+from invert.tracking.boundaries import light_of_frames
+from invert.tracking.breaks import mend
 from invert.tracking.spectra import Reader
 from invert.tracking.start import Start
 from tests.invert.field.speckle import expected_frame, letter, travelling_frames
@@ -74,7 +75,7 @@ def test_the_light_of_frames_is_that_of_their_speckle(rng):
         frames = [rng.poisson(mean * one * frame).astype(np.float32) for one, frame in zip(light, frames, strict=True)]
         reader = Reader(frames[0].shape, 1)
         band = reader.band(frames)
-        found = _light(reader.all_spectra(frames, band), band)
+        found = light_of_frames(reader.all_spectra(frames, band), band)
         assert np.abs(found / np.median(found) - light).max() < limit
 
 

@@ -1,0 +1,143 @@
+"""Likeness of the frames on both sides of each boundary between two frames, along a path."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import chi2
+
+from invert.tracking.band import Band
+from invert.tracking.parts import sum_over_rows
+from invert.tracking.shifts import MIN_SIGNIFICANCE, Weight, move_back, overlap_share, weight_of
+
+MAX_LOW, MIN_HIGH = 0.3, 0.45
+"""Likeness of frames, over the usual one, below which a jump is sought, and above which it is found. The interference of two objects
+lowers it to any value, but is nowhere as high as the speckle of one."""
+
+USUAL = 0.9
+"""Quantile of the likeness at all boundaries along a path that counts as usual."""
+
+BREAK_SIGMA = 8.0
+"""Least significance of the usual likeness at which its absence is no noise: below three standard deviations once in 10^6 boundaries."""
+
+MIN_USUAL = 0.7
+"""Least usual likeness of sums that may break: of longer sums, whose illumination changes within, some have little in common anyway."""
+
+FALSE_ALARM = 0.01
+"""Probability that noise alone looks like light that changes from frame to frame."""
+
+MAX_LIGHT_NOISE = 0.25
+"""Variance of the light that is measured in one frame, over its square, above which it is taken to be the same in all."""
+
+LEAST = 0.05
+"""Least light of a frame over the usual one, and least overlap of two windows, that count."""
+
+
+class Boundaries(NamedTuple):
+    """Likeness of the frames before and after each boundary along a path.
+
+    Attributes:
+        group: number of frames on each side.
+        alike: over the light of both sides and the overlap of their windows, (frames - 1,).
+        scale: height of the cross-correlation for an `alike` of 1, in standard deviations, (frames - 1,).
+        weight: of the cross-spectra of the sums of both sides.
+    """
+
+    group: int
+    alike: np.ndarray
+    scale: np.ndarray
+    weight: Weight
+
+    @property
+    def usual(self) -> float:
+        """Likeness at nearly all boundaries."""
+        return float(np.quantile(self.alike, USUAL))
+
+    @property
+    def are_clear(self) -> np.ndarray:
+        """Whether each boundary would show a jump, bool (frames - 1,)."""
+        return MIN_HIGH * self.usual * self.scale > MIN_SIGNIFICANCE
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether most boundaries would show a jump."""
+        return float(self.are_clear.mean()) >= 0.5
+
+    @property
+    def show_breaks(self) -> np.ndarray:
+        """Whether each boundary would show that its sides share nothing, bool (frames - 1,)."""
+        return (self.usual > MIN_USUAL) & (self.usual * self.scale > BREAK_SIGMA)
+
+    @property
+    def is_continuous(self) -> bool:
+        """Whether no boundary shows a jump, although most would."""
+        return self.is_clear and float(self.alike.min()) >= MAX_LOW * self.usual
+
+
+def boundaries_along(spectra: np.ndarray, band: Band, path: np.ndarray, group: int) -> Boundaries:
+    """Return the likeness of the `group` frames before and after each boundary along a path."""
+    weight = _weight_of_sums(spectra, band, path, group)
+
+    def measure(rows: slice) -> np.ndarray:
+        before, after = _sums(move_back(spectra[:, rows], band.part(rows), path), group)
+        return np.vecdot(before * weight.values[rows].astype(np.float32), after).real.sum(1).astype(np.float64)
+
+    before, after = _sums(light_of_frames(spectra, band)[:, None], group)
+    counts = _sums(np.ones((len(path), 1)), group)
+    overlap = np.maximum(overlap_share(np.diff(path, axis=0), band), LEAST)
+    expected = weight.full * (before * after)[:, 0] * overlap
+    deviation = weight.deviation * np.sqrt(counts[0] * counts[1])[:, 0]
+    return Boundaries(group, sum_over_rows(measure, spectra) / expected, expected / deviation, weight)
+
+
+def light_of_frames(spectra: np.ndarray, band: Band) -> np.ndarray:
+    """Return the amplitude of the speckle in each frame, (frames,), over that of the band, if its changes are no noise.
+
+    The weights leave out what grows with the floor, because the number of photons in a frame is random, too.
+    """
+    total = np.maximum(band.signal + band.floor, 1e-300)
+    of_signal, of_floor = (band.counts * one / total**2 for one in (band.signal, band.floor))
+    weights = of_signal - of_floor * (of_signal * band.floor).sum() / max(float((of_floor * band.floor).sum()), 1e-300)
+    full = max(float((weights * band.signal).sum()), 1e-300)
+
+    def powers(rows: slice) -> np.ndarray:
+        return (np.abs(spectra[:, rows]) ** 2 * weights[rows].astype(np.float32)).sum((1, 2), np.float64)
+
+    found = (sum_over_rows(powers, spectra) - (weights * band.floor).sum()) / full
+    noise = 2.0 * band.noise_gain * (weights**2 / np.maximum(band.counts, 1.0) * total**2).sum() / full**2
+    variance, noisy = float(found.var(ddof=1)), chi2.isf(FALSE_ALARM, len(found) - 1) / (len(found) - 1)
+    if noise > MAX_LIGHT_NOISE or variance < noise * noisy:
+        return np.ones(len(found))
+    usual = max(float(np.median(found)), LEAST)
+    return np.sqrt(np.maximum(usual + (1.0 - noise / variance) * (found - usual), LEAST * usual))
+
+
+def _weight_of_sums(spectra: np.ndarray, band: Band, path: np.ndarray, group: int) -> Weight:
+    """Return the weight of cross-spectra of sums of `group` frames along a path, in which their common speckle counts as that of single
+    frames does. It adds up to more than the noise of the frames, and what two sums do not share is noise, too."""
+    of_frame, group = weight_of(band, 0.0), min(group, len(path) - 1)
+    if group == 1:
+        return of_frame
+
+    def power(rows: slice) -> np.ndarray:
+        before = _sums(move_back(spectra[:, rows], band.part(rows), path), group)[0][group - 1 :]
+        return (np.vecdot(before, before, axis=0).real * of_frame.values[rows]).sum()
+
+    of_sums = float(sum_over_rows(power, spectra)) / (len(path) - group) / group
+    gain = (of_sums - (of_frame.values * band.floor).sum()) / of_frame.full
+    gain = float(np.clip(gain, 1.0, group))
+    found = weight_of(replace(band, signal=gain * band.signal), 0.0)
+    scale = gain * of_frame.full / found.full
+    return replace(found, values=scale * found.values, deviation=scale * found.deviation, full=of_frame.full)
+
+
+def _sums(values: np.ndarray, group: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the sums of the `group` entries of (n, ...) before and after each boundary, (n - 1, ...) each."""
+    if group == 1:
+        return values[:-1], values[1:]
+    total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, 0)])
+    boundary = np.arange(1, len(values))
+    first, last = np.maximum(boundary - group, 0), np.minimum(boundary + group, len(values))
+    return total[boundary] - total[first], total[last] - total[boundary]
