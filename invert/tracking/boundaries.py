@@ -31,7 +31,7 @@ FALSE_ALARM = 0.01
 MAX_LIGHT_NOISE = 0.25
 """Variance of the light that is measured in one frame, over its square, above which it is taken to be the same in all."""
 
-LEAST = 0.05
+MIN_LIGHT = 0.05
 """Least light of a frame over the usual one, and least overlap of two windows, that count."""
 
 
@@ -42,7 +42,7 @@ class Boundaries(NamedTuple):
         group: number of frames on each side.
         alike: over the light of both sides and the overlap of their windows, (frames - 1,).
         scale: height of the cross-correlation for an `alike` of 1, in standard deviations, (frames - 1,).
-        weight: of the cross-spectra of the sums of both sides.
+        weight: weight of the cross-spectra.
     """
 
     group: int
@@ -86,7 +86,7 @@ def boundaries_along(spectra: np.ndarray, band: Band, path: np.ndarray, group: i
 
     before, after = _sums(light_of_frames(spectra, band)[:, None], group)
     counts = _sums(np.ones((len(path), 1)), group)
-    overlap = np.maximum(overlap_share(np.diff(path, axis=0), band), LEAST)
+    overlap = np.maximum(overlap_share(np.diff(path, axis=0), band), MIN_LIGHT)
     expected = weight.full * (before * after)[:, 0] * overlap
     deviation = weight.deviation * np.sqrt(counts[0] * counts[1])[:, 0]
     return Boundaries(group, sum_over_rows(measure, spectra) / expected, expected / deviation, weight)
@@ -110,8 +110,8 @@ def light_of_frames(spectra: np.ndarray, band: Band) -> np.ndarray:
     variance, noisy = float(found.var(ddof=1)), chi2.isf(FALSE_ALARM, len(found) - 1) / (len(found) - 1)
     if noise > MAX_LIGHT_NOISE or variance < noise * noisy:
         return np.ones(len(found))
-    usual = max(float(np.median(found)), LEAST)
-    return np.sqrt(np.maximum(usual + (1.0 - noise / variance) * (found - usual), LEAST * usual))
+    usual = max(float(np.median(found)), MIN_LIGHT)
+    return np.sqrt(np.maximum(usual + (1.0 - noise / variance) * (found - usual), MIN_LIGHT * usual))
 
 
 def _weight_of_sums(spectra: np.ndarray, band: Band, path: np.ndarray, group: int) -> Weight:

@@ -12,7 +12,7 @@ import numpy as np
 
 from correlograph.errors import InputError
 from invert.tracking.band import Band
-from invert.tracking.boundaries import LEAST, MAX_LOW, MIN_HIGH, Boundaries, boundaries_along
+from invert.tracking.boundaries import MAX_LOW, MIN_HIGH, MIN_LIGHT, Boundaries, boundaries_along
 from invert.tracking.follow import Followed, follow
 from invert.tracking.maxima import highest
 from invert.tracking.parts import on_all_cores
@@ -120,7 +120,7 @@ def _jumps(spectra: np.ndarray, band: Band, path: np.ndarray, at_path: Boundarie
         whole = fold(place + steps[boundary], band)
         overlap = overlap_share(np.stack([steps[boundary], whole]), band)
         sigma = height / weight.deviation / np.sqrt((boundary + 1 - first) * (last - boundary - 1))
-        alike = sigma / at_path.scale[boundary] * overlap[0] / max(overlap[1], LEAST)
+        alike = sigma / at_path.scale[boundary] * overlap[0] / max(overlap[1], MIN_LIGHT)
         return np.array([*(whole - steps[boundary]), alike, sigma])
 
     def look(boundaries: np.ndarray) -> np.ndarray:
