@@ -41,7 +41,7 @@ from invert.output.result import Result
 from invert.request import Request
 from invert.sources import Source, read_source
 from invert.tracking.alone import estimate_alone
-from invert.tracking.stabilise import MIN_GROUPS, Stabilised, follow_travel, mean_pattern
+from invert.tracking.stabilise import MIN_GROUPS, Stabilised, estimate_along, follow_travel, mean_pattern
 from radiometry.field_forecast import forecast_fields
 
 ONE_PATTERN = (
@@ -161,7 +161,8 @@ def estimate_following(request: Request, capture: Capture, groups: int = MIN_GRO
         return estimate, Stabilised.at_rest(capture)
     followed = follow_travel(capture, estimate.filtered_frames, groups)
     if followed.travel is not None:
-        pooled = estimate_from_frames(followed.capture, replace(request, mean_model="pooled", sums_file=None, object_number=1))
+        along = replace(request, mean_model="pooled", sums_file=None, object_number=1)
+        pooled = estimate_along(followed.capture, along, followed.blur_pixels)
         estimate = replace(pooled, name=estimate.name)
     return estimate, followed
 

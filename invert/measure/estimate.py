@@ -272,7 +272,12 @@ def apply_blur_transfer(estimate: Estimate, blur_pixels: tuple[float, float]) ->
         raise InputError(
             "blur_pixels", "a blur that leaves light at lags next to zero", found, "correct the blur or focus the camera"
         )
-    return replace(estimate, transfer=blur if estimate.transfer is None else estimate.transfer * blur, blur_pixels=blur_pixels)
+    return replace(include_transfer(estimate, blur), blur_pixels=blur_pixels)
+
+
+def include_transfer(estimate: Estimate, more: np.ndarray) -> Estimate:
+    """Include a further factor at each lag in the transfer of an estimate."""
+    return replace(estimate, transfer=more if estimate.transfer is None else estimate.transfer * more)
 
 
 def camera_transfer(camera: CameraMetadata, grid: PatchGrid) -> np.ndarray | None:

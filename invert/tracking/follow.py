@@ -15,6 +15,7 @@ from scipy.interpolate import interp1d
 from invert.tracking.band import Band
 from invert.tracking.register import register
 from invert.tracking.shifts import MIN_SIGNIFICANCE, move_back
+from invert.tracking.smoothing import PathNoise
 from invert.tracking.start import Start
 
 MIN_GROUP_SIGNIFICANCE = 5.0
@@ -32,6 +33,7 @@ class Followed:
         power: power of its speckle, (R, C).
         significance: median significance of a group in its surroundings; 0 where none was measured.
         bend_error: standard error of a second difference of the path, (2,); zero for an approximate path.
+        reach: number of groups on each side that each was registered to.
         fading: mean square of the way from frame to frame over the square of that in which the likeness of frames falls to 1 / e; 0 if it
             is not measured.
         in_common: share of all power that frames 1, 2, ... apart have in common by one of several objects.
@@ -44,17 +46,23 @@ class Followed:
     power: np.ndarray
     significance: float = 0.0
     bend_error: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    reach: int = 1
     fading: float = 0.0
     in_common: np.ndarray = field(default_factory=lambda: np.zeros(0))
     shortened: float = 0.0
+
+    @property
+    def noise(self) -> PathNoise:
+        """Noise of the path."""
+        return PathNoise(self.bend_error, self.reach, self.frames_per_group)
 
 
 def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:
     """Return the path of a single object near an approximate one, from spectra (frames, R, C); where it cannot be made exact, that one."""
     best, length, longest = None, 1, 1
     while best is None or (best.significance < MIN_GROUP_SIGNIFICANCE and length <= longest):
-        found, reach = _follow_groups(spectra, band, start.path, length)
-        longest = reach if length == 1 else longest
+        found = _follow_groups(spectra, band, start.path, length)
+        longest = found.reach if length == 1 else longest
         if best is None or found.significance > best.significance:
             best = found
         length *= 2
@@ -80,8 +88,8 @@ def approximate(start: Start, band: Band) -> Followed:
     return Followed(start.path, np.stack([error, error], 1), start.frames_per_block, band.signal)
 
 
-def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: int) -> tuple[Followed, int]:
-    """Return the path from groups of `length` frames, and the largest distance of groups that were compared.
+def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: int) -> Followed:
+    """Return the path from groups of `length` frames.
 
     Within a group, the approximate path gives the motion about its mean.
     """
@@ -100,7 +108,7 @@ def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: in
     from_first[0] = 0.0
     # Between the middles of groups, the path is straight.
     bend_error = np.sqrt(of_pair * _bend_over_pair(reach) / (2.0 * length**3 if length > 1 else 1.0))
-    return Followed(found - found[0], from_first, length, band.signal, significance, bend_error), reach
+    return Followed(found - found[0], from_first, length, band.signal, significance, bend_error, reach)
 
 
 def _bend_over_pair(reach: int) -> float:

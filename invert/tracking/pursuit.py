@@ -43,6 +43,9 @@ LITTLE = 0.5
 ALONE_SHARE = 1.0 / (1.0 + MIN_RELATIVE_POWER)
 """Share of the speckle along one path that leaves too little for another object."""
 
+HALF = 0.5
+"""Part of the speckle of consecutive frames below which frames of a distance show another pattern, rather than the same."""
+
 FADING_SIGMA, MAX_WAY_SHARE = 3.0, 0.2
 """Standard errors by which speckle along a path fades before it is said to, and share of a side by which it moves meanwhile at most."""
 
@@ -94,17 +97,32 @@ def _largest_lag(frames: int) -> int:
 
 def fading_along(spectra: np.ndarray, band: Band, path: np.ndarray) -> tuple[int, float] | None:
     """Return a distance of frames and the part of what consecutive ones share along the path (frames, 2) of a single object that frames so
-    far apart still share; None if it leaves no room for another object."""
+    far apart still share: the first power of two at which this is clearly less than half, or else the largest distance. None if what is
+    left there leaves no room for another object."""
     weight = weight_of(band, 0.0)
     # The overlap of windows far apart is known less well.
     steps = np.abs(path[-1] - path[0]) / (len(path) - 1) / np.array(band.shape)
     lag = min(_largest_lag(len(spectra)), int(MAX_WAY_SHARE / max(steps.max(), 1e-9)))
     if lag < 2:
         return None
-    near, far = (share_along(spectra, band, path, one) for one in (1, lag))
-    noise = weight.deviation / (weight.full * (len(spectra) - lag) ** 0.5)
-    error = np.hypot(noise, near / band.cells**0.5)  # of bright speckle, each cell is seen once
-    return (lag, max(far, 0.0) / near) if near > 0.0 and far + FADING_SIGMA * error < ALONE_SHARE * near else None
+    near = share_along(spectra, band, path, 1)
+    if near <= 0.0:
+        return None
+
+    def part_left(apart: int) -> tuple[float, float]:
+        noise = weight.deviation / (weight.full * (len(spectra) - apart) ** 0.5)
+        error = np.hypot(noise, near / band.cells**0.5)  # of bright speckle, each cell is seen once
+        return max(share_along(spectra, band, path, apart), 0.0) / near, FADING_SIGMA * float(error) / near
+
+    left, error = part_left(lag)
+    if left + error >= ALONE_SHARE:
+        return None
+    if left + error < HALF:
+        for nearer in (2**power for power in range(1, lag.bit_length())):
+            some, its_error = part_left(nearer)
+            if some + its_error < HALF:
+                return nearer, some
+    return lag, left
 
 
 def _pursue(spectra: np.ndarray, band: Band, lags: Sequence[int], alone: Start) -> list[Start]:

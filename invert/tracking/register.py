@@ -45,7 +45,7 @@ def register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndarr
         weight = weight_of(band, float(np.clip(alike[0], 0.05, 1.0)), usual)
         height, slope, curvature = derivatives(_pull_of_surroundings(sums, band, places, reach, weight))
         inverse = np.linalg.inv(-curvature.sum(0) / pairs.sum())
-        correction = _solve(slope @ inverse, reach)
+        correction = solve_pairs(slope @ inverse, reach)
         places = places + correction
         if np.abs(np.diff(correction, axis=0)).max() < CONVERGED_GRAINS * band.grain_pixels:
             break
@@ -57,7 +57,7 @@ def register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndarr
     significance = float(np.median(height)) / weight.deviation
     # Where grains are large in a frame, this pull is known to first order only, and would grow with each round.
     pull = weight.full / usual * _pull_of_windows(places, band, alike[:reach]) @ weight.tilt.T
-    drawn = _solve(pull @ inverse, reach)
+    drawn = solve_pairs(pull @ inverse, reach)
     return places - drawn, np.sqrt(variance + walked + (WINDOW_ERROR * drawn) ** 2), reach, of_pair, significance
 
 
@@ -89,7 +89,7 @@ def _pull_of_windows(places: np.ndarray, band: Band, alike: np.ndarray) -> np.nd
     return pull
 
 
-def _solve(slopes: np.ndarray, reach: int) -> np.ndarray:
+def solve_pairs(slopes: np.ndarray, reach: int) -> np.ndarray:
     """Return corrections (n, 2) of positions, whose differences over all pairs within the reach add up to the slopes (n, 2); 0 for the
     first."""
     count = len(slopes)

@@ -87,7 +87,7 @@ def for_open_shutter(found: Followed, band: Band, share: float, gaps: np.ndarray
     if share == 0.0 or found.fading == 0.0:
         return found
     gaps = np.ones(len(found.path) - 1) if gaps is None else gaps
-    steps, ways = np.diff(found.path, axis=0), np.diff(smooth(found.path, found.bend_error), axis=0) / gaps[:, None]
+    steps, ways = np.diff(found.path, axis=0), np.diff(smooth(found.path, found.noise), axis=0) / gaps[:, None]
     squares = (ways**2).sum(1)
     squares = squares / max(float(squares.mean()), 1e-12) if found.bend_error.any() else np.ones(len(ways))
     # Weighted by their slopes, frequencies of a Gaussian band act like the one at the root of 3 times their rms.

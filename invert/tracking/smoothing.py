@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.fft import dct, idct
+from scipy.interpolate import interp1d
 from scipy.ndimage import median_filter
 from scipy.stats import chi2
+
+from invert.tracking.register import solve_pairs
 
 FALSE_ALARM = 0.01
 """Probability that noise alone gives a path a periodic part, or a jump, that is kept."""
@@ -16,35 +21,102 @@ RATES = np.concatenate([[0.0], np.logspace(-8.0, 2.0, 101)])
 BESIDE, MAX_JUMPS = 5, 0.1
 """Number of steps around a jump whose median is that without it, and part of the steps above which they are none."""
 
+MIN_NOISE = 1e-4
+"""Least variance of a coefficient over that of the largest."""
+
 ROUNDS = 3
 
 
-def smooth(path: np.ndarray, bend_error: np.ndarray) -> np.ndarray:
+@dataclass(frozen=True)
+class PathNoise:
+    """Noise of a path.
+
+    Attributes:
+        bend_error: standard error of a second difference, (2,) pixels, which is the root of 2 times that of a step if the noise is white.
+        reach: number of positions on each side that each was registered to.
+        length: number of frames in a group that has one position; the path is straight between their middles.
+    """
+
+    bend_error: np.ndarray
+    reach: int = 1
+    length: int = 1
+
+    def of_steps(self, count: int) -> np.ndarray:
+        """Return the variances of the coefficients of a cosine transform of steps, (count, 2).
+
+        All pairs of positions within the reach are registered with the same variance. The displacements of the pairs then tell slow changes
+        best: far from the ends, the variance falls with frequency to that of a step over the sum of the squared distances of the pairs.
+        """
+        if not count:
+            return np.zeros((0, 2))
+        steps, inside = np.diff(self._lines(count + 1), axis=0), slice(count // 4, count - count // 4)
+        shape = self._over_pair(steps.T @ idct(np.eye(count), axis=0, norm="ortho"))
+        of_bends = self._over_pair(np.diff(steps, axis=0)[inside].T)
+        of_bend = float(of_bends.mean()) if of_bends.size else 0.0
+        if of_bend < MIN_NOISE * shape.max():  # too few positions for a bend
+            return np.full((count, 2), np.maximum(0.5 * self.bend_error**2, 1e-12))
+        return np.maximum(np.maximum(shape, MIN_NOISE * shape.max())[:, None] * self.bend_error**2 / of_bend, 1e-12)
+
+    def _over_pair(self, sums: np.ndarray) -> np.ndarray:
+        """Return the variances of weighted sums of positions, weights (positions, n), over that of the displacement of a pair, (n,)."""
+        return (sums * solve_pairs(sums, self.reach)).sum(0)
+
+    def _lines(self, frames: int) -> np.ndarray:
+        """Return the contributions of positions to frames, (frames, positions): straight lines between the middles of groups."""
+        groups = np.array_split(np.arange(frames), max(2, frames // self.length))
+        known = [group.mean() for group in groups]
+        return interp1d(known, np.eye(len(known)), axis=0, fill_value="extrapolate")(np.arange(frames))
+
+
+def smooth(path: np.ndarray, noise: PathNoise) -> np.ndarray:
     """Return a path (frames, 2), from its first frame, whose steps are smoothed as far as noise may have changed them.
 
-    Steps are the sum of a random walk, of white noise, and of periodic parts. In the discrete cosine transform of the steps, a random walk
+    Steps are the sum of a random walk, of noise, and of periodic parts. In the discrete cosine transform of the steps, a random walk
     that changes by a variance q per frame has the variance q / (2 - 2 cos(pi k / n)) at frequency k; the likelihood of the coefficients
     tells q, and the conditional mean (Wiener's filter) the steps. Coefficients too large for it are periodic parts, such as a vibration,
     and stay; so do single steps too large for it, such as a jump.
-
-    Args:
-        bend_error: standard error of a second difference of the path, (2,), which is the root of 2 times that of a step.
     """
     steps, found = np.diff(path, axis=0), np.zeros_like(path)
-    walk = 1.0 / (2.0 - 2.0 * np.cos(np.pi * np.arange(1, len(steps)) / len(steps)))
-    highest = chi2.isf(FALSE_ALARM / max(len(steps), 1), 1)
-    for axis, error in enumerate(bend_error):
-        seen, noise = steps[:, axis], max(0.5 * error**2, 1e-12)
-        apart = seen - median_filter(seen, BESIDE, mode="nearest")
-        is_jump = apart**2 > highest * noise
-        jumps = np.where(is_jump, apart, 0.0) if is_jump.mean() < MAX_JUMPS else np.zeros(len(steps))
-        for _ in range(ROUNDS):
-            waves = dct(seen - jumps, norm="ortho")
-            waves[1:] *= _gains(waves[1:] ** 2 / noise, walk, highest)
-            kept = idct(waves, norm="ortho")
-            jumps = np.where((seen - kept) ** 2 > highest * noise, seen - kept, 0.0)
-        found[1:, axis] = np.cumsum(kept + jumps)
+    for axis, variances in enumerate(noise.of_steps(len(steps)).T):
+        found[1:, axis] = np.cumsum(_smooth_steps(steps[:, axis], variances)[0])
     return found
+
+
+def error_in_groups(path: np.ndarray, noise: PathNoise, size: int) -> np.ndarray:
+    """Return the rms standard error of the positions of a smoothed path (frames, 2) about the means of groups of some frames, (2,).
+
+    Of each coefficient, the variance that is left is the part of the noise that the filter lets through.
+    """
+    steps, count = np.diff(path, axis=0), len(path) - len(path) % size
+    places = np.cumsum(idct(np.eye(len(steps)), axis=0, norm="ortho"), 0)  # of the frames after the first, by each coefficient
+    places = np.concatenate([np.zeros((1, len(steps))), places])[:count].reshape(-1, size, len(steps))
+    spread = places.var(1).mean(0)
+    variances = noise.of_steps(len(steps)).T
+    left = [spread @ (one * _smooth_steps(steps[:, axis], one)[1]) for axis, one in enumerate(variances)]
+    return np.sqrt(left)
+
+
+def _smooth_steps(seen: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return smoothed steps (n,), and the part of each coefficient of their cosine transform that is kept, (n,).
+
+    Args:
+        noise: variances of the coefficients, (n,).
+    """
+    if not len(seen):
+        return seen, np.ones(0)
+    usual = float(noise.mean())
+    walk = 1.0 / (2.0 - 2.0 * np.cos(np.pi * np.arange(1, len(seen)) / len(seen)))
+    highest = chi2.isf(FALSE_ALARM / max(len(seen), 1), 1)
+    apart = seen - median_filter(seen, BESIDE, mode="nearest")
+    is_jump = apart**2 > highest * usual
+    jumps = np.where(is_jump, apart, 0.0) if is_jump.mean() < MAX_JUMPS else np.zeros(len(seen))
+    gains = np.ones(len(seen))
+    for _ in range(ROUNDS):
+        waves = dct(seen - jumps, norm="ortho")
+        gains[1:] = _gains(waves[1:] ** 2 / noise[1:], walk * usual / noise[1:], highest)
+        kept = idct(gains * waves, norm="ortho")
+        jumps = np.where((seen - kept) ** 2 > highest * usual, seen - kept, 0.0)
+    return kept + jumps, gains
 
 
 def _gains(power: np.ndarray, walk: np.ndarray, highest: float) -> np.ndarray:
@@ -52,7 +124,7 @@ def _gains(power: np.ndarray, walk: np.ndarray, highest: float) -> np.ndarray:
 
     Args:
         power: squared coefficients over the variance of the noise, (n - 1,).
-        walk: variances of the coefficients of a random walk that changes by a variance of one per frame.
+        walk: variances of the coefficients of a random walk that changes by a variance of one per frame, over that of the noise.
         highest: power of a coefficient over the expected one, above which it is a periodic part.
     """
     expected = 1.0 + np.outer(RATES, walk)

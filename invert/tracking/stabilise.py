@@ -15,15 +15,17 @@ import numpy as np
 from correlograph.errors import InputError, memory_bytes
 from correlograph.files.capture import Capture
 from correlograph.lags import LAG_SIDE
-from invert.measure.estimate import estimate_from_frames
+from invert.measure.estimate import Estimate, estimate_from_frames, include_transfer
 from invert.measure.preparation import mean_frame
 from invert.measure.spectrum import read_measurement
 from invert.request import Request
 from invert.tracking.numbers import frame_numbers
+from invert.tracking.pursuit import HALF
 from invert.tracking.track import Track
 from invert.tracking.tracker import track
 from invert.tracking.travel import Travel, find_travel, may_travel
 from radiometry.estimation.third_moment import FilteredFrames
+from radiometry.transfer import gaussian_transfer
 
 MIN_GROUPS = 2
 """Minimum number of groups that are left."""
@@ -47,6 +49,7 @@ class Stabilised:
         capture: one frame for each group.
         size: number of frames in a group.
         middle_frame: number of the frame in the middle of each group, (groups,).
+        blur_pixels: standard error of the path within a group, which blurs its speckle, (rows, columns).
         travel: mean displacement from frame to frame, of each object; None if the speckle does not travel.
         track: path of the object; None if none was found. The first of several objects holds the others; frames then follow none.
         obstacle: why a speckle that travels could not be followed.
@@ -55,6 +58,7 @@ class Stabilised:
     capture: Capture
     size: int
     middle_frame: np.ndarray
+    blur_pixels: tuple[float, float] = (0.0, 0.0)
     travel: Travel | None = None
     track: Track | None = None
     obstacle: str = ""
@@ -64,7 +68,8 @@ class Stabilised:
         cls, capture: Capture, travel: Travel | None = None, track: Track | None = None, obstacle: str = ""
     ) -> Stabilised:
         """Return the frames as they are."""
-        return cls(capture, 1, np.arange(float(len(capture.frames))), travel, track, obstacle)
+        numbers = np.arange(float(len(capture.frames)))
+        return cls(capture, 1, numbers, travel=travel, track=track, obstacle=obstacle)
 
     @property
     def objects(self) -> tuple[Track, ...]:
@@ -124,13 +129,15 @@ def mean_pattern(capture: Capture) -> Capture:
 
 
 def stabilise(capture: Capture, path: Track, least: int = MIN_GROUPS) -> Stabilised:
-    """Return a capture whose frames follow a path. The size of a group is the power of two at which r*r is most significant."""
+    """Return a capture whose frames follow a path. The size of a group is the power of two at which r*r is most significant, up to the
+    distance at which frames along the path share less than half: beyond, the path may be wrong."""
     count, pixels = len(capture.frames), path.smooth_path_pixels
+    longest = path.fading[0] if path.fading and path.fading[1] < HALF else count
     first = max(0, (count - FRAMES_FOR_SIZE) // 2)
     some = range(first, min(count, first + FRAMES_FOR_SIZE))
     best, clearest, size = 1, -np.inf, 1
-    while len(some) // size >= MIN_GROUPS and count // size >= least:
-        found = _detection(capture, pixels, _groups(some, size))
+    while len(some) // size >= MIN_GROUPS and count // size >= least and size <= longest:
+        found = _detection(capture, pixels, _groups(some, size), path.error_in_groups(size))
         if found <= clearest:
             break
         best, clearest, size = size, found, 2 * size
@@ -143,16 +150,25 @@ def stabilise(capture: Capture, path: Track, least: int = MIN_GROUPS) -> Stabili
             best //= 2
     groups = _groups(range(count), best)
     middles = np.array([0.5 * (one[0] + one[-1]) for one in groups])
-    return Stabilised(added, best, middles, Travel(path.step_pixels[None], path.share), path)
+    return Stabilised(added, best, middles, path.error_in_groups(best), Travel(path.step_pixels[None], path.share), path)
 
 
-def _detection(capture: Capture, path: np.ndarray, groups: Sequence[range]) -> float:
-    """Return the significance of r*r from groups of frames, in standard deviations."""
+def _detection(capture: Capture, path: np.ndarray, groups: Sequence[range], blur_pixels: tuple[float, float]) -> float:
+    """Return the significance of r*r from groups of frames, blurred by the error of the path, in standard deviations."""
     try:
-        estimate = estimate_from_frames(_add(capture, path, groups), Request(mean_model="pooled"))
+        estimate = estimate_along(_add(capture, path, groups), Request(mean_model="pooled"), blur_pixels)
     except InputError:  # too small after the edges were cut off
         return -np.inf
     return read_measurement(estimate.values, estimate.quantisation, estimate.transfer).detection
+
+
+def estimate_along(capture: Capture, request: Request, blur_pixels: tuple[float, float]) -> Estimate:
+    """Estimate r*r from groups of frames along a path whose error within a group blurs them."""
+    estimate = estimate_from_frames(capture, request)
+    if estimate.record is None or not any(blur_pixels):
+        return estimate
+    steps, patch = estimate.lag_grid.steps, estimate.record.grid.patch_shape
+    return include_transfer(estimate, gaussian_transfer(steps, patch, blur_pixels))
 
 
 def _groups(numbers: Sequence[int], size: int) -> list[range]:

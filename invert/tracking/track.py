@@ -10,7 +10,7 @@ import numpy as np
 
 from correlograph.files.figures import figure_as_html
 from invert.tracking.numbers import missing_frames
-from invert.tracking.smoothing import smooth
+from invert.tracking.smoothing import PathNoise, error_in_groups, smooth
 from invert.tracking.tables import save_table
 from invert.tracking.vibration import find_vibrations
 
@@ -38,6 +38,7 @@ class Track:
         interval_s: time between frames; None if unknown.
         others: tracks of further objects, the brightest first.
         bend_error_pixels: standard error of a second difference of the path by noise, (2,); zero if unknown.
+        reach: number of positions on each side that each was registered to.
         in_common: share of the power of the speckle that frames 1, 2, ... apart have in common by this object, (at most 16,); empty for a
             single object.
         stretch: standard deviation of what the illumination adds to a displacement of the speckle, in pixels (rows, columns) per metre
@@ -57,6 +58,7 @@ class Track:
     interval_s: float | None = None
     others: tuple[Track, ...] = ()
     bend_error_pixels: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    reach: int = 1
     in_common: np.ndarray = field(default_factory=lambda: np.zeros(0))
     stretch: np.ndarray | None = None
     fading: tuple[int, float] | None = None
@@ -88,7 +90,22 @@ class Track:
     @property
     def smooth_path_pixels(self) -> np.ndarray:
         """The path without what noise bends it by, (frames, 2). Vibrations below the noise are smoothed, too."""
-        return smooth(self.path_pixels, self.bend_error_pixels)
+        return smooth(self.path_pixels, self._noise)
+
+    def error_in_groups(self, size: int) -> tuple[float, float]:
+        """Return the rms standard error of the smoothed path about its means over groups of some frames, in pixels (rows, columns).
+
+        That of an approximate path is half of the error of the last position of a group from the first.
+        """
+        if not self.bend_error_pixels.any():
+            rows, columns = 0.5 * self.error_pixels[min(size, len(self.error_pixels)) - 1]
+            return float(rows), float(columns)
+        rows, columns = error_in_groups(self.path_pixels, self._noise, size)
+        return float(rows), float(columns)
+
+    @property
+    def _noise(self) -> PathNoise:
+        return PathNoise(self.bend_error_pixels, self.reach, self.frames_per_position)
 
     @property
     def step_pixels(self) -> np.ndarray:

@@ -8,7 +8,7 @@ from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import read_measurement
 from invert.pipeline import fulfil
 from invert.request import Request
-from invert.tracking.stabilise import _add, follow_travel, stabilise
+from invert.tracking.stabilise import _add, estimate_along, follow_travel, stabilise
 from invert.tracking.track import Track
 from invert.tracking.travel import find_travel, may_travel
 from tests.invert.field.speckle import expected_frame, letter, travelling_frames
@@ -129,3 +129,38 @@ def test_a_pattern_that_moves_to_and_fro_is_added_along_its_path(kind, seed):
     correlation, confidence = image([rng.poisson(light * one).astype(np.float32) for one in cropped])
     assert correlation > image([still])[0] - 0.12
     assert confidence == pytest.approx(correlation, abs=0.2)
+
+
+def test_the_error_of_a_path_blurs_the_speckle_of_its_groups(rng):
+    """Rigid speckle in groups of 16 frames along a path with white errors of 1.5 and 0.8 pixels: r*r falls as the blur by these says."""
+    frames, errors = 16, rng.normal(0.0, (1.5, 0.8), (64, 2))
+    wall = [expected_frame(letter(), (460, 520), PATCH, rng).astype(np.float32) for _ in range(4)]
+    sums = {}
+    for name, off in (("exact", np.zeros((64, 2))), ("wrong", np.rint(errors))):
+        added = [
+            sum(
+                one[60 + int(down) : 360 + int(down), 80 + int(right) : 400 + int(right)]
+                for down, right in off[frames * number : frames * (number + 1)]
+            )
+            for number, one in enumerate(wall)
+        ]
+        sums[name] = cg.Capture(added)
+    spread = tuple(float(one) for one in np.rint(errors).reshape(4, frames, 2).std(1).mean(0))
+    exact, blurred = (estimate_along(sums[name], Request(mean_model="pooled"), spread) for name in ("exact", "wrong"))
+    clear = (exact.transfer > 0.2) & (exact.transfer < 0.8) & (exact.values > 0.1 * exact.values.max())
+    ratio = (blurred.values / exact.values)[clear]
+    assert clear.sum() > 50
+    assert np.median(ratio / exact.transfer[clear]) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_a_path_that_turns_every_twelve_frames_is_followed_in_faint_light(seed):
+    """0.004 photoelectrons per pixel: within groups of 32 frames, the smoothed path is right to a pixel, and its error says so."""
+    rng, numbers = np.random.default_rng(seed), np.arange(96)
+    path = (np.abs((numbers + 12) % 24 - 12) - 12)[:, None] * np.array([1.2, -1.7])
+    frames = travelling_frames(letter(64, 28), (320, 360), 128, rng, path, 200.0)
+    track = cg.track(cg.Capture([rng.poisson(0.004 * frame).astype(np.float32) for frame in frames]))
+    away = (track.smooth_path_pixels - path).reshape(3, 32, 2)
+    found = float(np.hypot(*np.sqrt(away.var(1).mean(0))))
+    assert found < 1.6
+    assert found < 1.5 * np.hypot(*track.error_in_groups(32))
