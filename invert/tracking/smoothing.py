@@ -24,6 +24,9 @@ BESIDE, MAX_JUMPS = 5, 0.1
 MIN_NOISE = 1e-4
 """Least variance of a coefficient over that of the largest."""
 
+MOST_STEPS = 1024
+"""Number of steps from which spectra of longer paths are interpolated."""
+
 ROUNDS = 3
 
 
@@ -49,6 +52,8 @@ class PathNoise:
         """
         if not count:
             return np.zeros((0, 2))
+        if count > MOST_STEPS:
+            return _at_frequencies_of(count, self.of_steps(MOST_STEPS))
         steps, inside = np.diff(self._lines(count + 1), axis=0), slice(count // 4, count - count // 4)
         shape = self._over_pair(steps.T @ idct(np.eye(count), axis=0, norm="ortho"))
         of_bends = self._over_pair(np.diff(steps, axis=0)[inside].T)
@@ -87,13 +92,21 @@ def error_in_groups(path: np.ndarray, noise: PathNoise, size: int) -> np.ndarray
 
     Of each coefficient, the variance that is left is the part of the noise that the filter lets through.
     """
-    steps, count = np.diff(path, axis=0), len(path) - len(path) % size
-    places = np.cumsum(idct(np.eye(len(steps)), axis=0, norm="ortho"), 0)  # of the frames after the first, by each coefficient
-    places = np.concatenate([np.zeros((1, len(steps))), places])[:count].reshape(-1, size, len(steps))
-    spread = places.var(1).mean(0)
+    steps = np.diff(path, axis=0)
+    few = min(len(steps), MOST_STEPS)
+    places = np.cumsum(idct(np.eye(few), axis=0, norm="ortho"), 0)  # of the frames after the first, by each coefficient
+    places = np.concatenate([np.zeros((1, few)), places])[: (few + 1) // size * size].reshape(-1, size, few)
+    spread = _at_frequencies_of(len(steps), places.var(1).mean(0)) * few / len(steps)
     variances = noise.of_steps(len(steps)).T
     left = [spread @ (one * _smooth_steps(steps[:, axis], one)[1]) for axis, one in enumerate(variances)]
     return np.sqrt(left)
+
+
+def _at_frequencies_of(count: int, values: np.ndarray) -> np.ndarray:
+    """Return values (n, ...) at the frequencies of a cosine transform at those of one of a number of steps, (count, ...)."""
+    if count == len(values):
+        return values
+    return interp1d(np.arange(len(values)) / len(values), values, axis=0, fill_value="extrapolate")(np.arange(count) / count)
 
 
 def _smooth_steps(seen: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

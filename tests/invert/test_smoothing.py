@@ -106,3 +106,11 @@ def test_errors_in_groups_are_those_of_smoothed_paths():
         left.append(away.var(1).mean())
         expected.append((error_in_groups(seen, of_path, 16) ** 2).mean())
     assert np.sqrt(np.mean(left)) == pytest.approx(np.sqrt(np.mean(expected)), rel=0.2)
+
+
+def test_long_paths_have_the_noise_of_short_ones():
+    noise = PathNoise(np.ones(2), 6)
+    long, short = noise.of_steps(4000), noise.of_steps(1000)
+    np.testing.assert_allclose(long[4:3800:4], short[1:950], rtol=0.2)
+    path = np.cumsum(np.random.default_rng(3).standard_normal((4001, 2)), 0)
+    assert error_in_groups(path, noise, 8) == pytest.approx(error_in_groups(path[:1001], noise, 8), rel=0.1)
