@@ -24,7 +24,7 @@ BESIDE, MAX_JUMPS = 5, 0.1
 MIN_NOISE = 1e-4
 """Least variance of a coefficient over that of the largest."""
 
-MOST_STEPS = 1024
+MAX_STEPS = 1024
 """Number of steps from which spectra of longer paths are interpolated."""
 
 ROUNDS = 3
@@ -52,8 +52,8 @@ class PathNoise:
         """
         if not count:
             return np.zeros((0, 2))
-        if count > MOST_STEPS:
-            return _at_frequencies_of(count, self.of_steps(MOST_STEPS))
+        if count > MAX_STEPS:
+            return _at_frequencies_of(count, self.of_steps(MAX_STEPS))
         steps, inside = np.diff(self._lines(count + 1), axis=0), slice(count // 4, count - count // 4)
         shape = self._over_pair(steps.T @ idct(np.eye(count), axis=0, norm="ortho"))
         of_bends = self._over_pair(np.diff(steps, axis=0)[inside].T)
@@ -93,7 +93,7 @@ def error_in_groups(path: np.ndarray, noise: PathNoise, size: int) -> np.ndarray
     Of each coefficient, the variance that is left is the part of the noise that the filter lets through.
     """
     steps = np.diff(path, axis=0)
-    few = min(len(steps), MOST_STEPS)
+    few = min(len(steps), MAX_STEPS)
     places = np.cumsum(idct(np.eye(few), axis=0, norm="ortho"), 0)  # of the frames after the first, by each coefficient
     places = np.concatenate([np.zeros((1, few)), places])[: (few + 1) // size * size].reshape(-1, size, few)
     spread = _at_frequencies_of(len(steps), places.var(1).mean(0)) * few / len(steps)
