@@ -168,7 +168,8 @@ def prepare(capture: Capture, estimate: Estimate, albedo: np.ndarray, seed: int,
     assert estimate.record is not None
     shape, patch = (capture.frames[0].shape[0], capture.frames[0].shape[1]), estimate.record.grid.patch_shape
     grid = field_grid(shape, patch, bounding_box(albedo))
-    model = ForwardModel(grid, grid.transfer(capture.camera, estimate.blur_pixels or (0.0, 0.0)))
+    rows, columns = np.hypot(estimate.blur_pixels or (0.0, 0.0), estimate.path_blur_pixels)
+    model = ForwardModel(grid, grid.transfer(capture.camera, (float(rows), float(columns))))
     numbers = bright_frames(capture)
     first = [capture.frames[number] for number in numbers[:FRAMES_FOR_CALIBRATION]]
     gain = capture.file_metadata.gain_e

@@ -100,6 +100,8 @@ class Estimate:
         quantisation: step of an estimate stored as integers; 0 for floating-point values.
         transfer: H of the camera per lag (127, 127); None if the camera is unknown.
         blur_pixels: standard deviation (rows, columns) of a Gaussian blur that `transfer` contains; None if unknown.
+        path_blur_pixels: standard deviation (rows, columns) of the blur by the error of a path along which frames were added; `transfer`
+            contains it.
         pitches_m: object distance of one lag along rows and columns; None if the camera is unknown.
         frame: first frame of the capture, for the report; None for published estimates.
         record: origin of the estimate; None for published estimates.
@@ -113,6 +115,7 @@ class Estimate:
     quantisation: float = 0.0
     transfer: np.ndarray | None = None
     blur_pixels: tuple[float, float] | None = None
+    path_blur_pixels: tuple[float, float] = (0.0, 0.0)
     pitches_m: tuple[float, float] | None = None
     frame: np.ndarray | None = None
     record: EstimateRecord | None = None
@@ -272,12 +275,7 @@ def apply_blur_transfer(estimate: Estimate, blur_pixels: tuple[float, float]) ->
         raise InputError(
             "blur_pixels", "a blur that leaves light at lags next to zero", found, "correct the blur or focus the camera"
         )
-    return replace(include_transfer(estimate, blur), blur_pixels=blur_pixels)
-
-
-def include_transfer(estimate: Estimate, more: np.ndarray) -> Estimate:
-    """Include a further factor at each lag in the transfer of an estimate."""
-    return replace(estimate, transfer=more if estimate.transfer is None else estimate.transfer * more)
+    return replace(estimate, transfer=blur if estimate.transfer is None else estimate.transfer * blur, blur_pixels=blur_pixels)
 
 
 def camera_transfer(camera: CameraMetadata, grid: PatchGrid) -> np.ndarray | None:

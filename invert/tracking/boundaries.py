@@ -22,9 +22,6 @@ USUAL = 0.9
 BREAK_SIGMA = 8.0
 """Least significance of the usual likeness at which its absence is no noise: below three standard deviations once in 10^6 boundaries."""
 
-MIN_USUAL = 0.7
-"""Least usual likeness of sums that may break: of longer sums, whose illumination changes within, some have little in common anyway."""
-
 FALSE_ALARM = 0.01
 """Probability that noise alone looks like light that changes from frame to frame."""
 
@@ -68,7 +65,7 @@ class Boundaries(NamedTuple):
     @property
     def show_breaks(self) -> np.ndarray:
         """Whether each boundary would show that its sides share nothing, bool (frames - 1,)."""
-        return (self.usual > MIN_USUAL) & (self.usual * self.scale > BREAK_SIGMA)
+        return self.usual * self.scale > BREAK_SIGMA
 
     @property
     def is_continuous(self) -> bool:
@@ -100,12 +97,14 @@ def light_of_frames(spectra: np.ndarray, band: Band) -> np.ndarray:
     total = np.maximum(band.signal + band.floor, 1e-300)
     of_signal, of_floor = (band.counts * one / total**2 for one in (band.signal, band.floor))
     weights = of_signal - of_floor * (of_signal * band.floor).sum() / max(float((of_floor * band.floor).sum()), 1e-300)
-    full = max(float((weights * band.signal).sum()), 1e-300)
+    full = float((weights * band.signal).sum())
+    if full <= 0.0:  # speckle that looks like the floor
+        return np.ones(len(spectra))
 
     def powers(rows: slice) -> np.ndarray:
         return (np.abs(spectra[:, rows]) ** 2 * weights[rows].astype(np.float32)).sum((1, 2), np.float64)
 
-    found = (sum_over_rows(powers, spectra) - (weights * band.floor).sum()) / full
+    found = sum_over_rows(powers, spectra) / full
     noise = 2.0 * band.noise_gain * (weights**2 / np.maximum(band.counts, 1.0) * total**2).sum() / full**2
     variance, noisy = float(found.var(ddof=1)), chi2.isf(FALSE_ALARM, len(found) - 1) / (len(found) - 1)
     if noise > MAX_LIGHT_NOISE or variance < noise * noisy:
@@ -130,7 +129,13 @@ def _weight_of_sums(spectra: np.ndarray, band: Band, path: np.ndarray, group: in
     gain = float(np.clip(gain, 1.0, group))
     found = weight_of(replace(band, signal=gain * band.signal), 0.0)
     scale = gain * of_frame.full / found.full
-    return replace(found, values=scale * found.values, deviation=scale * found.deviation, full=of_frame.full)
+    return replace(
+        found,
+        values=scale * found.values,
+        slope_variance=scale**2 * found.slope_variance,
+        deviation=scale * found.deviation,
+        full=of_frame.full,
+    )
 
 
 def _sums(values: np.ndarray, group: int) -> tuple[np.ndarray, np.ndarray]:

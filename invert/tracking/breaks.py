@@ -28,6 +28,9 @@ BOUNDARIES_FOR_USUAL = 16
 MAX_SIGMA = 3.0
 """Significance of the likeness of clear frames below which they have nothing in common along a path."""
 
+MIN_USUAL = 0.7
+"""Least usual likeness of sums that may break: of longer sums, whose illumination changes within, some have little in common anyway."""
+
 GROUPS = (4, 8, 16)
 """Numbers of frames on each side of a boundary that are added where fewer are too dim."""
 
@@ -76,7 +79,7 @@ def follow_over_jumps(spectra: np.ndarray, band: Band, start: Start) -> Followed
             found = follow(spectra, band, replace(start, path=path))
     for group in groups:
         at_path = boundaries_along(spectra, band, found.path, group)
-        if at_path.show_breaks.mean() >= 0.5:
+        if at_path.usual > MIN_USUAL and at_path.show_breaks.mean() >= 0.5:
             _check_sums(at_path)
             break
     return found
@@ -95,6 +98,7 @@ def check_continuity(spectra: np.ndarray, band: Band, path: np.ndarray) -> None:
     else:
         several = double if double.is_clear else boundaries_along(spectra, band, path, 4)
         is_broken = several.are_clear & (several.alike < MAX_LOW * several.usual)
+        is_broken &= single.alike * single.scale < MAX_SIGMA
     if is_broken.any():
         raise _broken_after(int(np.argmax(is_broken)) + 1)
 

@@ -33,7 +33,7 @@ class Followed:
         power: power of its speckle, (R, C).
         significance: median significance of a group in its surroundings; 0 where none was measured.
         bend_error: standard error of a second difference of the path, (2,); zero for an approximate path.
-        reach: number of groups on each side that each was registered to.
+        noise: noise of the path; of variance zero for an approximate one.
         fading: mean square of the way from frame to frame over the square of that in which the likeness of frames falls to 1 / e; 0 if it
             is not measured.
         in_common: share of all power that frames 1, 2, ... apart have in common by one of several objects.
@@ -46,15 +46,10 @@ class Followed:
     power: np.ndarray
     significance: float = 0.0
     bend_error: np.ndarray = field(default_factory=lambda: np.zeros(2))
-    reach: int = 1
+    noise: PathNoise = field(default_factory=PathNoise)
     fading: float = 0.0
     in_common: np.ndarray = field(default_factory=lambda: np.zeros(0))
     shortened: float = 0.0
-
-    @property
-    def noise(self) -> PathNoise:
-        """Noise of the path."""
-        return PathNoise(self.bend_error, self.reach, self.frames_per_group)
 
 
 def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:
@@ -62,7 +57,7 @@ def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:
     best, length, longest = None, 1, 1
     while best is None or (best.significance < MIN_GROUP_SIGNIFICANCE and length <= longest):
         found = _follow_groups(spectra, band, start.path, length)
-        longest = found.reach if length == 1 else longest
+        longest = found.noise.reach if length == 1 else longest
         if best is None or found.significance > best.significance:
             best = found
         length *= 2
@@ -107,8 +102,9 @@ def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: in
     from_first = np.hypot(errors, errors[0])
     from_first[0] = 0.0
     # Between the middles of groups, the path is straight.
+    noise = PathNoise(of_pair, reach, length)
     bend_error = np.sqrt(of_pair * _bend_over_pair(reach) / (2.0 * length**3 if length > 1 else 1.0))
-    return Followed(found - found[0], from_first, length, band.signal, significance, bend_error, reach)
+    return Followed(found - found[0], from_first, length, band.signal, significance, bend_error, noise)
 
 
 def _bend_over_pair(reach: int) -> float:

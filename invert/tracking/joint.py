@@ -22,6 +22,7 @@ from invert.tracking.components import MAX_LAG, Components, unmix
 from invert.tracking.follow import Followed, approximate
 from invert.tracking.normal_equations import NormalEquations
 from invert.tracking.register import phase_walk
+from invert.tracking.smoothing import PathNoise
 from invert.tracking.start import Start, way_apart
 
 FIRST_FREQUENCIES = 4000
@@ -144,5 +145,7 @@ def _describe(band: Band, fit: Fit) -> list[Followed]:
         error = np.sqrt(band.noise_gain * variances[number] + phase_walk(path, fading, replace(band, signal=power)))
         bend_error = np.sqrt(band.noise_gain * bends[number])
         length = fit.equations.length
-        found.append(Followed(path, error, length, power, bend_error=bend_error, fading=fading, in_common=share))
+        noise = PathNoise(0.5 * bend_error**2)
+        described = Followed(path, error, length, power, bend_error=bend_error, noise=noise, fading=fading, in_common=share)
+        found.append(described)
     return found

@@ -89,7 +89,7 @@ def for_open_shutter(found: Followed, band: Band, share: float, gaps: np.ndarray
     gaps = np.ones(len(found.path) - 1) if gaps is None else gaps
     steps, ways = np.diff(found.path, axis=0), np.diff(smooth(found.path, found.noise), axis=0) / gaps[:, None]
     squares = (ways**2).sum(1)
-    squares = squares / max(float(squares.mean()), 1e-12) if found.bend_error.any() else np.ones(len(ways))
+    squares = squares / max(float(squares.mean()), 1e-12) if found.noise.of_pair.any() else np.ones(len(ways))
     # Weighted by their slopes, frequencies of a Gaussian band act like the one at the root of 3 times their rms.
     phase = 2.0 * np.pi * np.sqrt(3.0 * np.einsum("ni,ij,nj->n", ways, band.mean_squares, ways))
     usual = factor = shortening(np.array([found.fading]), np.array([np.sqrt((phase**2).mean())]), share)

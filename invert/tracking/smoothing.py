@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.fft import dct, idct
@@ -32,15 +32,15 @@ ROUNDS = 3
 
 @dataclass(frozen=True)
 class PathNoise:
-    """Noise of a path.
+    """Noise of a path whose positions were registered in pairs; white noise of the steps for a reach of 1.
 
     Attributes:
-        bend_error: standard error of a second difference, (2,) pixels, which is the root of 2 times that of a step if the noise is white.
+        of_pair: variance of the displacement of a pair, (2,) squared pixels.
         reach: number of positions on each side that each was registered to.
         length: number of frames in a group that has one position; the path is straight between their middles.
     """
 
-    bend_error: np.ndarray
+    of_pair: np.ndarray = field(default_factory=lambda: np.zeros(2))
     reach: int = 1
     length: int = 1
 
@@ -48,19 +48,15 @@ class PathNoise:
         """Return the variances of the coefficients of a cosine transform of steps, (count, 2).
 
         All pairs of positions within the reach are registered with the same variance. The displacements of the pairs then tell slow changes
-        best: far from the ends, the variance falls with frequency to that of a step over the sum of the squared distances of the pairs.
+        best: far from the ends, the variance falls with frequency to that of a pair over the sum of the squared distances of the pairs.
         """
         if not count:
             return np.zeros((0, 2))
         if count > MAX_STEPS:
             return _at_frequencies_of(count, self.of_steps(MAX_STEPS))
-        steps, inside = np.diff(self._lines(count + 1), axis=0), slice(count // 4, count - count // 4)
+        steps = np.diff(self._lines(count + 1), axis=0)
         shape = self._over_pair(steps.T @ idct(np.eye(count), axis=0, norm="ortho"))
-        of_bends = self._over_pair(np.diff(steps, axis=0)[inside].T)
-        of_bend = float(of_bends.mean()) if of_bends.size else 0.0
-        if of_bend < MIN_NOISE * shape.max():  # too few positions for a bend
-            return np.full((count, 2), np.maximum(0.5 * self.bend_error**2, 1e-12))
-        return np.maximum(np.maximum(shape, MIN_NOISE * shape.max())[:, None] * self.bend_error**2 / of_bend, 1e-12)
+        return np.maximum(np.maximum(shape, MIN_NOISE * shape.max())[:, None] * self.of_pair, 1e-12)
 
     def _over_pair(self, sums: np.ndarray) -> np.ndarray:
         """Return the variances of weighted sums of positions, weights (positions, n), over that of the displacement of a pair, (n,)."""
@@ -90,7 +86,7 @@ def smooth(path: np.ndarray, noise: PathNoise) -> np.ndarray:
 def error_in_groups(path: np.ndarray, noise: PathNoise, size: int) -> np.ndarray:
     """Return the rms standard error of the positions of a smoothed path (frames, 2) about the means of groups of some frames, (2,).
 
-    Of each coefficient, the variance that is left is the part of the noise that the filter lets through.
+    The variance that is left of a coefficient, given the path, is the variance of its noise times the part of it that the filter keeps.
     """
     steps = np.diff(path, axis=0)
     few = min(len(steps), MAX_STEPS)

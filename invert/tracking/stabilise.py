@@ -15,7 +15,8 @@ import numpy as np
 from correlograph.errors import InputError, memory_bytes
 from correlograph.files.capture import Capture
 from correlograph.lags import LAG_SIDE
-from invert.measure.estimate import Estimate, estimate_from_frames, include_transfer
+from invert.measure.contrast import Contrast, signal_sum
+from invert.measure.estimate import Estimate, estimate_from_frames
 from invert.measure.preparation import mean_frame
 from invert.measure.spectrum import read_measurement
 from invert.request import Request
@@ -137,7 +138,7 @@ def stabilise(capture: Capture, path: Track, least: int = MIN_GROUPS) -> Stabili
     some = range(first, min(count, first + FRAMES_FOR_SIZE))
     best, clearest, size = 1, -np.inf, 1
     while len(some) // size >= MIN_GROUPS and count // size >= least and size <= longest:
-        found = _detection(capture, pixels, _groups(some, size), path.error_in_groups(size))
+        found = _detection(capture, pixels, _groups(some, size))
         if found <= clearest:
             break
         best, clearest, size = size, found, 2 * size
@@ -150,13 +151,23 @@ def stabilise(capture: Capture, path: Track, least: int = MIN_GROUPS) -> Stabili
             best //= 2
     groups = _groups(range(count), best)
     middles = np.array([0.5 * (one[0] + one[-1]) for one in groups])
-    return Stabilised(added, best, middles, path.error_in_groups(best), Travel(path.step_pixels[None], path.share), path)
+    blur_pixels = _blur(path, groups) if best > 1 else (0.0, 0.0)
+    return Stabilised(added, best, middles, blur_pixels, Travel(path.step_pixels[None], path.share), path)
 
 
-def _detection(capture: Capture, path: np.ndarray, groups: Sequence[range], blur_pixels: tuple[float, float]) -> float:
-    """Return the significance of r*r from groups of frames, blurred by the error of the path, in standard deviations."""
+def _blur(path: Track, groups: Sequence[range]) -> tuple[float, float]:
+    """Return by what the error of a path and the rounding of displacements to whole pixels blur the sums of groups of frames."""
+    pixels = path.smooth_path_pixels
+    rounded = [(pixels[one] - pixels[one[len(one) // 2]]) % 1.0 for one in groups]
+    rounding = np.sqrt(np.mean([(one - np.rint(one)).var(0) for one in rounded], 0))
+    rows, columns = np.hypot(path.error_in_groups(len(groups[0])), rounding)
+    return float(rows), float(columns)
+
+
+def _detection(capture: Capture, path: np.ndarray, groups: Sequence[range]) -> float:
+    """Return the significance of r*r from groups of frames, in standard deviations."""
     try:
-        estimate = estimate_along(_add(capture, path, groups), Request(mean_model="pooled"), blur_pixels)
+        estimate = estimate_from_frames(_add(capture, path, groups), Request(mean_model="pooled"))
     except InputError:  # too small after the edges were cut off
         return -np.inf
     return read_measurement(estimate.values, estimate.quantisation, estimate.transfer).detection
@@ -167,8 +178,16 @@ def estimate_along(capture: Capture, request: Request, blur_pixels: tuple[float,
     estimate = estimate_from_frames(capture, request)
     if estimate.record is None or not any(blur_pixels):
         return estimate
-    steps, patch = estimate.lag_grid.steps, estimate.record.grid.patch_shape
-    return include_transfer(estimate, gaussian_transfer(steps, patch, blur_pixels))
+    blur = gaussian_transfer(estimate.lag_grid.steps, estimate.record.grid.patch_shape, blur_pixels)
+    transfer = blur if estimate.transfer is None else estimate.transfer * blur
+    record, before, after = (
+        estimate.record,
+        *(read_measurement(estimate.values, estimate.quantisation, one) for one in (estimate.transfer, transfer)),
+    )
+    if record.contrast is not None:
+        gain = signal_sum(after) / signal_sum(before)
+        record = replace(record, contrast=Contrast(gain * record.contrast.square, gain * record.contrast.error))
+    return replace(estimate, transfer=transfer, path_blur_pixels=blur_pixels, record=record)
 
 
 def _groups(numbers: Sequence[int], size: int) -> list[range]:

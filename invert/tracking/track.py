@@ -38,13 +38,14 @@ class Track:
         interval_s: time between frames; None if unknown.
         others: tracks of further objects, the brightest first.
         bend_error_pixels: standard error of a second difference of the path by noise, (2,); zero if unknown.
-        reach: number of positions on each side that each was registered to.
+        noise: noise of the path; of variance zero if unknown.
         in_common: share of the power of the speckle that frames 1, 2, ... apart have in common by this object, (at most 16,); empty for a
             single object.
         stretch: standard deviation of what the illumination adds to a displacement of the speckle, in pixels (rows, columns) per metre
             of the object's displacement, (2,); None if the geometry is unknown.
         fading: distance of frames, and part of what consecutive frames share that frames so far apart share along the path of a single
-            object; None if it leaves no room for another object, or three standard errors do.
+            object: the first power of two at which this is clearly less than half, or else the largest distance that is compared; None
+            if it leaves no room for another object, or three standard errors do.
         shortened: largest part by which the open shutter shortens a step; corrected, but not well if large.
         numbers: number of each frame from the first, (frames,), of which files may be missing; None if frames are counted.
     """
@@ -58,7 +59,7 @@ class Track:
     interval_s: float | None = None
     others: tuple[Track, ...] = ()
     bend_error_pixels: np.ndarray = field(default_factory=lambda: np.zeros(2))
-    reach: int = 1
+    noise: PathNoise = field(default_factory=PathNoise)
     in_common: np.ndarray = field(default_factory=lambda: np.zeros(0))
     stretch: np.ndarray | None = None
     fading: tuple[int, float] | None = None
@@ -90,22 +91,17 @@ class Track:
     @property
     def smooth_path_pixels(self) -> np.ndarray:
         """The path without what noise bends it by, (frames, 2). Vibrations below the noise are smoothed, too."""
-        return smooth(self.path_pixels, self._noise)
+        return smooth(self.path_pixels, self.noise)
 
     def error_in_groups(self, size: int) -> tuple[float, float]:
         """Return the rms standard error of the smoothed path about its means over groups of some frames, in pixels (rows, columns).
 
         That of an approximate path is half of the error of the last position of a group from the first.
         """
-        if not self.bend_error_pixels.any():
-            rows, columns = 0.5 * self.error_pixels[min(size, len(self.error_pixels)) - 1]
-            return float(rows), float(columns)
-        rows, columns = error_in_groups(self.path_pixels, self._noise, size)
+        size = min(size, len(self.path_pixels))
+        is_known = self.noise.of_pair.any()
+        rows, columns = error_in_groups(self.path_pixels, self.noise, size) if is_known else 0.5 * self.error_pixels[size - 1]
         return float(rows), float(columns)
-
-    @property
-    def _noise(self) -> PathNoise:
-        return PathNoise(self.bend_error_pixels, self.reach, self.frames_per_position)
 
     @property
     def step_pixels(self) -> np.ndarray:

@@ -88,7 +88,7 @@ def track(
             metres_per_pixel=lever,
             interval_s=interval_s,
             bend_error_pixels=opened.bend_error * binning,
-            reach=opened.reach,
+            noise=replace(opened.noise, of_pair=opened.noise.of_pair * binning**2),
             in_common=one.in_common,
             stretch=stretch,
             fading=fading_along(spectra, band, one.path) if is_alone else None,

@@ -67,6 +67,23 @@ def test_faint_light_on_a_changing_illumination_neither_jumps_nor_breaks():
         np.testing.assert_array_less(np.abs(found.path_pixels - path)[1:], 5.0 * found.error_pixels[1:])
 
 
+def test_one_faster_step_on_a_changing_illumination_is_no_break():
+    """100 photoelectrons per pixel; neighbours share 0.64 of their intensity, and less across a step 1.8 times as long."""
+    for seed in range(3):
+        rng, times = np.random.default_rng(seed), np.arange(24) + 0.8 * (np.arange(24) > 12)
+        values, vectors = np.linalg.eigh(np.exp(0.5 * np.log(0.64) * (times[:, None] - times) ** 2))
+        rows, columns = (np.fft.fftfreq(side) for side in (280, 300))
+        inside = (np.abs(rows[:, None]) < 0.12) & (np.abs(columns) < 0.07)
+        fresh = rng.normal(size=(24, inside.sum())) + 1j * rng.normal(size=(24, inside.sum()))
+        path, frames = times[:, None] * STEP, []
+        for light, place in zip((vectors * np.sqrt(np.maximum(values, 0.0))) @ fresh, path, strict=True):
+            field = np.zeros((280, 300), complex)
+            field[inside] = light * np.exp(-2j * np.pi * (rows[:, None] * place[0] + columns * place[1])[inside])
+            frames.append(np.abs(np.fft.ifft2(field))[:200, :220] ** 2)
+        frames = [rng.poisson(100.0 * one / np.mean(frames)).astype(np.float32) for one in frames]
+        assert np.abs(cg.track(cg.Capture(frames)).path_pixels - path).max() < 3.0
+
+
 def test_the_light_of_frames_is_that_of_their_speckle(rng):
     """Photons in frames are random; half of them in one frame, and twice as many in another, are not."""
     light = np.where(NUMBERS == 4, 0.5, 1.0) * np.where(NUMBERS == 9, 2.0, 1.0)

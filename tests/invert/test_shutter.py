@@ -8,6 +8,7 @@ import pytest
 from invert.tracking.band import Band
 from invert.tracking.follow import Followed
 from invert.tracking.shutter import for_open_shutter, shortening
+from invert.tracking.smoothing import PathNoise
 from radiometry.motion import airy
 
 
@@ -19,7 +20,7 @@ def narrow_band(frequency: float = 0.002) -> Band:
 def seen_path(steps: np.ndarray, factor: np.ndarray, fading: float) -> Followed:
     """A path whose steps (n, 2) appear shorter by a factor (n,)."""
     path = np.concatenate([np.zeros((1, 2)), np.cumsum(factor[:, None] * steps, 0)])
-    return Followed(path, np.zeros_like(path), 1, np.ones((2, 1)), fading=fading, bend_error=np.full(2, 1e-4))
+    return Followed(path, np.zeros_like(path), 1, np.ones((2, 1)), fading=fading, noise=PathNoise(np.full(2, 0.5e-8)))
 
 
 @pytest.mark.parametrize(("fading", "share"), [(0.1, 1.0), (0.5, 0.6), (0.9, 1.0)])

@@ -15,6 +15,7 @@ pytest.importorskip("mitsuba")
 import correlograph as cg
 from invert.track import main
 from invert.tracking.numbers import frame_numbers
+from invert.tracking.smoothing import PathNoise
 from invert.tracking.track import Track
 from invert.tracking.tracker import track
 from sim.rendering import render_geometry
@@ -270,9 +271,8 @@ def test_a_path_is_smoothed_only_where_noise_may_have_bent_it(rng):
     numbers = np.arange(200)[:, None]
     shaken = numbers * np.array([0.3, -0.2]) + np.sin(1.3 * numbers) * np.array([1.0, 0.0])
     noise = np.cumsum(0.05 * rng.standard_normal((200, 2)), 0)
-    bend_error = np.full(2, 0.05 * 2.0**0.5)
     path = shaken + noise - (shaken + noise)[0]
-    found = Track(path, np.ones((200, 2)), 50.0, 1.0, bend_error_pixels=bend_error).smooth_path_pixels
+    found = Track(path, np.ones((200, 2)), 50.0, 1.0, noise=PathNoise(np.full(2, 0.05**2))).smooth_path_pixels
     steps, true = np.diff(found, axis=0), np.diff(shaken, axis=0)
     assert np.abs(steps - true)[:, 0].std() < 0.06
     assert (steps - true)[:, 1].std() < 0.5 * np.diff(noise, axis=0)[:, 1].std()
