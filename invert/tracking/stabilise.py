@@ -35,6 +35,9 @@ FRAMES_FOR_SIZE = 64
 """Number of frames, in the middle of the capture, by which the size of a group is chosen."""
 
 
+MIN_BLUR = 0.01
+"""Largest part that the blur of a path takes from r*r at any lag, below which it is left out."""
+
 MIN_SIGMA = 3.0
 """Standard errors by which a pattern must have moved to be moved back."""
 
@@ -176,9 +179,11 @@ def _detection(capture: Capture, path: np.ndarray, groups: Sequence[range]) -> f
 def estimate_along(capture: Capture, request: Request, blur_pixels: tuple[float, float]) -> Estimate:
     """Estimate r*r from groups of frames along a path whose error within a group blurs them."""
     estimate = estimate_from_frames(capture, request)
-    if estimate.record is None or not any(blur_pixels):
+    if estimate.record is None:
         return estimate
     blur = gaussian_transfer(estimate.lag_grid.steps, estimate.record.grid.patch_shape, blur_pixels)
+    if blur.min() > 1.0 - MIN_BLUR:
+        return estimate
     transfer = blur if estimate.transfer is None else estimate.transfer * blur
     record, before, after = (
         estimate.record,
