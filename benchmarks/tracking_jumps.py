@@ -15,11 +15,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.fft import fftfreq, ifft2, next_fast_len
-from scipy.ndimage import map_coordinates
+from scipy.fft import ifft2
 
 import correlograph as cg
-from benchmarks.tracking_pairs import BORDER, draw_object
+from benchmarks.tracking_pairs import albedo_at, draw_object, frequencies_around
 
 MAX_SIGMA = 6.0
 """Stated errors by which a path may deviate from the true one."""
@@ -42,17 +41,14 @@ def draw(number: int) -> tuple[list[np.ndarray], np.ndarray, int | None, dict[st
         steps[jump - 1] += rng.uniform(-90.0, 90.0, 2)
     path, numbers = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, 0)]), np.arange(count)
 
-    sides = [next_fast_len(int(side) + BORDER) for side in shape]
-    frequencies = np.stack(np.meshgrid(*(fftfreq(side) for side in sides), indexing="ij"), -1)
-    albedo = draw_object(rng)
-    places = np.moveaxis(frequencies * grain + 0.5, -1, 0) * len(albedo)
-    albedo = map_coordinates(albedo.astype(np.float64), places, order=0, mode="constant")
+    frequencies = frequencies_around(shape)
+    albedo = albedo_at(draw_object(rng), frequencies * grain)
     lit = albedo > 0.0
     values, vectors = np.linalg.eigh(np.exp(-0.5 * fading * (numbers[:, None] - numbers) ** 2))
     fresh = rng.normal(size=(count, lit.sum())) + 1j * rng.normal(size=(count, lit.sum()))
     illumination = (vectors * np.sqrt(np.maximum(values, 0.0))) @ fresh
 
-    frames, field = [], np.zeros(sides, complex)
+    frames, field = [], np.zeros(albedo.shape, complex)
     for light, place in zip(illumination, path, strict=True):
         field[lit] = np.sqrt(albedo[lit]) * light * np.exp(-2j * np.pi * (frequencies[lit] @ place))
         frames.append(np.abs(ifft2(field)[: shape[0], : shape[1]]) ** 2)

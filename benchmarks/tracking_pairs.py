@@ -43,19 +43,27 @@ def draw_places(rng: np.random.Generator, objects: int) -> np.ndarray:
             return found
 
 
+def frequencies_around(shape: np.ndarray) -> np.ndarray:
+    """Return the frequencies (rows, columns, 2) in cycles per pixel of a pattern that is larger than a frame of a shape by a border."""
+    sides = [next_fast_len(int(side) + BORDER) for side in shape]
+    return np.stack(np.meshgrid(*(fftfreq(side) for side in sides), indexing="ij"), -1)
+
+
+def albedo_at(albedo: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Return an albedo (n, n) at places (..., 2) from -0.5 to 0.5 across it, zero beyond."""
+    return map_coordinates(albedo.astype(np.float64), np.moveaxis(places + 0.5, -1, 0) * len(albedo), order=0, mode="constant")
+
+
 def draw(number: int, objects: int) -> tuple[list[np.ndarray], np.ndarray, float]:
     """Return the frames of random scene `number`, the velocities of its objects in pixels of speckle per frame, (n, 2), and the width of a
     grain of all of them together."""
     rng = np.random.default_rng([number, objects, 4648])
     shape = rng.integers(*((260, 400) if number % 2 else (420, 700)), 2)
     grain, light, count = rng.uniform(2.2, 5.0), 10.0 ** rng.uniform(-0.3, 1.0), int(rng.integers(24, 64))
-    sides = [next_fast_len(int(side) + BORDER) for side in shape]
-    frequencies = np.stack(np.meshgrid(*(fftfreq(side) for side in sides), indexing="ij"), -1)
-    fields = []
+    frequencies, fields = frequencies_around(shape), []
+    sides = frequencies.shape[:2]
     for row, column, side in draw_places(rng, objects):
-        albedo = draw_object(rng)
-        places = np.moveaxis((frequencies * grain - (row, column)) / side + 0.5, -1, 0) * len(albedo)
-        albedo = map_coordinates(albedo.astype(np.float64), places, order=0, mode="constant")
+        albedo = albedo_at(draw_object(rng), (frequencies * grain - (row, column)) / side)
         field = np.sqrt(albedo) * (rng.normal(size=sides) + 1j * rng.normal(size=sides))
         fields.append(field / np.linalg.norm(field) * np.sqrt(rng.uniform(0.35, 1.0)))
     velocities = rng.normal(size=(objects, 2)) * rng.uniform(0.1, 1.2, (objects, 1))

@@ -73,15 +73,15 @@ class Boundaries(NamedTuple):
         return self.is_clear and float(self.alike.min()) >= MAX_LOW * self.usual
 
 
-def boundaries_along(spectra: np.ndarray, band: Band, path: np.ndarray, group: int) -> Boundaries:
-    """Return the likeness of the `group` frames before and after each boundary along a path."""
+def boundaries_along(spectra: np.ndarray, band: Band, light: np.ndarray, path: np.ndarray, group: int) -> Boundaries:
+    """Return the likeness of the `group` frames before and after each boundary along a path; see `light_of_frames`."""
     weight = _weight_of_sums(spectra, band, path, group)
 
     def measure(rows: slice) -> np.ndarray:
         before, after = _sums(move_back(spectra[:, rows], band.part(rows), path), group)
         return np.vecdot(before * weight.values[rows].astype(np.float32), after).real.sum(1).astype(np.float64)
 
-    before, after = _sums(light_of_frames(spectra, band)[:, None], group)
+    before, after = _sums(light[:, None], group)
     counts = _sums(np.ones((len(path), 1)), group)
     overlap = np.maximum(overlap_share(np.diff(path, axis=0), band), MIN_LIGHT)
     expected = weight.full * (before * after)[:, 0] * overlap

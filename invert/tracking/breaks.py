@@ -7,12 +7,13 @@ dim, `follow_over_jumps` compares sums of frames on both sides of a boundary, mo
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from correlograph.errors import InputError
 from invert.tracking.band import Band
-from invert.tracking.boundaries import MAX_LOW, MIN_HIGH, MIN_LIGHT, Boundaries, boundaries_along
+from invert.tracking.boundaries import MAX_LOW, MIN_HIGH, MIN_LIGHT, Boundaries, boundaries_along, light_of_frames
 from invert.tracking.follow import Followed, follow
 from invert.tracking.maxima import highest
 from invert.tracking.parts import on_all_cores
@@ -42,7 +43,7 @@ APART_GRAINS = 3.0
 
 def mend(spectra: np.ndarray, band: Band, start: Start) -> Start:
     """Return an object with the jumps of its path from one frame to the next, from spectra (frames, R, C)."""
-    at_path = boundaries_along(spectra, band, start.path, 1)
+    at_path = boundaries_along(spectra, band, light_of_frames(spectra, band), start.path, 1)
     if at_path.is_continuous:
         return replace(start, is_continuous=True)
     where, jumps, _ = _jumps(spectra, band, start.path, at_path)
@@ -63,10 +64,11 @@ def follow_over_jumps(spectra: np.ndarray, band: Band, start: Start) -> Followed
     found = follow(spectra, band, start)
     if start.is_continuous or not found.significance:
         return found
+    along = partial(boundaries_along, spectra, band, light_of_frames(spectra, band))
     groups = [one for one in GROUPS if 4 * one <= len(spectra)]
     for group in groups:
         for _ in range(ROUNDS):
-            at_path = boundaries_along(spectra, band, found.path, group)
+            at_path = along(found.path, group)
             if at_path.is_continuous:
                 return found
             where, jumps, heights = _jumps(spectra, band, found.path, at_path)
@@ -78,7 +80,7 @@ def follow_over_jumps(spectra: np.ndarray, band: Band, start: Start) -> Followed
             path = _jump(found.path, where[far][chosen], jumps[far][chosen])
             found = follow(spectra, band, replace(start, path=path))
     for group in groups:
-        at_path = boundaries_along(spectra, band, found.path, group)
+        at_path = along(found.path, group)
         if at_path.usual > MIN_USUAL and at_path.show_breaks.mean() >= 0.5:
             _check_sums(at_path)
             break
@@ -91,12 +93,13 @@ def check_continuity(spectra: np.ndarray, band: Band, path: np.ndarray) -> None:
     each side are compared; the path is then that at which they seem to have most in common by noise."""
     if len(path) < 4:
         return
-    single, double = (boundaries_along(spectra, band, path, group) for group in (1, 2))
+    along = partial(boundaries_along, spectra, band, light_of_frames(spectra, band), path)
+    single, double = along(1), along(2)
     if single.show_breaks.mean() >= 0.5:
         is_broken = np.maximum(single.alike * single.scale, double.alike * double.scale) < MAX_SIGMA
         is_broken &= single.show_breaks
     else:
-        several = double if double.is_clear else boundaries_along(spectra, band, path, 4)
+        several = double if double.is_clear else along(4)
         is_broken = several.are_clear & (several.alike < MAX_LOW * several.usual)
         is_broken &= single.alike * single.scale < MAX_SIGMA
     if is_broken.any():

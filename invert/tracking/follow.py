@@ -32,7 +32,6 @@ class Followed:
         frames_per_group: number of frames that were registered together, or distance of positions between which the path is straight.
         power: power of its speckle, (R, C).
         significance: median significance of a group in its surroundings; 0 where none was measured.
-        bend_error: standard error of a second difference of the path, (2,); zero for an approximate path.
         noise: noise of the path; of variance zero for an approximate one.
         fading: mean square of the way from frame to frame over the square of that in which the likeness of frames falls to 1 / e; 0 if it
             is not measured.
@@ -45,7 +44,6 @@ class Followed:
     frames_per_group: int
     power: np.ndarray
     significance: float = 0.0
-    bend_error: np.ndarray = field(default_factory=lambda: np.zeros(2))
     noise: PathNoise = field(default_factory=PathNoise)
     fading: float = 0.0
     in_common: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -101,20 +99,8 @@ def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: in
     errors = np.stack([np.interp(numbers, middles, error[:, axis]) for axis in (0, 1)], 1)
     from_first = np.hypot(errors, errors[0])
     from_first[0] = 0.0
-    # Between the middles of groups, the path is straight.
     noise = PathNoise(of_pair, reach, length)
-    bend_error = np.sqrt(of_pair * _bend_over_pair(reach) / (2.0 * length**3 if length > 1 else 1.0))
-    return Followed(found - found[0], from_first, length, band.signal, significance, bend_error, noise)
-
-
-def _bend_over_pair(reach: int) -> float:
-    """Return the variance of a second difference of positions over that of the displacement of a pair, far from the ends."""
-    count = 6 * reach + 3
-    apart = np.abs(np.arange(count)[:, None] - np.arange(count))
-    joined = ((apart > 0) & (apart <= reach)).astype(float)
-    bend = np.zeros(count)
-    bend[count // 2 - 1 : count // 2 + 2] = 1.0, -2.0, 1.0
-    return float(bend @ np.linalg.pinv(np.diag(joined.sum(0)) - joined) @ bend)
+    return Followed(found - found[0], from_first, length, band.signal, significance, noise)
 
 
 def _interpolate(at: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -143,9 +143,7 @@ def _describe(band: Band, fit: Fit) -> list[Followed]:
         path, power = fit.paths[number] - fit.paths[number, 0], components.powers[number]
         fading = float(components.fading[number])
         error = np.sqrt(band.noise_gain * variances[number] + phase_walk(path, fading, replace(band, signal=power)))
-        bend_error = np.sqrt(band.noise_gain * bends[number])
         length = fit.equations.length
-        noise = PathNoise(0.5 * bend_error**2)
-        described = Followed(path, error, length, power, bend_error=bend_error, noise=noise, fading=fading, in_common=share)
-        found.append(described)
+        noise = PathNoise(0.5 * band.noise_gain * bends[number])  # white
+        found.append(Followed(path, error, length, power, noise=noise, fading=fading, in_common=share))
     return found

@@ -65,9 +65,9 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
     some = np.s_[middle : middle + FRAMES_FOR_NUMBER]
     lags = _lags_for_others(alone.path[some], spectra[some], band)
     found = _pursue(spectra[some], band, lags, replace(alone, path=alone.path[some])) if lags else [alone]
-    if len(spectra) > FRAMES_FOR_NUMBER and not _is_alone(found):
+    if len(spectra) > FRAMES_FOR_NUMBER and not is_alone(found):
         found = _pursue(spectra, band, lags, alone)
-    if not _is_alone(found):
+    if not is_alone(found):
         return found
     if not _persists(alone, spectra, band):
         expected, remedy = "speckle that moves as a whole", "keep the laser and the camera at rest"
@@ -143,7 +143,7 @@ def _pursue(spectra: np.ndarray, band: Band, lags: Sequence[int], alone: Start) 
     while (best := candidates.best_beside(known)) is not None:
         known = candidates.exchange([*known, best])
         objects = candidates.objects(known)
-        if len(objects) > 1 or objects[0].lag > 1:  # the exact path of a single object by consecutive frames is known
+        if not is_alone(objects):  # the exact path of a single object by consecutive frames is known
             followed = follow_several(spectra, band, objects)
             candidates.add(replace(one, path=exact.path) for one, exact in zip(objects, followed, strict=True))
             known = candidates.exchange(known)
@@ -163,7 +163,7 @@ def _sought(spectra: np.ndarray, band: Band, lag: int) -> list[Start]:
     return [one for length in lengths for one in paths_at(spectra, band, lag, length)[0]]
 
 
-def _is_alone(found: Sequence[Start]) -> bool:
+def is_alone(found: Sequence[Start]) -> bool:
     """Return whether the only object is the one by consecutive frames."""
     return len(found) == 1 and found[0].lag == 1
 

@@ -44,6 +44,16 @@ class PathNoise:
     reach: int = 1
     length: int = 1
 
+    @property
+    def bend_error(self) -> np.ndarray:
+        """Standard error of a second difference of positions in consecutive frames, far from the ends, (2,)."""
+        count = 6 * self.reach + 3
+        bend = np.zeros((count, 1))
+        bend[count // 2 - 1 : count // 2 + 2, 0] = 1.0, -2.0, 1.0
+        # A straight path bends once per group, by a step over its length, which is spread over two frames.
+        bends = 2.0 * self.length**3 if self.length > 1 else 1.0
+        return np.sqrt(self.of_pair * self._over_pair(bend) / bends)
+
     def of_steps(self, count: int) -> np.ndarray:
         """Return the variances of the coefficients of a cosine transform of steps, (count, 2).
 

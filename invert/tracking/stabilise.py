@@ -34,7 +34,6 @@ MIN_GROUPS = 2
 FRAMES_FOR_SIZE = 64
 """Number of frames, in the middle of the capture, by which the size of a group is chosen."""
 
-
 MIN_BLUR = 0.01
 """Largest part that the blur of a path takes from r*r at any lag, below which it is left out."""
 
@@ -53,27 +52,26 @@ class Stabilised:
         capture: one frame for each group.
         size: number of frames in a group.
         middle_frame: number of the frame in the middle of each group, (groups,).
-        blur_pixels: standard error of the path within a group, which blurs its speckle, (rows, columns).
         travel: mean displacement from frame to frame, of each object; None if the speckle does not travel.
         track: path of the object; None if none was found. The first of several objects holds the others; frames then follow none.
         obstacle: why a speckle that travels could not be followed.
+        blur_pixels: standard deviation of the blur of a group by the error of the path and by whole pixels, (rows, columns).
     """
 
     capture: Capture
     size: int
     middle_frame: np.ndarray
-    blur_pixels: tuple[float, float] = (0.0, 0.0)
     travel: Travel | None = None
     track: Track | None = None
     obstacle: str = ""
+    blur_pixels: tuple[float, float] = (0.0, 0.0)
 
     @classmethod
     def at_rest(
         cls, capture: Capture, travel: Travel | None = None, track: Track | None = None, obstacle: str = ""
     ) -> Stabilised:
         """Return the frames as they are."""
-        numbers = np.arange(float(len(capture.frames)))
-        return cls(capture, 1, numbers, travel=travel, track=track, obstacle=obstacle)
+        return cls(capture, 1, np.arange(float(len(capture.frames))), travel, track, obstacle)
 
     @property
     def objects(self) -> tuple[Track, ...]:
@@ -154,17 +152,15 @@ def stabilise(capture: Capture, path: Track, least: int = MIN_GROUPS) -> Stabili
             best //= 2
     groups = _groups(range(count), best)
     middles = np.array([0.5 * (one[0] + one[-1]) for one in groups])
-    blur_pixels = _blur(path, groups) if best > 1 else (0.0, 0.0)
-    return Stabilised(added, best, middles, blur_pixels, Travel(path.step_pixels[None], path.share), path)
+    rows, columns = np.hypot(path.error_in_groups(best), _rounding(pixels, groups)) if best > 1 else (0.0, 0.0)
+    travel = Travel(path.step_pixels[None], path.share)
+    return Stabilised(added, best, middles, travel, path, blur_pixels=(float(rows), float(columns)))
 
 
-def _blur(path: Track, groups: Sequence[range]) -> tuple[float, float]:
-    """Return by what the error of a path and the rounding of displacements to whole pixels blur the sums of groups of frames."""
-    pixels = path.smooth_path_pixels
-    rounded = [(pixels[one] - pixels[one[len(one) // 2]]) % 1.0 for one in groups]
-    rounding = np.sqrt(np.mean([(one - np.rint(one)).var(0) for one in rounded], 0))
-    rows, columns = np.hypot(path.error_in_groups(len(groups[0])), rounding)
-    return float(rows), float(columns)
+def _rounding(path: np.ndarray, groups: Sequence[range]) -> np.ndarray:
+    """Return the rms of what moving groups of frames by whole pixels leaves of a path (frames, 2), (2,)."""
+    moves = [path[one] - path[one[len(one) // 2]] for one in groups]
+    return np.sqrt(np.mean([(one - np.rint(one)).var(0) for one in moves], 0))
 
 
 def _detection(capture: Capture, path: np.ndarray, groups: Sequence[range]) -> float:
@@ -185,13 +181,11 @@ def estimate_along(capture: Capture, request: Request, blur_pixels: tuple[float,
     if blur.min() > 1.0 - MIN_BLUR:
         return estimate
     transfer = blur if estimate.transfer is None else estimate.transfer * blur
-    record, before, after = (
-        estimate.record,
-        *(read_measurement(estimate.values, estimate.quantisation, one) for one in (estimate.transfer, transfer)),
-    )
-    if record.contrast is not None:
-        gain = signal_sum(after) / signal_sum(before)
-        record = replace(record, contrast=Contrast(gain * record.contrast.square, gain * record.contrast.error))
+    record, contrast = estimate.record, estimate.record.contrast
+    if contrast is not None:
+        before, after = (signal_sum(read_measurement(estimate.values, transfer=one)) for one in (estimate.transfer, transfer))
+        gain = after / before
+        record = replace(record, contrast=Contrast(gain * contrast.square, gain * contrast.error))
     return replace(estimate, transfer=transfer, path_blur_pixels=blur_pixels, record=record)
 
 

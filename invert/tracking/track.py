@@ -37,7 +37,6 @@ class Track:
         metres_per_pixel: displacement of the object (rows, columns) per pixel of its speckle, (2, 2); None if its geometry is unknown.
         interval_s: time between frames; None if unknown.
         others: tracks of further objects, the brightest first.
-        bend_error_pixels: standard error of a second difference of the path by noise, (2,); zero if unknown.
         noise: noise of the path; of variance zero if unknown.
         in_common: share of the power of the speckle that frames 1, 2, ... apart have in common by this object, (at most 16,); empty for a
             single object.
@@ -58,7 +57,6 @@ class Track:
     metres_per_pixel: np.ndarray | None = None
     interval_s: float | None = None
     others: tuple[Track, ...] = ()
-    bend_error_pixels: np.ndarray = field(default_factory=lambda: np.zeros(2))
     noise: PathNoise = field(default_factory=PathNoise)
     in_common: np.ndarray = field(default_factory=lambda: np.zeros(0))
     stretch: np.ndarray | None = None
@@ -87,6 +85,11 @@ class Track:
                 "or several objects have not moved apart by a grain of their speckle, and this path lies between theirs"
             )
         return tuple(doubts)
+
+    @property
+    def bend_error_pixels(self) -> np.ndarray:
+        """Standard error of a second difference of the path by noise, (2,); zero if unknown."""
+        return self.noise.bend_error
 
     @property
     def smooth_path_pixels(self) -> np.ndarray:

@@ -16,7 +16,7 @@ from invert.tracking.band import Band
 from invert.tracking.breaks import check_continuity, follow_over_jumps
 from invert.tracking.joint import follow_several
 from invert.tracking.numbers import frame_numbers
-from invert.tracking.pursuit import fading_along, find_objects
+from invert.tracking.pursuit import fading_along, find_objects, is_alone
 from invert.tracking.shutter import fading_along_steps, for_open_shutter
 from invert.tracking.spectra import Reader
 from invert.tracking.tables import check_frames, exposure_of
@@ -68,14 +68,14 @@ def track(
     starts = find_objects(spectra, band)
     for one in starts:
         _check_steps(one.path, band)
-    is_alone = len(starts) == 1 and starts[0].lag == 1
-    followed = [follow_over_jumps(spectra, band, starts[0])] if is_alone else follow_several(spectra, band, starts)
+    alone = is_alone(starts)
+    followed = [follow_over_jumps(spectra, band, starts[0])] if alone else follow_several(spectra, band, starts)
     if len(starts) == 1 and not starts[0].is_continuous:
         check_continuity(spectra, band, followed[0].path)
     open_share, tracks = _open_share(capture, interval_s), []
     for start, one in zip(starts, followed, strict=True):
         its_band = replace(band, signal=one.power)
-        if is_alone and open_share and one.significance:
+        if alone and open_share and one.significance:
             one = replace(one, fading=fading_along_steps(spectra, band, one.path, open_share))
         opened = for_open_shutter(one, its_band, open_share, np.diff(numbers))
         stretch = None if lever is None else stretch_by_illumination(its_band, capture.camera, binning)
@@ -87,11 +87,10 @@ def track(
             frames_per_position=opened.frames_per_group,
             metres_per_pixel=lever,
             interval_s=interval_s,
-            bend_error_pixels=opened.bend_error * binning,
             noise=replace(opened.noise, of_pair=opened.noise.of_pair * binning**2),
             in_common=one.in_common,
             stretch=stretch,
-            fading=fading_along(spectra, band, one.path) if is_alone else None,
+            fading=fading_along(spectra, band, one.path) if alone else None,
             shortened=opened.shortened,
             numbers=numbers,
         )

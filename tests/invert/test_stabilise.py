@@ -133,19 +133,19 @@ def test_a_pattern_that_moves_to_and_fro_is_added_along_its_path(kind, seed):
 
 def test_the_error_of_a_path_blurs_the_speckle_of_its_groups(rng):
     """Rigid speckle in groups of 16 frames along a path with white errors of 1.5 and 0.8 pixels: r*r falls as the blur by these says."""
-    frames, errors = 16, rng.normal(0.0, (1.5, 0.8), (64, 2))
+    frames, errors = 16, np.rint(rng.normal(0.0, (1.5, 0.8), (64, 2))).astype(int)
     wall = [expected_frame(letter(), (460, 520), PATCH, rng).astype(np.float32) for _ in range(4)]
     sums = {}
-    for name, off in (("exact", np.zeros((64, 2))), ("wrong", np.rint(errors))):
+    for name, off in (("exact", np.zeros_like(errors)), ("wrong", errors)):
         added = [
             sum(
-                one[60 + int(down) : 360 + int(down), 80 + int(right) : 400 + int(right)]
+                one[60 + down : 360 + down, 80 + right : 400 + right]
                 for down, right in off[frames * number : frames * (number + 1)]
             )
             for number, one in enumerate(wall)
         ]
         sums[name] = cg.Capture(added)
-    spread = tuple(float(one) for one in np.rint(errors).reshape(4, frames, 2).std(1).mean(0))
+    spread = tuple(float(one) for one in errors.reshape(4, frames, 2).std(1).mean(0))
     exact, blurred = (estimate_along(sums[name], Request(mean_model="pooled"), spread) for name in ("exact", "wrong"))
     clear = (exact.transfer > 0.2) & (exact.transfer < 0.8) & (exact.values > 0.1 * exact.values.max())
     ratio = (blurred.values / exact.values)[clear]

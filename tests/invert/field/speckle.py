@@ -56,3 +56,22 @@ def travelling_fields(
         field = finufft.nufft2d1(turns[0], turns[1], size * light * np.exp(-1j * (place @ turns)), shape, eps=1e-6)
         fields.append(field / np.sqrt((size**2).sum()))
     return fields
+
+
+def fading_frames(
+    rng: np.random.Generator, times: np.ndarray, step: np.ndarray, fading: float, light: float
+) -> list[np.ndarray]:
+    """Return frames (260, 300), with a mean of `light` photoelectrons, of speckle that travels by a step (2,) per unit of time, and whose
+    intensities a time t apart correlate by exp(-fading t^2)."""
+    sides = (320, 360)
+    values, vectors = np.linalg.eigh(np.exp(-0.5 * fading * (times[:, None] - times) ** 2))
+    rows, columns = (np.fft.fftfreq(side) for side in sides)
+    inside = (np.abs(rows[:, None]) < 0.12) & (np.abs(columns) < 0.07)
+    fresh = rng.normal(size=(len(times), inside.sum())) + 1j * rng.normal(size=(len(times), inside.sum()))
+    turn = (rows[:, None] * step[0] + columns * step[1])[inside]
+    frames = []
+    for when, amplitudes in zip(times, (vectors * np.sqrt(np.maximum(values, 0.0))) @ fresh, strict=True):
+        field = np.zeros(sides, complex)
+        field[inside] = amplitudes * np.exp(-2j * np.pi * when * turn)
+        frames.append(np.abs(np.fft.ifft2(field))[:260, :300] ** 2)
+    return [rng.poisson(light * one / np.mean(frames)).astype(np.float32) for one in frames]
