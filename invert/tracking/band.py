@@ -82,6 +82,11 @@ class Band:
         return float(np.prod([(one**4).mean() / (one**2).mean() ** 2 for one in windows]))
 
     @property
+    def is_dim(self) -> bool:
+        """Whether the speckle is at no frequency above the noise."""
+        return bool((self.signal <= self.floor).all())
+
+    @property
     def needs_wider_taper(self) -> bool:
         """Whether the window falls over too few grains, and can fall over more."""
         radii = 1.0 / (2.0 * np.pi * np.sqrt(self.mean_squares.diagonal()))

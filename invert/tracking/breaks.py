@@ -136,7 +136,8 @@ def _jumps(spectra: np.ndarray, band: Band, path: np.ndarray, at_path: Boundarie
     some = np.unique(np.linspace(0, len(steps) - 1, BOUNDARIES_FOR_USUAL).astype(int))
     most = np.maximum(at_path.alike[some], look(some)[:, 2])
     usual = max(at_path.usual, np.quantile(most, USUAL_OF_SOME))
-    low = np.flatnonzero(at_path.alike < MAX_LOW * usual)
+    # Where even sides that share all their speckle are not significant, the highest of all displacements is noise.
+    low = np.flatnonzero((at_path.alike < MAX_LOW * usual) & (min(usual, 1.0) * at_path.scale > MIN_SIGNIFICANCE))
     found = look(low)
     is_jump = (found[:, 2] > MIN_HIGH * usual) & (found[:, 3] > MIN_SIGNIFICANCE)
     return low[is_jump], found[is_jump, :2], found[is_jump, 2]

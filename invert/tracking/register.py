@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.fft import irfft2
 from scipy.linalg import solveh_banded
 from scipy.special import erf
 
@@ -18,6 +19,9 @@ MIN_LIKENESS = 0.6
 
 PAIRS = 48
 """Pairs of groups from which a likeness is measured."""
+
+PATTERNS = 8
+"""Number of patterns from which the noise of their bright spots is measured."""
 
 WINDOW_ERROR = 0.35
 """Relative error of what the window draws paths by, where grains are large in a frame (docs/tracking.md, "Limits")."""
@@ -50,6 +54,7 @@ def register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndarr
         if np.abs(np.diff(correction, axis=0)).max() < CONVERGED_GRAINS * band.grain_pixels:
             break
     of_pair = np.diag(inverse @ weight.slope_variance @ inverse) / usual
+    of_pair = of_pair * (1.0 + _excess_of_bright_spots(sums, band, places, reach, weight))
     variance = of_pair / pairs[:, None]
     # Over distances beyond the reach, errors add up like resistances of a chain in which each member is joined to its neighbours.
     walked = numbers[:, None] / np.sum(np.arange(1.0, reach + 1.0) ** 2) * of_pair
@@ -76,6 +81,35 @@ def _pull_of_surroundings(sums: np.ndarray, band: Band, places: np.ndarray, reac
         return moments(around.conj() * moved * values.astype(np.float32), part, np.zeros((count, 2)))
 
     return sum_over_rows(pull, sums)
+
+
+def _excess_of_bright_spots(sums: np.ndarray, band: Band, places: np.ndarray, reach: int, weight: Weight) -> np.ndarray:
+    """Return what is added to the variance of a registration, over that of noise which is the same everywhere, (2,).
+
+    The noise of photons goes with the light, and the slopes of the pattern, which tell its place, are largest where it is bright. The
+    speckle is taken to be fully developed.
+    """
+    count, (height, width) = len(sums), band.shape
+    kept = np.round(band.rows * height).astype(int)
+    turns = np.broadcast_to(band.rows[:, None], band.signal.shape), np.broadcast_to(band.columns, band.signal.shape)
+
+    def image(spectrum: np.ndarray) -> np.ndarray:
+        whole = np.zeros((height, width // 2 + 1), np.complex64)
+        whole[kept, : len(band.columns)] = np.where(band.counts > 0.0, spectrum, 0.0)
+        return irfft2(whole, s=band.shape)
+
+    found = []
+    for middle in np.unique(np.linspace(0, count - 1, PATTERNS).astype(int)):
+        first, last = max(0, middle - reach), min(count, middle + reach + 1)
+        signal, floor = (last - first) * band.signal, np.broadcast_to(band.floor, band.signal.shape)
+        total = move_back(sums[first:last], band, places[first:last] - places[middle]).sum(0)
+        light = image(total * signal / (signal + floor))  # of all; the rest is noise of the sum
+        each = weight.values / np.maximum(band.counts, 1.0)
+        squares = np.array([(image(1j * turn * total * each) ** 2).ravel() for turn in turns])
+        known = np.array([(band.counts * (each * turn) ** 2 * signal).sum() for turn in turns])
+        part = known / (known + np.array([(band.counts * (each * turn) ** 2 * floor).sum() for turn in turns]))
+        found.append(part * (squares @ light.ravel()) / np.maximum(light.std() * squares.sum(1), 1e-300))
+    return np.maximum(np.mean(found, 0), 0.0)
 
 
 def _pull_of_windows(places: np.ndarray, band: Band, alike: np.ndarray) -> np.ndarray:

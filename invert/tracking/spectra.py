@@ -18,8 +18,8 @@ from scipy.signal.windows import tukey
 from invert.tracking.band import TAPER, Band
 from invert.tracking.parts import on_all_cores
 
-FRAMES_FOR_POWER = 32
-"""Number of frames from which the power spectrum is measured."""
+FRAMES_FOR_POWER, DIM_FRAMES_FOR_POWER = 32, 256
+"""Number of frames from which the power spectrum is measured, and of those whose speckle is nowhere above the noise."""
 
 SMOOTHING = (9, 27, 81)
 """Sides of the window, in frequencies, over which the mean power spectrum is smoothed; the smallest that shows the speckle is used."""
@@ -75,14 +75,18 @@ class Reader:
     def band(self, frames: Sequence[np.ndarray]) -> Band | None:
         """Return the band of the speckle, from the first frames; None if they show none."""
         first, taper = frames[:FRAMES_FOR_POWER], TAPER
-        while (band := self._band(first, taper)) is not None and band.needs_wider_taper:
+        band = self._band(first, taper)
+        if (band is None or band.is_dim) and len(frames) > len(first):
+            first = frames[:DIM_FRAMES_FOR_POWER]
+            band = self._band(first, taper)
+        while band is not None and band.needs_wider_taper:
             taper = 2.0 * taper
+            band = self._band(first, taper)
         return band
 
     def _band(self, first: Sequence[np.ndarray], taper: float) -> Band | None:
         """Return the band of frames through a window."""
-        powers = np.array(on_all_cores(lambda frame: np.abs(self.whole(frame, taper)) ** 2, first))
-        power = np.tensordot(brightness_limits(powers) ** 2, powers, 1).astype(np.float64) / len(powers)
+        power = self._power(first, taper)
         rows, columns = np.fft.fftfreq(self.shape[0]), np.fft.rfftfreq(self.shape[1])
         radius = np.hypot(rows[:, None], columns[None]) / 0.5
         is_slow = np.hypot(rows[:, None] * self.shape[0], columns[None] * self.shape[1]) <= SLOW_PERIODS
@@ -99,6 +103,15 @@ class Reader:
                 if inside.any(1).sum() > 1 and inside.any(0).sum() > 1:
                     return replace(self._crop(signal, inside, floor + leaked), taper=taper)
         return None
+
+    def _power(self, frames: Sequence[np.ndarray], taper: float) -> np.ndarray:
+        """Return the mean power spectrum (rows, columns // 2 + 1) of frames."""
+        power = np.zeros((self.shape[0], self.shape[1] // 2 + 1))
+        for start in range(0, len(frames), FRAMES_FOR_POWER):
+            some = frames[start : start + FRAMES_FOR_POWER]
+            powers = np.array(on_all_cores(lambda frame: np.abs(self.whole(frame, taper)) ** 2, some))
+            power += np.tensordot(brightness_limits(powers) ** 2, powers, 1)
+        return power / len(frames)
 
     def _crop(self, signal: np.ndarray, inside: np.ndarray, floor: np.ndarray) -> Band:
         rows, columns = np.fft.fftfreq(self.shape[0]), np.fft.rfftfreq(self.shape[1])

@@ -20,7 +20,7 @@ from invert.tracking.band import Band
 from invert.tracking.parts import on_all_cores
 from invert.tracking.pursuit import find_objects
 from invert.tracking.shifts import heights_at, weight_of
-from invert.tracking.spectra import FRAMES_FOR_POWER, Reader
+from invert.tracking.spectra import DIM_FRAMES_FOR_POWER, FRAMES_FOR_POWER, Reader
 from invert.tracking.start import Start, find_brightest, share_along
 from radiometry.autocorrelation import PatchGrid
 from radiometry.estimation.third_moment import narrow
@@ -83,11 +83,14 @@ def common_share(frames: Sequence[np.ndarray]) -> float:
 
 
 def _read_first(frames: Sequence[np.ndarray]) -> tuple[np.ndarray, Band] | None:
-    """Return the spectra of the first frames and their band; None for a single frame, or if they show no speckle."""
-    first = frames[:FRAMES_FOR_POWER]
-    reader = Reader(first[0].shape, 1)
-    band = reader.band(first)
-    return None if band is None or len(first) < 2 else (reader.all_spectra(first, band), band)
+    """Return the spectra of the first frames, of more if they are dim, and their band; None for a single frame, or if they show no
+    speckle."""
+    reader = Reader(frames[0].shape, 1)
+    band = reader.band(frames)
+    if band is None or len(frames) < 2:
+        return None
+    first = frames[: DIM_FRAMES_FOR_POWER if band.is_dim else FRAMES_FOR_POWER]
+    return reader.all_spectra(first, band), band
 
 
 def find_travel(capture: Capture) -> Travel | None:

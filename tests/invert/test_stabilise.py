@@ -153,14 +153,16 @@ def test_the_error_of_a_path_blurs_the_speckle_of_its_groups(rng):
     assert np.median(ratio / exact.transfer[clear]) == pytest.approx(1.0, abs=0.15)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 3])
-def test_a_path_that_turns_every_twelve_frames_is_followed_in_faint_light(seed):
-    """0.004 photoelectrons per pixel: within groups of 32 frames, the smoothed path is right to a pixel, and its error says so."""
-    rng, numbers = np.random.default_rng(seed), np.arange(96)
+@pytest.mark.parametrize(("seed", "light", "limit"), [(0, 0.004, 0.6), (3, 0.003, 0.8), (4, 0.003, 0.8), (1, 0.002, 1.2)])
+def test_a_path_that_turns_every_twelve_frames_is_followed_in_faint_light(seed, light, limit):
+    """Within groups of 32 frames, the smoothed path is right to a fraction of a pixel, and its error says so. Blocks of frames that are
+    long enough to show a motion miss its turns: half of them took the two directions of this object for two objects."""
+    rng, numbers = np.random.default_rng(seed), np.arange(192)
     path = (np.abs((numbers + 12) % 24 - 12) - 12)[:, None] * np.array([1.2, -1.7])
     frames = travelling_frames(letter(64, 28), (320, 360), 128, rng, path, 200.0)
-    track = cg.track(cg.Capture([rng.poisson(0.004 * frame).astype(np.float32) for frame in frames]))
-    away = (track.smooth_path_pixels - path).reshape(3, 32, 2)
+    track = cg.track(cg.Capture([rng.poisson(light * frame).astype(np.float32) for frame in frames]))
+    assert not track.others
+    away = (track.smooth_path_pixels - path).reshape(6, 32, 2)
     found = float(np.hypot(*np.sqrt(away.var(1).mean(0))))
-    assert found < 1.6
+    assert found < limit
     assert found < 1.5 * np.hypot(*track.error_in_groups(32))

@@ -1,0 +1,136 @@
+"""Most likely path of a single object in frames so dim that no pair of them shows its motion.
+
+A block of frames long enough to show a motion misses a turn within it. Here, the motion may change at each frame, at the cost of
+likelihood. The displacement of each step lies on a grid; the sequence with the highest sum of evidence and of the logarithms of the
+probabilities of its changes is found by dynamic programming (Viterbi, doi:10.1109/TIT.1967.1054010).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from scipy.fft import fftfreq
+
+from invert.tracking.band import Band
+from invert.tracking.maxima import correlate
+from invert.tracking.shifts import MIN_SIGNIFICANCE, fold, weight_of
+from invert.tracking.start import Start, share_along
+
+LAGS = (1, 2, 3, 4)
+"""Distances of the frames whose cross-correlations are evidence. A displacement that changes within is seen by the shorter ones."""
+
+OTHER_LAGS = (5, 6, 7, 8)
+"""Distances of the frames that decide between two paths, because they served neither."""
+
+MIN_GAIN_SIGMA = 3.0
+"""Standard deviations by which such frames must have more in common along the most likely path than along another."""
+
+DIM = 0.5
+"""Share of the speckle that a pair of frames should show if the motion of single frames is to be seen."""
+
+FINENESS = (3, 2, 1)
+"""Points of the grid of steps per point of a cross-correlation along each axis, the first that is possible."""
+
+MAX_POINTERS = 2**27
+"""Largest number of grid points of all steps together, a byte each."""
+
+CHANGE_CELLS = 1.0
+"""Standard deviation of the change of the displacement from step to step along each axis, in points of the grid."""
+
+TURN = 0.02
+"""Probability that the object goes on with any other displacement, as if it turned."""
+
+
+def likelier(spectra: np.ndarray, band: Band, start: Start) -> Start:
+    """Return a single object with the most likely path if pairs of frames are dim, and if frames have more in common along it."""
+    weight = weight_of(band, 0.0)
+    is_dim = DIM * weight.full < MIN_SIGNIFICANCE * weight.deviation
+    if not is_dim or len(spectra) <= OTHER_LAGS[-1] or (path := most_likely_path(spectra, band)) is None:
+        return start
+    gain = sum(share_along(spectra, band, path, lag) - share_along(spectra, band, start.path, lag) for lag in OTHER_LAGS)
+    noise = weight.deviation / weight.full * sum(1.0 / (len(spectra) - lag) for lag in OTHER_LAGS) ** 0.5
+    return replace(start, path=path) if gain > MIN_GAIN_SIGMA * noise else start
+
+
+def most_likely_path(spectra: np.ndarray, band: Band) -> np.ndarray | None:
+    """Return the most likely path (frames, 2) of a single object, in pixels from its first position, from spectra (frames, R, C); None if
+    the grid of all displacements exceeds the memory."""
+    weight = weight_of(band, 0.0)
+    coarse, pitch = correlate(np.zeros_like(spectra[0]), band, weight)
+    steps = len(spectra) - 1
+    fineness = next((one for one in FINENESS if steps * one**2 * coarse.size <= MAX_POINTERS), None)
+    if fineness is None or steps < LAGS[-1]:
+        return None
+    sides = (fineness * coarse.shape[0], fineness * coarse.shape[1])
+    turn = np.log(TURN / (sides[0] * sides[1]))
+    near = np.exp(-0.5 * (np.arange(-1, 2) / CHANGE_CELLS) ** 2)
+    change = np.log(near / near.sum() * (1.0 - TURN) ** 0.5).astype(np.float32)
+
+    total = np.zeros(sides, np.float32)
+    before, turned = np.zeros((steps, *sides), np.int8), np.zeros(steps, int)
+    for number, evidence in enumerate(_evidence(spectra, band, fineness)):
+        if number:
+            turned[number] = int(total.argmax())
+            after_turn = total.ravel()[turned[number]] + turn
+            total, before[number] = _go_on(total, change)
+            before[number][total < after_turn] = -1
+            np.maximum(total, after_turn, out=total)
+        total += evidence
+    places = np.zeros((steps, 2), int)
+    places[-1] = np.unravel_index(int(total.argmax()), sides)
+    for number in range(steps - 1, 0, -1):
+        way = before[number][tuple(places[number])]
+        from_near = (places[number] + (way // 3 - 1, way % 3 - 1)) % sides
+        places[number - 1] = from_near if way >= 0 else np.unravel_index(turned[number], sides)
+    moves = fold(places * pitch / fineness, band)
+    return np.concatenate([np.zeros((1, 2)), np.cumsum(moves, 0)])
+
+
+def _go_on(total: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the highest sum by which each displacement (rows, columns) is reached from those beside it, and the way: 3 times that along
+    rows plus that along columns, 0 from the one before, 1 from itself, 2 from the one after."""
+    total, rows = _reached(total, change, 0)
+    total, columns = _reached(total, change, 1)
+    before, after = np.roll(rows, 1, 1), np.roll(rows, -1, 1)
+    np.copyto(rows, before, where=columns == 0)
+    np.copyto(rows, after, where=columns == 2)
+    return total, 3 * rows + columns
+
+
+def _reached(total: np.ndarray, change: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    before, same, after = (np.roll(total, 1 - way, axis) + change[way] for way in range(3))
+    way = np.multiply(after > before, 2, dtype=np.int8)
+    np.maximum(before, after, out=before)
+    np.copyto(way, 1, where=same >= before)
+    return np.maximum(before, same), way
+
+
+def _evidence(spectra: np.ndarray, band: Band, fineness: int) -> Iterator[np.ndarray]:
+    """Yield the log-likelihood ratio of each displacement on a grid (rows, columns) for each step.
+
+    A pair of frames some steps apart tells the mean of these steps, and adds its part to each.
+    """
+    weight = weight_of(band, 0.0)
+    gain = np.float32(weight.full / weight.deviation**2)
+    pairs: dict[tuple[int, int], np.ndarray] = {}
+    for step in range(len(spectra) - 1):
+        for lag in LAGS:
+            for first in range(max(0, step - lag + 1), min(step, len(spectra) - 1 - lag) + 1):
+                if (first, lag) not in pairs:
+                    cross = spectra[first].conj() * spectra[first + lag]
+                    pairs[first, lag] = correlate(cross, band, weight)[0] * (gain / lag)
+        pairs = {key: one for key, one in pairs.items() if key[0] + key[1] > step}
+        found = np.float32(0.0)
+        for lag in LAGS:
+            around = sum(one for (_, its_lag), one in pairs.items() if its_lag == lag)
+            if isinstance(around, np.ndarray):
+                found = found + around[np.ix_(*(_places(side, fineness, lag) for side in around.shape))]
+        yield found
+
+
+def _places(side: int, fineness: int, lag: int) -> np.ndarray:
+    """Return the points of a cross-correlation of a side nearest to `lag` times each displacement of a finer grid."""
+    steps = fftfreq(fineness * side, 1.0 / (fineness * side))
+    return np.round(lag * steps / fineness).astype(int) % side
