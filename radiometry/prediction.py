@@ -34,6 +34,7 @@ from radiometry.noise.predicted_floor import NoiseTerms, estimate_error
 from radiometry.photons import grain_area
 from radiometry.ring_correlation import SpeckledImage
 from radiometry.sensor import chain
+from radiometry.sensor.electronics import MAX_GATES
 from radiometry.sensor.stage import SpeckleLight
 from radiometry.transfer import lag_transfer, subjective_modes
 
@@ -200,13 +201,15 @@ class Prediction:
 
         lowest, highest = (math.log2(limit) for limit in EXPOSURES_S)
         gate = self.geometry.camera.electronics.gate
-        lowest = max(lowest, math.log2(gate)) if gate else lowest
+        if gate:
+            lowest, highest = max(lowest, math.log2(gate)), min(highest, math.log2(MAX_GATES * gate) - 2.0 * EXPOSURE_OCTAVES)
         if log_excess(lowest) >= 0.0:
             return 2.0**lowest
         step = SEARCH_STEP if self.geometry.motion.moves else highest - lowest
-        for octaves in np.arange(lowest, highest, step) + step:
+        for start in np.arange(lowest, highest, step):
+            octaves = min(start + step, highest)
             if log_excess(octaves) >= 0.0:
-                return 2.0 ** (float(brentq(log_excess, octaves - step, octaves, xtol=EXPOSURE_OCTAVES)) + EXPOSURE_OCTAVES)
+                return 2.0 ** (float(brentq(log_excess, start, octaves, xtol=EXPOSURE_OCTAVES)) + EXPOSURE_OCTAVES)
         return None
 
     def third_moment_signal_to_noise(self, frames: int) -> float | None:

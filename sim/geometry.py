@@ -285,22 +285,36 @@ class Geometry:
         return self.camera.pixel_pitch_m**2 * float(np.linalg.norm(np.cross(step_down, step_right)))
 
     @property
+    def blur_pixels(self) -> float:
+        """Width of the camera's blur, lambda times the distance of the pupil over its diameter."""
+        camera = self.camera
+        return self.wavelength_m * camera.pupil_distance_m / camera.pupil_diameter_m / camera.pixel_pitch_m
+
+    @property
     def canvas_shape(self) -> tuple[int, int]:
         """Pixels (rows, columns) on which the field is computed: the frame and a border for the blur of the camera."""
-        camera = self.camera
-        blur_m = self.wavelength_m * camera.pupil_distance_m / camera.pupil_diameter_m
-        return canvas(camera.frame_shape, blur_m / camera.pixel_pitch_m)
+        return canvas(self.camera.frame_shape, self.blur_pixels)
+
+    @property
+    def grain_pixels(self) -> tuple[float, float]:
+        """Size of a grain of the speckle (rows, columns), lambda z over the extent of the object, in pixels."""
+        rows, columns = (
+            self.wavelength_m * self.distance_m / (extent * pitch)
+            for extent, pitch in zip(self.hidden_object.extent_m, self.seen_pitch_m, strict=True)
+        )
+        return rows, columns
+
+    @property
+    def is_within_a_grain(self) -> bool:
+        """Whether a grain of the speckle is larger than the frame along both axes."""
+        return all(grain > side for grain, side in zip(self.grain_pixels, self.camera.frame_shape, strict=True))
 
     @property
     def period_shape(self) -> tuple[int, int]:
         """Period (rows, columns), in pixels, of the field on the wall if samples of the object are `object_pitch_m` apart; longer if the
         speckle moves far."""
-        grains = [
-            self.wavelength_m * self.distance_m / (extent * pitch)
-            for extent, pitch in zip(self.hidden_object.extent_m, self.seen_pitch_m, strict=True)
-        ]
         rows, columns = speckle_ways(self, self.moments()) if self.moves else (0.0, 0.0)
-        return period(self.canvas_shape, (grains[0], grains[1]), (float(rows), float(columns)))
+        return period(self.canvas_shape, self.grain_pixels, (float(rows), float(columns)))
 
     @property
     def object_pitch_m(self) -> tuple[float, float]:

@@ -17,6 +17,20 @@ from correlograph.files.output import atomic
 from correlograph.ranges import SI
 
 
+def check_faces(file: Path) -> None:
+    """Raise InputError for a PLY file whose faces name vertices that it lacks: Mitsuba would read beyond its memory."""
+    import trimesh
+
+    try:
+        mesh = trimesh.load(file, file_type="ply", force="mesh", process=False)
+    except Exception:  # every loader raises its own exceptions; Mitsuba names the cause
+        return
+    vertices = len(mesh.vertices)
+    if len(mesh.faces) and not 0 <= mesh.faces.min() <= mesh.faces.max() < vertices:
+        found = f"vertex {mesh.faces.max()} of {vertices}"
+        raise InputError(file.name, "faces of its own vertices, numbered from 0", found, "export the mesh again")
+
+
 def parser() -> ArgumentParser:
     p = ArgumentParser(prog="python -m sim.mesh", description="Convert a mesh to PLY, in metres, for a scene.")
     p.add_argument("input", type=Path)

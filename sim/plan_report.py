@@ -15,9 +15,9 @@ from radiometry.noise.detection import DETECTION_LIMIT
 from radiometry.prediction import predict
 from sim.effects import Effect
 from sim.geometry import Geometry
-from sim.light_paths import describe, direct_light_per_frame, light_paths
-from sim.optics.illumination import lost_over_spot, overlap, specular_share
+from sim.light_paths import describe, light_paths
 from sim.plan import Plan, Settings
+from sim.scene_warnings import MAX_STRAY_SHARE, camera_warnings, scene_warnings
 from sim.transport.monte_carlo import MonteCarlo
 
 CAMERA_SECONDS_PER_PIXEL = 7e-8
@@ -27,15 +27,6 @@ DISAGREEMENT = 0.02
 """Maximum relative difference between light budget and Monte Carlo without a warning, in addition to four standard errors."""
 
 MAX_NAMED_SHAPES = 3
-
-MIN_OBJECT_LAGS = 4.0
-"""Lags across an object below which no shape can be seen."""
-
-MAX_STRAY_SHARE = 0.3
-"""Ratio of stray light to object light above which a warning is given; the stray light's r*r is then a tenth of the object's."""
-
-MAX_LOST_OVER_SPOT = 0.01
-"""Part of the squared contrast that path differences across the laser spot take, above which a warning is given."""
 
 MAX_LINE_SHARE = 0.1
 """Noise of rows or columns over the peak, at the lags of one axis, above which a warning is given."""
@@ -119,7 +110,7 @@ def warnings_of(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) 
             f"propagator {kernel.propagator}: predicted {plan.settings.accuracy} error "
             f"{kernel.predicted_error:.2g} exceeds the tolerance {tolerance:g}; use --propagator auto",
         )
-    found += scene_warnings(plan.geometry, plan.prediction.pitches_m)
+    found += scene_warnings(plan.geometry, plan.prediction.pitches_m) + camera_warnings(plan.prediction)
     if plan.geometry.other_light_share > MAX_STRAY_SHARE:
         found.append(stray_light_warning(plan, frames))
     found += [
@@ -240,61 +231,3 @@ def summary(plan: Plan, frames: int, monte_carlo: MonteCarlo | None = None) -> s
         + f", defocus ({defocus_pixels(geometry):.2g} pixels if the sensor is not tilted with the wall)",
     ]
     return "\n".join(lines + [f"warning: {warning}" for warning in content["warnings"]])
-
-
-def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[str]:
-    """Return warnings about parts of a scene that will not appear as expected."""
-    budget, electronics = light_budget(geometry.light_path), geometry.camera.electronics
-    warnings = []
-    share = specular_share(geometry)
-    if share > 1e-3:
-        warnings.append(
-            f"virtual_source: {100 * share:.3g} % of the light is specular and misses or meets the object; "
-            "the light budget counts all of it as scattered"
-        )
-    common = overlap(geometry)
-    # With a laser at rest, a moving object is tracked by the speckle that its frames share.
-    if common > 0.0 and not (geometry.spot.scan_step_m == 0.0 and geometry.moves):
-        warnings.append(
-            f"scan_step: {100 * common:.3g} % of the spot is common to consecutive frames, whose speckle then "
-            f"correlates by {common**2:.2g}, with fewer degrees of freedom than predicted; move it by "
-            f"{geometry.spot.diameter_m:.3g} m or more"
-        )
-    if common > 0.0 and geometry.spot.scan_step_m and geometry.other_light_share > MAX_STRAY_SHARE:
-        warnings.append(
-            "other_light: stray light of spots that overlap is drawn as if they did not; move the spot by its diameter"
-        )
-    spread_m, lost = lost_over_spot(geometry)
-    if lost > MAX_LOST_OVER_SPOT:
-        warnings.append(
-            f"linewidth: the ways of the light differ by {1e3 * spread_m:.3g} mm across the laser spot, which lowers contrast^2 by "
-            f"{100.0 * lost:.2g} %; frames and predictions leave this out; use a narrower line, a smaller spot, or an upright beam"
-        )
-    for width_m, pitch_m in zip(geometry.hidden_object.extent_m, pitches_m, strict=True):
-        if width_m > 64 * pitch_m:
-            warnings.append(
-                f"hidden_object: {width_m * 1e3:.3g} mm across, but the 64 lags of {pitch_m * 1e6:.4g} um that "
-                f"truth.npy and invert hold end at {64e3 * pitch_m:.3g} mm; render a smaller one, or invert with "
-                "a smaller --patch"
-            )
-        if width_m < MIN_OBJECT_LAGS * pitch_m:
-            warnings.append(
-                f"hidden_object: {width_m * 1e3:.3g} mm across, {width_m / pitch_m:.2g} lags of {pitch_m * 1e6:.4g} um, too few to "
-                "show its shape; enlarge it, come closer or photograph more of the wall"
-            )
-    if budget.per_pixel == 0.0:
-        warnings.append("hidden_object: none of its light reaches the camera; check its albedo, its facing, and occluders")
-    if geometry.direct_light > 0.0:
-        per_frame = direct_light_per_frame(geometry) * budget.laser_photons_per_s
-        warnings.append(
-            "direct_light: no shape blocks the path from virtual source to virtual detector; "
-            f"{per_frame:.3g} photoelectrons/s per frame arrive directly from the source "
-            "and are not modelled; add a baffle"
-        )
-    mean = budget.photoelectrons_per_pixel_s * electronics.exposure_s
-    # The intensity of speckle is exponentially distributed; this fraction of the pixels lies above the largest value.
-    saturated = math.exp(-electronics.ceiling / mean) if electronics.ceiling and mean else 0.0
-    if saturated > 1e-3:
-        limit = "full_well" if electronics.ceiling + electronics.step >= electronics.full_well > 0.0 else "bits"
-        warnings.append(f"{limit}: {100 * saturated:.3g} % of the pixels will saturate, which the noise prediction omits")
-    return warnings

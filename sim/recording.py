@@ -6,16 +6,20 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from correlograph.errors import InputError
 from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.exr_frames import FrameHeader
 from correlograph.files.file_metadata import rendered_metadata
 from correlograph.version import version
 from sim.frame import Simulation
 from sim.plan import Plan
+from sim.scene_warnings import WITHIN_A_GRAIN
 
 
 class Recording:
     """The frames of a plan. `python -m sim`, `render`, `mi.render` and the live view draw their frames from one.
+
+    Raises InputError for an object so small or so far away that a grain of its speckle is larger than the frame.
 
     Args:
         mean: whether frames are expected photoelectrons, without photon and camera noise.
@@ -23,6 +27,13 @@ class Recording:
     """
 
     def __init__(self, plan: Plan, seed: int = 0, *, mean: bool = False, device: str = "cpu", digest: str = "") -> None:
+        if plan.geometry.is_within_a_grain:
+            extent = " x ".join(f"{1e3 * one:.3g}" for one in plan.geometry.hidden_object.extent_m)
+            expected = "an object with several grains of speckle in a frame"
+            remedy = "enlarge it, come closer, or photograph more of the wall"
+            raise InputError(
+                "hidden_object", expected, f"{extent} mm at {plan.geometry.distance_m:.3g} m: {WITHIN_A_GRAIN}", remedy
+            )
         self.plan, self.seed, self.mean, self.digest = plan, seed, mean, digest
         self._simulation = Simulation(plan.geometry, device=device, plan=plan)
 

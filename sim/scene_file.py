@@ -15,6 +15,7 @@ from correlograph.errors import InputError
 from scenes import scene_names, scene_path
 from sim.backend.variant import check_loadable
 from sim.coloured_bitmaps import describe_colours
+from sim.mesh import check_faces
 from sim.plugins import refusals
 
 FILE_NAMES = ("filename", "trajectory")
@@ -56,6 +57,9 @@ def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -
     """
     path = find_scene(path)
     given, digest, assets = _inspect(path, definitions or {})
+    for file in assets:
+        if file.suffix.lower() == ".ply":
+            check_faces(file)
     refusals.clear()
     try:
         scene = mi.load_file(str(path), optimize=False, **given)
@@ -97,6 +101,7 @@ def _inspect(path: Path, definitions: Mapping[str, str]) -> tuple[dict[str, str]
             expected = f"a file in the current folder or in {path.parent}"
             raise InputError(f"-D {key}", expected, f"no {given[key]}", "check the path")
     effective = {**defaults, **given}
+    _check_spectra(root, effective)
     assets = _assets(root, path.parent, effective, (path.resolve(),))
     digest = _digest(content, assets, {key: value for key, value in effective.items() if key not in names})
     return given, digest, assets
@@ -124,6 +129,7 @@ def _assets(root: ElementTree.Element, folder: Path, parameters: Mapping[str, st
             raise InputError("scene", "well-formed XML", f"{file} ({error})", "edit the file") from None
         check_loadable(included)
         own = {node.get("name", ""): node.get("value", "") for node in included.iter("default")}
+        _check_spectra(included, {**own, **parameters})
         # Mitsuba resolves files relative to the outermost scene.
         files += [file, *_assets(included, folder, {**own, **parameters}, (*parents, file.resolve()))]
         if len(files) > MAX_ASSETS:
@@ -135,11 +141,29 @@ def _assets(root: ElementTree.Element, folder: Path, parameters: Mapping[str, st
     return files
 
 
+def _check_spectra(root: ElementTree.Element, parameters: Mapping[str, str]) -> None:
+    """Raise InputError for a spectrum, because Mitsuba would take its luminance for the value at the laser's wavelength."""
+    for node in root.iter("spectrum"):
+        kind, value = node.get("type", "uniform"), _filled(node.get("value", ""), parameters)
+        if kind != "uniform" or ":" in value or node.get("filename") is not None:
+            raise InputError(
+                f"spectrum {node.get('name')}",
+                "a value at the laser's wavelength",
+                value or (node.get("filename") or f"one of type {kind}"),
+                f'write <spectrum name="{node.get("name")}" value="..."/> with one number',
+            )
+
+
+def _filled(text: str, parameters: Mapping[str, str]) -> str:
+    """Return a text with the values of parameters."""
+    for key in sorted(parameters, key=len, reverse=True):
+        text = text.replace(f"${key}", parameters[key])
+    return text
+
+
 def _named_files(name: str, folders: Sequence[Path], parameters: Mapping[str, str]) -> list[Path]:
     """Return the files of a name in all folders that Mitsuba searches. Raises InputError if there is none."""
-    filled = name
-    for key in sorted(parameters, key=len, reverse=True):
-        filled = filled.replace(f"${key}", parameters[key])
+    filled = _filled(name, parameters)
     files = [folder / filled for folder in folders if (folder / filled).is_file()]
     if not files:
         raise InputError("scene", f"the file that {name} stands for", f"no {folders[0] / filled}", "check the path")

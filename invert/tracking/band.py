@@ -35,6 +35,7 @@ class Band:
         signal: power of the speckle, (R, C).
         floor: power of the noise; (R, C) where other objects add to it.
         taper: fraction of each side over which the window falls, both ends together.
+        contrast: standard deviation of the speckle over the mean light of the frames, at most 1.
     """
 
     shape: tuple[int, int]
@@ -44,6 +45,7 @@ class Band:
     signal: np.ndarray
     floor: float | np.ndarray
     taper: float = TAPER
+    contrast: float = 1.0
 
     def part(self, rows: slice) -> Band:
         """Return some rows of the band."""

@@ -56,7 +56,11 @@ def likelier(spectra: np.ndarray, band: Band, start: Start) -> Start:
 
 def most_likely_path(spectra: np.ndarray, band: Band) -> np.ndarray | None:
     """Return the most likely path (frames, 2) of a single object, in pixels from its first position, from spectra (frames, R, C); None if
-    the grid of all displacements exceeds the memory."""
+    the grid of all displacements exceeds the memory, or if no displacement lasts.
+
+    A displacement that lasts for fewer steps than frames are compared over may be noise where frames have nothing in common; the motion
+    around it goes on instead.
+    """
     weight = weight_of(band, 0.0)
     coarse, pitch = correlate(np.zeros_like(spectra[0]), band, weight)
     steps = len(spectra) - 1
@@ -78,13 +82,20 @@ def most_likely_path(spectra: np.ndarray, band: Band) -> np.ndarray | None:
             before[number][total < after_turn] = -1
             np.maximum(total, after_turn, out=total)
         total += evidence
-    places = np.zeros((steps, 2), int)
+    places, turns = np.zeros((steps, 2), int), [0, steps]
     places[-1] = np.unravel_index(int(total.argmax()), sides)
     for number in range(steps - 1, 0, -1):
         way = before[number][tuple(places[number])]
-        from_near = (places[number] + (way // 3 - 1, way % 3 - 1)) % sides
-        places[number - 1] = from_near if way >= 0 else np.unravel_index(turned[number], sides)
-    moves = fold(places * pitch / fineness, band)
+        if way < 0:
+            turns.insert(1, number)
+            places[number - 1] = np.unravel_index(turned[number], sides)
+        else:
+            places[number - 1] = (places[number] + (way // 3 - 1, way % 3 - 1)) % sides
+    lasts = np.repeat(np.diff(turns) >= LAGS[-1], np.diff(turns))
+    if not lasts.any():
+        return None
+    moves, known = fold(places * pitch / fineness, band), np.flatnonzero(lasts)
+    moves = np.stack([np.interp(np.arange(steps), known, moves[known, axis]) for axis in (0, 1)], 1)
     return np.concatenate([np.zeros((1, 2)), np.cumsum(moves, 0)])
 
 

@@ -86,8 +86,7 @@ def _pull_of_surroundings(sums: np.ndarray, band: Band, places: np.ndarray, reac
 def _excess_of_bright_spots(sums: np.ndarray, band: Band, places: np.ndarray, reach: int, weight: Weight) -> np.ndarray:
     """Return what is added to the variance of a registration, over that of noise which is the same everywhere, (2,).
 
-    The noise of photons goes with the light, and the slopes of the pattern, which tell its place, are largest where it is bright. The
-    speckle is taken to be fully developed.
+    The noise of photons goes with the light, and the slopes of the pattern, which tell its place, are largest where it is bright.
     """
     count, (height, width) = len(sums), band.shape
     kept = np.round(band.rows * height).astype(int)
@@ -108,7 +107,7 @@ def _excess_of_bright_spots(sums: np.ndarray, band: Band, places: np.ndarray, re
         squares = np.array([(image(1j * turn * total * each) ** 2).ravel() for turn in turns])
         known = np.array([(band.counts * (each * turn) ** 2 * signal).sum() for turn in turns])
         part = known / (known + np.array([(band.counts * (each * turn) ** 2 * floor).sum() for turn in turns]))
-        found.append(part * (squares @ light.ravel()) / np.maximum(light.std() * squares.sum(1), 1e-300))
+        found.append(band.contrast * part * (squares @ light.ravel()) / np.maximum(light.std() * squares.sum(1), 1e-300))
     return np.maximum(np.mean(found, 0), 0.0)
 
 

@@ -101,7 +101,8 @@ class Reader:
             if middle := regions[len(rows) // 2, 0]:
                 inside = np.roll(regions == middle, -(len(rows) // 2), 0) & ~is_slow
                 if inside.any(1).sum() > 1 and inside.any(0).sum() > 1:
-                    return replace(self._crop(signal, inside, floor + leaked), taper=taper)
+                    found = self._crop(signal, inside, floor + leaked)
+                    return replace(found, taper=taper, contrast=self._contrast(found, first, taper))
         return None
 
     def _power(self, frames: Sequence[np.ndarray], taper: float) -> np.ndarray:
@@ -112,6 +113,13 @@ class Reader:
             powers = np.array(on_all_cores(lambda frame: np.abs(self.whole(frame, taper)) ** 2, some))
             power += np.tensordot(brightness_limits(powers) ** 2, powers, 1)
         return power / len(frames)
+
+    def _contrast(self, band: Band, frames: Sequence[np.ndarray], taper: float) -> float:
+        """Return the standard deviation of the speckle in a band over the mean light, at most 1."""
+        window = np.prod([(tukey(side, taper) ** 2).sum() for side in self.shape])
+        variance = float((band.counts * band.signal).sum()) / (np.prod(self.shape) * window)
+        light = float(np.mean([frame.mean(dtype=np.float64) for frame in frames]))
+        return min(1.0, variance**0.5 / max(light, 1e-300))
 
     def _crop(self, signal: np.ndarray, inside: np.ndarray, floor: np.ndarray) -> Band:
         rows, columns = np.fft.fftfreq(self.shape[0]), np.fft.rfftfreq(self.shape[1])

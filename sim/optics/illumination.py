@@ -143,10 +143,15 @@ def illuminate(
     return lit
 
 
-def specular_share(geometry: Geometry) -> float:
+def specular_part(height_rms_m: float, wavelength_m: float) -> float:
     """Return the fraction of the light that a wall of height rms s reflects specularly, exp(-(4 pi s / lambda)^2) at normal
     incidence (Beckmann)."""
-    return float(np.exp(-((4.0 * np.pi * geometry.spot.height_rms_m / geometry.wavelength_m) ** 2)))
+    return float(np.exp(-((4.0 * np.pi * height_rms_m / wavelength_m) ** 2)))
+
+
+def specular_share(geometry: Geometry) -> float:
+    """Return the fraction of the light that the virtual source reflects specularly."""
+    return specular_part(geometry.spot.height_rms_m, geometry.wavelength_m)
 
 
 def specular_field(geometry: Geometry, row_m: np.ndarray, column_m: np.ndarray) -> np.ndarray | float:

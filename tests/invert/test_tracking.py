@@ -57,7 +57,7 @@ def test_steps_and_path_are_those_of_the_object(lab, seed):
     np.testing.assert_array_less(np.abs(found.velocity_m_s - truth_m_s), 4.0 * found.velocity_error_m_s)
     deviation = found.path_m - np.arange(FRAMES)[:, None] * truth_m_s * exposure_s
     np.testing.assert_array_less(np.abs(deviation[1:]), 5.0 * found.error_m[1:])
-    assert found.velocity_error_m_s.max() < 0.025 * np.abs(truth_m_s).max()
+    assert found.velocity_error_m_s.max() < 0.03 * np.abs(truth_m_s).max()
     np.testing.assert_allclose(found.metres_per_pixel, np.linalg.inv(lab.travel), rtol=2e-3, atol=1e-9)
 
 

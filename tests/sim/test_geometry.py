@@ -11,9 +11,10 @@ import sim  # noqa: E402
 from correlograph.errors import InputError  # noqa: E402
 from radiometry.light_budget_rows import closed_form  # noqa: E402
 from scenes import scene_path  # noqa: E402
-from sim.plan_report import make_plan, scene_warnings  # noqa: E402
+from sim.plan_report import make_plan  # noqa: E402
 from sim.scene_file import load_scene  # noqa: E402
 from sim.scene_reader import read_geometry  # noqa: E402
+from sim.scene_warnings import scene_warnings  # noqa: E402
 
 LETTER_SCENE = scene_path("corner_letter")
 

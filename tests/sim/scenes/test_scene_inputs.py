@@ -76,16 +76,44 @@ def test_includes_that_multiply_are_refused(tmp_path):
     assert "1000 files" in refusal(tmp_path / "level0.xml")
 
 
+@pytest.mark.parametrize(
+    ("attributes", "found"),
+    [
+        ('value="400:0, 500:0, 501:1, 700:1"', "400:0, 500:0"),
+        ('filename="wall.spd"', "wall.spd"),
+        ('type="blackbody"', "type blackbody"),
+        ('value="$bands"', "400:0.1"),
+    ],
+)
+def test_a_spectrum_is_not_taken_for_its_luminance(scene, attributes, found):
+    (scene.parent / "wall.spd").write_text("400 0.5\n700 0.5\n")
+    edit(scene, "</scene>", '<default name="bands" value="400:0.1, 700:0.9"/></scene>')
+    element = re.search(r'<spectrum name="reflectance"[^>]*>', scene.read_text())
+    edit(scene, element.group(), f'<spectrum name="reflectance" {attributes}/>')
+    told = refusal(scene)
+    assert "a value at the laser's wavelength" in told
+    assert found in told
+
+
+@pytest.mark.parametrize("index", [4, 2_000_000_000])
+def test_a_face_of_a_vertex_that_a_mesh_lacks_is_refused(scene, index):
+    lines = ["ply", "format ascii 1.0", "element vertex 4", *(f"property float {axis}" for axis in "xyz")]
+    lines += ["element face 2", "property list uchar int vertex_indices", "end_header"]
+    lines += ["50 0 0", "51 0 0", "51 1 0", "50 1 0", "3 0 1 2", f"3 0 2 {index}"]
+    (scene.parent / "clutter.ply").write_text("\n".join(lines) + "\n")
+    edit(scene, "</scene>", '<shape type="ply"><string name="filename" value="clutter.ply"/></shape></scene>')
+    assert f"found vertex {index} of 4" in refusal(scene)
+
+
 def test_every_file_that_a_scene_reads_changes_its_digest(scene):
-    spectrum = scene.parent / "wall.spd"
-    spectrum.write_text("400 0.5\n700 0.5\n")
+    mesh = scene.parent / "clutter.obj"
+    mesh.write_text("v 50 0 0\nv 51 0 0\nv 50 1 0\nf 1 2 3\n")
     (scene.parent / "textures").mkdir()
     write_exr(scene.parent / "textures" / "clutter.exr", np.full((8, 8), 0.3))
     edit(
         scene,
         "</scene>",
-        '<shape type="sphere"><transform name="to_world"><translate x="50"/></transform>'
-        '<bsdf type="diffuse"><spectrum name="reflectance" filename="wall.spd"/></bsdf></shape>'
+        '<shape type="obj"><string name="filename" value="clutter.obj"/></shape>'
         '<shape type="sphere"><transform name="to_world"><translate x="60"/></transform>'
         f'<bsdf type="diffuse">{TEXTURE}<string name="filename" value="clutter.exr"/></texture></bsdf></shape></scene>',
     )
@@ -93,7 +121,7 @@ def test_every_file_that_a_scene_reads_changes_its_digest(scene):
     start = content.index(">", content.index("<scene")) + 1
     scene.write_text(content[:start] + '<path value="textures"/>' + content[start:])
     digests = [sim.load(scene).digest]
-    spectrum.write_text("400 0.6\n700 0.6\n")
+    mesh.write_text("v 50 0 0\nv 51 0 0\nv 50 2 0\nf 1 2 3\n")
     digests.append(sim.load(scene).digest)
     write_exr(scene.parent / "textures" / "clutter.exr", np.full((8, 8), 0.4))
     digests.append(sim.load(scene).digest)
