@@ -17,6 +17,7 @@
     transport/       light as rays: surfaces, light budget, object as seen from the virtual detector, Monte Carlo
     optics/          light as waves: illumination, motion, coherence, camera
     propagation/     object -> virtual detector, one propagator per file
+    scene_warnings.py  parts of a scene that frames or predictions do not show as expected
     plan.py effects.py  selection of effects and propagator with predicted errors (plan_report.py: as text and JSON)
     frame.py         simulation of one frame
     gradients.py     derivatives of the expectation, in torch

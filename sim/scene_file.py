@@ -144,7 +144,7 @@ def _assets(root: ElementTree.Element, folder: Path, parameters: Mapping[str, st
 def _check_spectra(root: ElementTree.Element, parameters: Mapping[str, str]) -> None:
     """Raise InputError for a spectrum, because Mitsuba would take its luminance for the value at the laser's wavelength."""
     for node in root.iter("spectrum"):
-        kind, value = node.get("type", "uniform"), _filled(node.get("value", ""), parameters)
+        kind, value = node.get("type", "uniform"), _fill(node.get("value", ""), parameters)
         if kind != "uniform" or ":" in value or node.get("filename") is not None:
             raise InputError(
                 f"spectrum {node.get('name')}",
@@ -154,7 +154,7 @@ def _check_spectra(root: ElementTree.Element, parameters: Mapping[str, str]) -> 
             )
 
 
-def _filled(text: str, parameters: Mapping[str, str]) -> str:
+def _fill(text: str, parameters: Mapping[str, str]) -> str:
     """Return a text with the values of parameters."""
     for key in sorted(parameters, key=len, reverse=True):
         text = text.replace(f"${key}", parameters[key])
@@ -163,7 +163,7 @@ def _filled(text: str, parameters: Mapping[str, str]) -> str:
 
 def _named_files(name: str, folders: Sequence[Path], parameters: Mapping[str, str]) -> list[Path]:
     """Return the files of a name in all folders that Mitsuba searches. Raises InputError if there is none."""
-    filled = _filled(name, parameters)
+    filled = _fill(name, parameters)
     files = [folder / filled for folder in folders if (folder / filled).is_file()]
     if not files:
         raise InputError("scene", f"the file that {name} stands for", f"no {folders[0] / filled}", "check the path")

@@ -5,6 +5,7 @@ spectra.py   spectra of frames in this band
 shifts.py    displacements from cross-spectra, with standard errors
 parts.py     work on spectra in parts, on all cores
 start.py     objects and their approximate paths
+likely_path.py  most likely path where pairs of frames are dim
 explained.py what paths explain of the light that frames have in common
 candidates.py candidates for objects, compared by what they explain
 pursuit.py   all objects of a capture

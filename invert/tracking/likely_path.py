@@ -43,7 +43,7 @@ TURN = 0.02
 """Probability that the object goes on with any other displacement, as if it turned."""
 
 
-def likelier(spectra: np.ndarray, band: Band, start: Start) -> Start:
+def refine_dim_path(spectra: np.ndarray, band: Band, start: Start) -> Start:
     """Return a single object with the most likely path if pairs of frames are dim, and if frames have more in common along it."""
     weight = weight_of(band, 0.0)
     is_dim = DIM * weight.full < MIN_SIGNIFICANCE * weight.deviation
@@ -102,15 +102,15 @@ def most_likely_path(spectra: np.ndarray, band: Band) -> np.ndarray | None:
 def _go_on(total: np.ndarray, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the highest sum by which each displacement (rows, columns) is reached from those beside it, and the way: 3 times that along
     rows plus that along columns, 0 from the one before, 1 from itself, 2 from the one after."""
-    total, rows = _reached(total, change, 0)
-    total, columns = _reached(total, change, 1)
+    total, rows = _step_along(total, change, 0)
+    total, columns = _step_along(total, change, 1)
     before, after = np.roll(rows, 1, 1), np.roll(rows, -1, 1)
     np.copyto(rows, before, where=columns == 0)
     np.copyto(rows, after, where=columns == 2)
     return total, 3 * rows + columns
 
 
-def _reached(total: np.ndarray, change: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+def _step_along(total: np.ndarray, change: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
     before, same, after = (np.roll(total, 1 - way, axis) + change[way] for way in range(3))
     way = np.multiply(after > before, 2, dtype=np.int8)
     np.maximum(before, after, out=before)

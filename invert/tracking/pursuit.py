@@ -17,7 +17,7 @@ from invert.tracking.band import Band
 from invert.tracking.breaks import follow_over_jumps, mend
 from invert.tracking.candidates import MIN_RELATIVE_POWER, Candidates
 from invert.tracking.joint import follow_several
-from invert.tracking.likely_path import likelier
+from invert.tracking.likely_path import refine_dim_path
 from invert.tracking.separation import subtract_light
 from invert.tracking.shifts import weight_of
 from invert.tracking.start import Start, find_brightest, paths_at, share_along
@@ -61,7 +61,7 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
 
     Raises InputError if the whole capture shows no common motion.
     """
-    alone = mend(spectra, band, likelier(spectra, band, find_brightest(spectra, band)))
+    alone = mend(spectra, band, refine_dim_path(spectra, band, find_brightest(spectra, band)))
     middle = max(0, len(spectra) - FRAMES_FOR_NUMBER) // 2
     some = np.s_[middle : middle + FRAMES_FOR_NUMBER]
     lags = _lags_for_others(alone.path[some], spectra[some], band)

@@ -44,7 +44,7 @@ def test_a_blur_beyond_the_frame_is_named(geometry):
 
 
 def test_the_search_for_an_exposure_keeps_to_the_gates(geometry):
-    """With gates of 1 ms, an exposure holds at most 10^9; the object is not detected within one."""
+    """Gates of 1 ms: an exposure holds at most 10^9 of them; the object is not detected within one."""
     counting = geometry.with_electronics(gate=1e-3, exposure_s=1.0)
     found = Plan.of(counting).prediction.detection_exposure_s(2)
     assert found is None or 1e-3 < found <= 1e6
