@@ -104,7 +104,10 @@ def main(argv: Sequence[str] | None = None) -> None:
         ("with a jump", [one for one in rows if one["jump"]]),
     ):
         results = Counter(one["result"] for one in chosen)
-        print(f"{len(chosen)} paths {kind}: " + ", ".join(f"{results[name]} {name}" for name in ("right", "wrong", "refused")))
+        if chosen:
+            print(
+                f"{len(chosen)} paths {kind}: " + ", ".join(f"{results[name]} {name}" for name in ("right", "wrong", "refused"))
+            )
 
 
 if __name__ == "__main__":

@@ -202,7 +202,10 @@ class Prediction:
         lowest, highest = (math.log2(limit) for limit in EXPOSURES_S)
         gate = self.geometry.camera.electronics.gate
         if gate:
-            lowest, highest = max(lowest, math.log2(gate)), min(highest, math.log2(MAX_GATES * gate) - 2.0 * EXPOSURE_OCTAVES)
+            lowest, highest = (
+                max(lowest, math.log2(gate) + EXPOSURE_OCTAVES),
+                min(highest, math.log2(MAX_GATES * gate) - 2.0 * EXPOSURE_OCTAVES),
+            )
         if log_excess(lowest) >= 0.0:
             return 2.0**lowest
         step = SEARCH_STEP if self.geometry.motion.moves else highest - lowest

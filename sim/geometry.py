@@ -306,7 +306,7 @@ class Geometry:
 
     @property
     def is_within_a_grain(self) -> bool:
-        """Whether a grain of the speckle is larger than the frame along both axes."""
+        """Whether a grain of the speckle is larger than the frame along both axes. Along one, a thin line is still seen by its length."""
         return all(grain > side for grain, side in zip(self.grain_pixels, self.camera.frame_shape, strict=True))
 
     @property

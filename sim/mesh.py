@@ -21,13 +21,16 @@ def check_faces(file: Path) -> None:
     """Raise InputError for a PLY file whose faces name vertices that it lacks: Mitsuba would read beyond its memory."""
     import trimesh
 
+    found = ""
     try:
         mesh = trimesh.load(file, file_type="ply", force="mesh", process=False)
+        outside = mesh.faces[(mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))]
+        found = f"vertex {outside[0]} of {len(mesh.vertices)}" if len(outside) else ""
+    except IndexError as error:  # it looks up texture coordinates of each face
+        found = str(error)
     except Exception:  # every loader raises its own exceptions; Mitsuba names the cause
         return
-    vertices = len(mesh.vertices)
-    if len(mesh.faces) and not 0 <= mesh.faces.min() <= mesh.faces.max() < vertices:
-        found = f"vertex {mesh.faces.max()} of {vertices}"
+    if found:
         raise InputError(file.name, "faces of its own vertices, numbered from 0", found, "export the mesh again")
 
 

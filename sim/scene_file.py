@@ -21,6 +21,9 @@ from sim.plugins import refusals
 FILE_NAMES = ("filename", "trajectory")
 """Names of the parameters that hold the name of a file."""
 
+SPECTRA = ("irregular", "regular", "blackbody", "d65")
+"""Plugins whose values depend on the wavelength."""
+
 MAX_ASSETS = 1000
 """Maximum number of files that a scene names or includes."""
 
@@ -143,9 +146,9 @@ def _assets(root: ElementTree.Element, folder: Path, parameters: Mapping[str, st
 
 def _check_spectra(root: ElementTree.Element, parameters: Mapping[str, str]) -> None:
     """Raise InputError for a spectrum, because Mitsuba would take its luminance for the value at the laser's wavelength."""
-    for node in root.iter("spectrum"):
-        kind, value = node.get("type", "uniform"), _fill(node.get("value", ""), parameters)
-        if kind != "uniform" or ":" in value or node.get("filename") is not None:
+    for node in (*root.iter("spectrum"), *root.iter("texture")):
+        kind, value = (_fill(node.get(name, ""), parameters) for name in ("type", "value"))
+        if kind in SPECTRA or ":" in value or (node.tag == "spectrum" and node.get("filename") is not None):
             raise InputError(
                 f"spectrum {node.get('name')}",
                 "a value at the laser's wavelength",

@@ -85,7 +85,7 @@ class Band:
 
     @property
     def is_dim(self) -> bool:
-        """Whether the speckle is at no frequency above the noise."""
+        """Whether the noise exceeds the speckle at every frequency."""
         return bool((self.signal <= self.floor).all())
 
     @property

@@ -17,8 +17,8 @@ from invert.tracking.boundaries import MAX_LOW, MIN_HIGH, MIN_LIGHT, Boundaries,
 from invert.tracking.follow import Followed, follow
 from invert.tracking.maxima import highest
 from invert.tracking.parts import on_all_cores
-from invert.tracking.shifts import MIN_SIGNIFICANCE, fold, move_back, overlap_share, weight_of
-from invert.tracking.start import Start, share_along
+from invert.tracking.shifts import MIN_SIGNIFICANCE, fold, move_back, overlap_share
+from invert.tracking.start import Start, replace_path
 
 USUAL_OF_SOME = 0.75
 """Quantile of the likeness at the best displacement at some boundaries that counts as usual."""
@@ -49,11 +49,7 @@ def mend(spectra: np.ndarray, band: Band, start: Start) -> Start:
     where, jumps, _ = _jumps(spectra, band, start.path, at_path)
     if not len(where):
         return start
-    path = _jump(start.path, where, jumps)
-    share = min(1.0, share_along(spectra, band, path, 1))
-    weight = weight_of(band, 0.0)
-    significance = share * weight.full * (len(path) - 1) ** 0.5 / weight.deviation
-    return replace(start, path=path, significance=significance, share=share, jumps=len(where))
+    return replace(replace_path(start, spectra, band, _jump(start.path, where, jumps)), jumps=len(where))
 
 
 def follow_over_jumps(spectra: np.ndarray, band: Band, start: Start) -> Followed:

@@ -86,7 +86,8 @@ def _pull_of_surroundings(sums: np.ndarray, band: Band, places: np.ndarray, reac
 def _excess_of_bright_spots(sums: np.ndarray, band: Band, places: np.ndarray, reach: int, weight: Weight) -> np.ndarray:
     """Return what is added to the variance of a registration, over that of noise which is the same everywhere, (2,).
 
-    The noise of photons goes with the light, and the slopes of the pattern, which tell its place, are largest where it is bright.
+    The noise of photons goes with the light, and the slopes of the pattern, which tell its place, are largest where it is bright. All noise
+    is taken for that of photons.
     """
     count, (height, width) = len(sums), band.shape
     kept = np.round(band.rows * height).astype(int)

@@ -11,10 +11,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+import torch
 from scipy.fft import fft, fftfreq, irfft2, prev_fast_len, rfft2
 from scipy.ndimage import label, uniform_filter
 from scipy.signal.windows import tukey
 
+from correlograph.errors import memory_bytes
 from invert.tracking.band import TAPER, Band
 from invert.tracking.parts import on_all_cores
 
@@ -35,6 +37,12 @@ SIGNAL_SIGMA = 3.0
 
 SLOW_PERIODS = 2
 """Frequencies up to this many periods per frame belong to uneven light and are left out; a window mixes as many with their neighbours."""
+
+BYTES_PER_COEFFICIENT = 84
+"""Measured memory per frame and coefficient of its spectrum, with two objects."""
+
+BYTES_PER_THREAD = 110
+"""Measured memory of a search in one block of frames, per coefficient."""
 
 STEPS = 8
 """Steps between two frequencies in which the spectrum of a window is averaged."""
@@ -76,13 +84,14 @@ class Reader:
         """Return the band of the speckle, from the first frames; None if they show none."""
         first, taper = frames[:FRAMES_FOR_POWER], TAPER
         band = self._band(first, taper)
-        if (band is None or band.is_dim) and len(frames) > len(first):
-            first = frames[:DIM_FRAMES_FOR_POWER]
-            band = self._band(first, taper)
+        if band is None or band.is_dim:
+            more = frames[:DIM_FRAMES_FOR_POWER]
+            if len(more) > len(first) and (found := self._band(more, taper)) is not None:
+                first, band = more, found
         while band is not None and band.needs_wider_taper:
             taper = 2.0 * taper
             band = self._band(first, taper)
-        return band
+        return band and replace(band, contrast=self._contrast(band, first[:FRAMES_FOR_POWER]))
 
     def _band(self, first: Sequence[np.ndarray], taper: float) -> Band | None:
         """Return the band of frames through a window."""
@@ -101,22 +110,22 @@ class Reader:
             if middle := regions[len(rows) // 2, 0]:
                 inside = np.roll(regions == middle, -(len(rows) // 2), 0) & ~is_slow
                 if inside.any(1).sum() > 1 and inside.any(0).sum() > 1:
-                    found = self._crop(signal, inside, floor + leaked)
-                    return replace(found, taper=taper, contrast=self._contrast(found, first, taper))
+                    return replace(self._crop(signal, inside, floor + leaked), taper=taper)
         return None
 
     def _power(self, frames: Sequence[np.ndarray], taper: float) -> np.ndarray:
         """Return the mean power spectrum (rows, columns // 2 + 1) of frames."""
-        power = np.zeros((self.shape[0], self.shape[1] // 2 + 1))
+        power, light = np.zeros((self.shape[0], self.shape[1] // 2 + 1)), np.zeros((0, 1))
         for start in range(0, len(frames), FRAMES_FOR_POWER):
             some = frames[start : start + FRAMES_FOR_POWER]
             powers = np.array(on_all_cores(lambda frame: np.abs(self.whole(frame, taper)) ** 2, some))
-            power += np.tensordot(brightness_limits(powers) ** 2, powers, 1)
+            light = np.concatenate([light, powers.sum((1, 2), np.float64)[:, None]])
+            power += np.tensordot(brightness_limits(light)[start:] ** 2, powers, 1)
         return power / len(frames)
 
-    def _contrast(self, band: Band, frames: Sequence[np.ndarray], taper: float) -> float:
+    def _contrast(self, band: Band, frames: Sequence[np.ndarray]) -> float:
         """Return the standard deviation of the speckle in a band over the mean light, at most 1."""
-        window = np.prod([(tukey(side, taper) ** 2).sum() for side in self.shape])
+        window = np.prod([(tukey(side, band.taper) ** 2).sum() for side in self.shape])
         variance = float((band.counts * band.signal).sum()) / (np.prod(self.shape) * window)
         light = float(np.mean([frame.mean(dtype=np.float64) for frame in frames]))
         return min(1.0, variance**0.5 / max(light, 1e-300))
@@ -153,6 +162,12 @@ class Reader:
         found = np.stack(on_all_cores(read, range(len(frames))))
         limits = brightness_limits(np.array([np.vdot(one, one).real for one in found]))
         return found if limits.min() == 1.0 else found * limits[:, None, None]
+
+
+def frames_in_memory(band: Band) -> int:
+    """Return the largest number of frames that are tracked in the memory of this machine."""
+    left = memory_bytes() - torch.get_num_threads() * band.signal.size * BYTES_PER_THREAD
+    return max(0, int(left / (band.signal.size * BYTES_PER_COEFFICIENT)))
 
 
 def _full_plane(power: np.ndarray, columns: int) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +27,9 @@ MEAN_SCALE = sum(SCALES) / len(SCALES)
 
 MAX_JUMP_GRAINS = 4.0
 """Largest change of the displacement from one block to the next that still counts as one object."""
+
+MIN_OVERLAP = 0.1
+"""Least overlap of the windows of two frames that is corrected for."""
 
 MIN_PRESENCE = 0.7
 """Share of the time in which an object must appear, and be apart from others."""
@@ -87,7 +90,13 @@ def share_along(spectra: np.ndarray, band: Band, path: np.ndarray, lag: int) -> 
 
     alike = sum_over_rows(heights, spectra)
     overlap = overlap_share(steps, band).mean()
-    return float(alike.mean() / (weight.full * max(overlap, 0.1)))
+    return float(alike.mean() / (weight.full * max(overlap, MIN_OVERLAP)))
+
+
+def replace_path(start: Start, spectra: np.ndarray, band: Band, path: np.ndarray) -> Start:
+    """Return an object with another path (frames, 2), and the share and the significance of consecutive frames along it."""
+    share, weight = min(1.0, share_along(spectra, band, path, 1)), weight_of(band, 0.0)
+    return replace(start, path=path, share=share, significance=share * weight.full * (len(path) - 1) ** 0.5 / weight.deviation)
 
 
 def distances(lag: int) -> np.ndarray:
@@ -146,7 +155,7 @@ def paths_at(
         path = np.concatenate([np.zeros((1, 2)), np.cumsum(each, 0)])
         used = sizes.sum()
         overlap = overlap_share(lag * each, band).mean()
-        share = float((heights * sizes).sum()) / (used * weight.full * max(overlap, 0.1))
+        share = float((heights * sizes).sum()) / (used * weight.full * max(overlap, MIN_OVERLAP))
         starts.append(Start(path, float(clear.sum() / used**0.5), float(min(share, 1.0)), length, lag))
     return sorted(starts, key=lambda one: -one.share), bool(np.mean([len(places) > 0 for places, *_ in found]) > 0.9)
 

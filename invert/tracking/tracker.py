@@ -6,10 +6,9 @@ from dataclasses import replace
 from numbers import Integral
 
 import numpy as np
-import torch
 from tqdm import tqdm
 
-from correlograph.errors import InputError, check_positive, memory_bytes
+from correlograph.errors import InputError, check_positive
 from correlograph.files.capture import Capture
 from correlograph.files.captured_frames import check_copies, check_finite, check_frames_in_memory
 from invert.tracking.band import Band
@@ -18,16 +17,10 @@ from invert.tracking.joint import follow_several
 from invert.tracking.numbers import frame_numbers
 from invert.tracking.pursuit import fading_along, find_objects, is_alone
 from invert.tracking.shutter import fading_along_steps, for_open_shutter
-from invert.tracking.spectra import Reader
+from invert.tracking.spectra import Reader, frames_in_memory
 from invert.tracking.tables import check_frames, exposure_of
 from invert.tracking.to_object import metres_per_pixel, stretch_by_illumination
 from invert.tracking.track import Track
-
-BYTES_PER_COEFFICIENT = 84
-"""Measured memory per frame and coefficient of its spectrum, with two objects."""
-
-BYTES_PER_THREAD = 110
-"""Measured memory of a search in one block of frames, per coefficient."""
 
 MAX_STEP_SHARE = 0.4
 """Largest displacement from frame to frame, over a side."""
@@ -123,9 +116,7 @@ def _read_spectra(capture: Capture, binning: int) -> tuple[np.ndarray, Band]:
     if band is None:
         expected, remedy = "speckle that moves as a whole", "add light, or bin less"
         raise InputError("frames", expected, "no speckle above the noise", remedy)
-    left = memory_bytes() - torch.get_num_threads() * band.signal.size * BYTES_PER_THREAD
-    largest = max(0, int(left / (band.signal.size * BYTES_PER_COEFFICIENT)))
-    if len(capture.frames) > largest:
+    if len(capture.frames) > (largest := frames_in_memory(band)):
         raise InputError("frames", f"at most {largest} in this memory", len(capture.frames), "track them in parts")
     with tqdm(total=len(capture.frames), desc="frames", unit="frame", disable=None, leave=False) as bar:
         spectra = reader.all_spectra(capture.frames, band, bar.update)

@@ -20,7 +20,7 @@ from invert.tracking.band import Band
 from invert.tracking.parts import on_all_cores
 from invert.tracking.pursuit import find_objects
 from invert.tracking.shifts import heights_at, weight_of
-from invert.tracking.spectra import DIM_FRAMES_FOR_POWER, FRAMES_FOR_POWER, Reader
+from invert.tracking.spectra import DIM_FRAMES_FOR_POWER, FRAMES_FOR_POWER, Reader, frames_in_memory
 from invert.tracking.start import Start, find_brightest, share_along
 from radiometry.autocorrelation import PatchGrid
 from radiometry.estimation.third_moment import narrow
@@ -82,21 +82,21 @@ def common_share(frames: Sequence[np.ndarray]) -> float:
     return found.share if found.share > MIN_SHARE or np.median(steps) > band.grain_pixels else 0.0
 
 
-def _read_first(frames: Sequence[np.ndarray]) -> tuple[np.ndarray, Band] | None:
-    """Return the spectra of the first frames, of more if they are dim, and their band; None for a single frame, or if they show no
-    speckle."""
+def _read_first(frames: Sequence[np.ndarray], count: int = FRAMES_FOR_POWER) -> tuple[np.ndarray, Band] | None:
+    """Return the spectra of the first frames, of a larger number if they are dim, and their band; None for a single frame, or if they show
+    no speckle."""
     reader = Reader(frames[0].shape, 1)
     band = reader.band(frames)
     if band is None or len(frames) < 2:
         return None
-    first = frames[: DIM_FRAMES_FOR_POWER if band.is_dim else FRAMES_FOR_POWER]
+    first = frames[: max(FRAMES_FOR_POWER, min(count, frames_in_memory(band))) if band.is_dim else FRAMES_FOR_POWER]
     return reader.all_spectra(first, band), band
 
 
 def find_travel(capture: Capture) -> Travel | None:
     """Return how the speckle of a capture travels; None if consecutive frames have less than `MIN_SHARE` in common, or if it is
     never farther than a grain from its start."""
-    if (read := _read_first(capture.frames)) is None:
+    if (read := _read_first(capture.frames, DIM_FRAMES_FOR_POWER)) is None:
         return None
     spectra, band = read
     try:

@@ -1,10 +1,13 @@
 """The most likely path against drawn evidence, and in frames that show no motion in pairs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from invert.tracking.band import Band
-from invert.tracking.likely_path import _go_on, most_likely_path
+from invert.tracking.likely_path import _go_on, most_likely_path, refine_dim_path
+from invert.tracking.start import Start
 
 
 def band_of(side=(40, 52), signal=1.0, floor=1.0):
@@ -43,13 +46,36 @@ def test_each_displacement_is_reached_from_the_best_one_beside_it(rng):
 
 
 def test_a_path_with_sharp_turns_is_found_in_noise(rng):
-    """The noise of a pair is twice its signal; a leg of ten steps takes four turns to any other velocity."""
+    """Pairs of frames show a displacement at 2.4 standard deviations; after each ten steps, the object takes another velocity."""
     steps = np.repeat([(1.5, -2.5), (-3.0, 1.0), (0.0, 4.0), (2.0, 2.0), (-1.0, -3.0)], 10, axis=0)
     path = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, 0)])
-    band = band_of(signal=2.0)
+    band = band_of(signal=0.6)
     found = most_likely_path(spectra_along(path, band, rng), band)
     assert np.median(np.abs(np.diff(found, axis=0) - steps)) < 0.7
     assert (np.abs(np.diff(found, axis=0) - steps).max(1) < 2.5).mean() > 0.85
+
+
+def test_a_step_without_evidence_is_interpolated(rng):
+    """Nothing is in common across the middle: no displacement there lasts."""
+    band = band_of(signal=2.0)
+    one, other = (spectra_along(np.arange(12)[:, None] * np.array([1.0, -2.0]), band, rng) for _ in range(2))
+    found = most_likely_path(np.concatenate([one, other]), band)
+    np.testing.assert_allclose(np.diff(found, axis=0), np.tile([1.0, -2.0], (23, 1)), atol=1.5)
+
+
+def test_only_a_path_along_which_frames_share_more_replaces_another(rng):
+    band = band_of(signal=0.6)
+    steps = np.repeat([(1.5, -2.5), (-3.0, 1.0), (0.0, 4.0), (2.0, 2.0)], 16, axis=0)
+    path = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, 0)])
+    dim, noise = spectra_along(path, band, rng), spectra_along(path, band_of(signal=0.0), rng)
+    wrong, right = (Start(one, 7.0, 0.3) for one in (np.zeros_like(path), path))
+    found = refine_dim_path(dim, band, wrong)
+    assert found.share > 0.6
+    assert np.median(np.abs(np.diff(found.path, axis=0) - steps)) < 0.7
+    assert refine_dim_path(dim, band, right) is right
+    assert refine_dim_path(noise, band, wrong) is wrong
+    few = replace(wrong, path=path[:8])
+    assert refine_dim_path(dim[:8], band, few) is few
 
 
 def test_a_grid_beyond_the_memory_gives_no_path(monkeypatch, rng):

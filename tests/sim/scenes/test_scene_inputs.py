@@ -95,14 +95,18 @@ def test_a_spectrum_is_not_taken_for_its_luminance(scene, attributes, found):
     assert found in told
 
 
-@pytest.mark.parametrize("index", [4, 2_000_000_000])
-def test_a_face_of_a_vertex_that_a_mesh_lacks_is_refused(scene, index):
-    lines = ["ply", "format ascii 1.0", "element vertex 4", *(f"property float {axis}" for axis in "xyz")]
+@pytest.mark.parametrize(
+    ("index", "axes"), [(4, "xyz"), (-1, "xyz"), (2_000_000_000, "xyz"), (4, "xyzst"), (2_000_000_000, "xyzst")]
+)
+def test_a_face_of_a_vertex_that_a_mesh_lacks_is_refused(scene, index, axes):
+    lines = ["ply", "format ascii 1.0", "element vertex 4", *(f"property float {axis}" for axis in axes)]
     lines += ["element face 2", "property list uchar int vertex_indices", "end_header"]
-    lines += ["50 0 0", "51 0 0", "51 1 0", "50 1 0", "3 0 1 2", f"3 0 2 {index}"]
-    (scene.parent / "clutter.ply").write_text("\n".join(lines) + "\n")
+    lines += [f"{place}{' 0 0' if 's' in axes else ''}" for place in ("50 0 0", "51 0 0", "51 1 0", "50 1 0")]
+    (scene.parent / "clutter.ply").write_text("\n".join([*lines, "3 0 1 2", f"3 0 2 {index}"]) + "\n")
     edit(scene, "</scene>", '<shape type="ply"><string name="filename" value="clutter.ply"/></shape></scene>')
-    assert f"found vertex {index} of 4" in refusal(scene)
+    told = refusal(scene)
+    assert "clutter.ply: expected faces of its own vertices" in told
+    assert str(index) in told
 
 
 def test_every_file_that_a_scene_reads_changes_its_digest(scene):
