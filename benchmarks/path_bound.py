@@ -19,14 +19,14 @@ from correlograph.files.capture import Capture
 from invert.tracking.band import Band
 from invert.tracking.components import Components
 from invert.tracking.normal_equations import NormalEquations
-from invert.tracking.spectra import Reader
+from invert.tracking.spectra import DIM_FRAMES_FOR_POWER, Reader
 from invert.tracking.to_object import slope_variance
 from sim.geometry import Geometry
 from sim.optics.object_samples import ObjectSamples, sample_object
 from sim.rendering import render_geometry
 from sim.scene_file import parse_definitions
 
-FRAMES_FOR_BAND = 32
+FRAMES_FOR_BAND = DIM_FRAMES_FOR_POWER
 """Number of frames from which the command takes the band of the speckle."""
 
 

@@ -15,7 +15,7 @@ from scipy.fft import fftfreq
 from invert.tracking.band import Band
 from invert.tracking.maxima import correlate
 from invert.tracking.shifts import MIN_SIGNIFICANCE, fold, overlap_share, weight_of
-from invert.tracking.start import MIN_OVERLAP, Start, share_along, replace_path
+from invert.tracking.start import MIN_OVERLAP, Start, replace_path, share_along
 
 LAGS = (1, 2, 3, 4)
 """Distances of the frames whose cross-correlations are evidence. A displacement that changes within is seen by the shorter ones."""
