@@ -169,7 +169,8 @@ def test_saturation_is_predicted_and_clips(scene):
     frames = np.stack([simulation.frame(3, number).numpy() for number in range(8)])
     assert frames.max() == pytest.approx(full_well, rel=1e-6)
     assert (frames >= 0.999 * full_well).mean() == pytest.approx(np.exp(-1.5), rel=0.05)
-    assert any("22.3 % of the pixels will saturate" in warning for warning in make_plan(geometry, 1)["warnings"])
+    bright = geometry.with_power(1e4 * geometry.light_path.power_w).with_electronics(full_well=1e4 * full_well)
+    assert any("22.3 % of the pixels will saturate" in warning for warning in make_plan(bright, 1)["warnings"])
 
 
 @pytest.mark.parametrize(
