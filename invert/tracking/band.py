@@ -52,6 +52,13 @@ class Band:
         floor = self.floor[rows] if isinstance(self.floor, np.ndarray) else self.floor
         return replace(self, rows=self.rows[rows], counts=self.counts[rows], signal=self.signal[rows], floor=floor)
 
+    def image(self, spectrum: np.ndarray) -> np.ndarray:
+        """Return the image of a spectrum (R, C) in the band, of the shape of a frame."""
+        whole = np.zeros((self.shape[0], self.shape[1] // 2 + 1), spectrum.dtype)
+        kept = np.round(self.rows * self.shape[0]).astype(int)
+        whole[kept, : len(self.columns)] = np.where(self.counts > 0.0, spectrum, 0.0)
+        return irfft2(whole, s=self.shape)
+
     @cached_property
     def grain_pixels(self) -> float:
         """Width of a grain: one over the rms frequency of the speckle in cycles per pixel, over 2 pi."""
@@ -107,10 +114,7 @@ class Band:
     @cached_property
     def _halfway(self) -> np.ndarray:
         """Radii in pixels beyond which the autocorrelation of the speckle stays below `MAX_LIKENESS`, (`DIRECTIONS`,)."""
-        spectrum = np.zeros((self.shape[0], self.shape[1] // 2 + 1))
-        kept = np.round(self.rows * self.shape[0]).astype(int)
-        spectrum[kept, : len(self.columns)] = np.where(self.counts > 0.0, self.signal, 0.0)
-        likeness = irfft2(spectrum, s=self.shape)
+        likeness = self.image(self.signal)
         radii = np.arange(0.0, 0.5 * min(self.shape), 0.5 * self.grain_pixels)
         angles = np.pi * np.arange(DIRECTIONS)[:, None] / DIRECTIONS
         polar = map_coordinates(likeness, [radii * np.cos(angles), radii * np.sin(angles)], order=1, mode="grid-wrap")

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.fft import fftfreq
 
 from invert.tracking.band import Band
-from invert.tracking.maxima import correlate
-from invert.tracking.shifts import MIN_SIGNIFICANCE, fold, overlap_share, weight_of
-from invert.tracking.start import MIN_OVERLAP, Start, replace_path, share_along
+from invert.tracking.maxima import correlate, grid_of
+from invert.tracking.shifts import MIN_SIGNIFICANCE, fold, weight_of
+from invert.tracking.start import Start, mean_overlap, replace_path, share_along
 
 LAGS = (1, 2, 3, 4)
 """Distances of the frames whose cross-correlations are evidence. A displacement that changes within is seen by the shorter ones."""
@@ -58,7 +58,7 @@ def _in_common(spectra: np.ndarray, band: Band, path: np.ndarray) -> tuple[float
     the speckle of all these frames may be the same, by the cells of its object."""
     weight, shares, variances = weight_of(band, 0.0), [], []
     for lag in OTHER_LAGS:
-        overlap = max(float(overlap_share(path[lag:] - path[:-lag], band).mean()), MIN_OVERLAP)
+        overlap = mean_overlap(path[lag:] - path[:-lag], band)
         shares.append(share_along(spectra, band, path, lag))
         variances.append((weight.deviation / weight.full / overlap) ** 2 / (len(spectra) - lag))
     return float(np.mean(shares)), float((sum(variances) / len(shares) ** 2 + 1.0 / band.cells) ** 0.5)
@@ -71,16 +71,15 @@ def most_likely_path(spectra: np.ndarray, band: Band) -> np.ndarray | None:
     A displacement that lasts for fewer steps may be noise where frames have nothing in common; there, the path is interpolated from the
     steps before and after.
     """
-    coarse, pitch = correlate(np.zeros_like(spectra[0]), band, weight_of(band, 0.0))
-    steps = len(spectra) - 1
-    fineness = next((one for one in FINENESS if steps * one**2 * coarse.size <= MAX_POINTERS), None)
+    coarse, steps = grid_of(band), len(spectra) - 1
+    fineness = next((one for one in FINENESS if steps * one**2 * coarse[0] * coarse[1] <= MAX_POINTERS), None)
     if fineness is None or steps < LAGS[-1]:
         return None
     places, turns = _most_likely_steps(_evidence(spectra, band, fineness), steps)
     lasts = np.repeat(np.diff(turns) >= LAGS[-1], np.diff(turns))
     if not lasts.any():
         return None
-    moves, known = fold(places * pitch / fineness, band), np.flatnonzero(lasts)
+    moves, known = fold(places * np.array(band.shape) / coarse / fineness, band), np.flatnonzero(lasts)
     moves = np.stack([np.interp(np.arange(steps), known, moves[known, axis]) for axis in (0, 1)], 1)
     return np.concatenate([np.zeros((1, 2)), np.cumsum(moves, 0)])
 
@@ -137,7 +136,7 @@ def _evidence(spectra: np.ndarray, band: Band, fineness: int) -> Iterator[np.nda
     A pair of frames some steps apart tells the mean of these steps, and adds its part to each.
     """
     weight = weight_of(band, 0.0)
-    gain, shape = np.float32(weight.full / weight.deviation**2), correlate(np.zeros_like(spectra[0]), band, weight)[0].shape
+    gain, shape = np.float32(weight.full / weight.deviation**2), grid_of(band)
     places = {lag: np.ix_(*(_places(side, fineness, lag) for side in shape)) for lag in LAGS}
     pairs: dict[tuple[int, int], np.ndarray] = {}
     for step in range(len(spectra) - 1):

@@ -46,14 +46,19 @@ class Crossed:
     pairs: int
 
 
+def grid_of(band: Band) -> tuple[int, int]:
+    """Return the rows and columns of the coarse grid of a cross-correlation."""
+    rows, columns = (
+        next_fast_len(int(GRID_PER_PERIOD * (2 * int(np.round(np.abs(part).max() * side)) + 1)), real=True)
+        for part, side in zip((band.rows, band.columns), band.shape, strict=True)
+    )
+    return rows, columns
+
+
 def correlate(cross: np.ndarray, band: Band, weight: Weight) -> tuple[np.ndarray, np.ndarray]:
     """Return the weighted cross-correlation of one cross-spectrum (R, C) on a coarse grid, zero shift first, and the pitch of that grid in
     pixels along rows and columns."""
-    sides = [
-        2 * int(np.round(np.abs(part).max() * side)) + 1
-        for part, side in zip((band.rows, band.columns), band.shape, strict=True)
-    ]
-    shape = tuple(next_fast_len(int(GRID_PER_PERIOD * side), real=True) for side in sides)
+    shape = grid_of(band)
     spectrum = np.zeros((shape[0], shape[1] // 2 + 1), np.complex64)
     place = np.round(band.rows * band.shape[0]).astype(int) % shape[0]
     spectrum[place, : len(band.columns)] = cross * (weight.values / np.maximum(band.counts, 1.0))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.fft import irfft2
 from scipy.linalg import solveh_banded
 from scipy.special import erf
 
@@ -89,23 +88,15 @@ def _excess_of_bright_spots(sums: np.ndarray, band: Band, places: np.ndarray, re
     The noise of photons goes with the light, and the slopes of the pattern, which tell its place, are largest where it is bright. All noise
     is taken for that of photons.
     """
-    count, (height, width) = len(sums), band.shape
-    kept = np.round(band.rows * height).astype(int)
+    count, each = len(sums), weight.values / np.maximum(band.counts, 1.0)
     turns = np.broadcast_to(band.rows[:, None], band.signal.shape), np.broadcast_to(band.columns, band.signal.shape)
-
-    def image(spectrum: np.ndarray) -> np.ndarray:
-        whole = np.zeros((height, width // 2 + 1), np.complex64)
-        whole[kept, : len(band.columns)] = np.where(band.counts > 0.0, spectrum, 0.0)
-        return irfft2(whole, s=band.shape)
-
     found = []
     for middle in np.unique(np.linspace(0, count - 1, PATTERNS).astype(int)):
         first, last = max(0, middle - reach), min(count, middle + reach + 1)
         signal, floor = (last - first) * band.signal, np.broadcast_to(band.floor, band.signal.shape)
         total = move_back(sums[first:last], band, places[first:last] - places[middle]).sum(0)
-        light = image(total * signal / (signal + floor))  # of all; the rest is noise of the sum
-        each = weight.values / np.maximum(band.counts, 1.0)
-        squares = np.array([(image(1j * turn * total * each) ** 2).ravel() for turn in turns])
+        light = band.image(total * signal / (signal + floor))  # of all; the rest is noise of the sum
+        squares = np.array([(band.image(1j * turn * total * each) ** 2).ravel() for turn in turns])
         known = np.array([(band.counts * (each * turn) ** 2 * signal).sum() for turn in turns])
         part = known / (known + np.array([(band.counts * (each * turn) ** 2 * floor).sum() for turn in turns]))
         found.append(band.contrast * part * (squares @ light.ravel()) / np.maximum(light.std() * squares.sum(1), 1e-300))

@@ -89,8 +89,12 @@ def share_along(spectra: np.ndarray, band: Band, path: np.ndarray, lag: int) -> 
         return heights_at(cross, band.part(rows), weight.part(rows), steps)
 
     alike = sum_over_rows(heights, spectra)
-    overlap = overlap_share(steps, band).mean()
-    return float(alike.mean() / (weight.full * max(overlap, MIN_OVERLAP)))
+    return float(alike.mean() / (weight.full * mean_overlap(steps, band)))
+
+
+def mean_overlap(steps: np.ndarray, band: Band) -> float:
+    """Return the mean overlap of the windows of two frames at displacements (n, 2), at least `MIN_OVERLAP`."""
+    return max(float(overlap_share(steps, band).mean()), MIN_OVERLAP)
 
 
 def replace_path(start: Start, spectra: np.ndarray, band: Band, path: np.ndarray) -> Start:
@@ -154,8 +158,7 @@ def paths_at(
         each = np.stack([np.interp(at, middles[known], steps[:, axis]) for axis in (0, 1)], 1) / lag
         path = np.concatenate([np.zeros((1, 2)), np.cumsum(each, 0)])
         used = sizes.sum()
-        overlap = overlap_share(lag * each, band).mean()
-        share = float((heights * sizes).sum()) / (used * weight.full * max(overlap, MIN_OVERLAP))
+        share = float((heights * sizes).sum()) / (used * weight.full * mean_overlap(lag * each, band))
         starts.append(Start(path, float(clear.sum() / used**0.5), float(min(share, 1.0)), length, lag))
     return sorted(starts, key=lambda one: -one.share), bool(np.mean([len(places) > 0 for places, *_ in found]) > 0.9)
 

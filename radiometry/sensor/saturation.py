@@ -7,8 +7,10 @@ import math
 import numpy as np
 from scipy.stats import binom, gamma, norm, poisson
 
+from radiometry.sensor.chain import stages_of
 from radiometry.sensor.electronics import Electronics
 from radiometry.sensor.photons import DarkCurrent
+from radiometry.sensor.readout_noise import ReadoutNoise
 from radiometry.sensor.stage import SpeckleLight
 
 LEVELS = 2000
@@ -27,7 +29,7 @@ def saturated_fraction(light: SpeckleLight, electronics: Electronics) -> float:
     if not electronics.ceiling:
         return 0.0
     mean, least = _levels(light, electronics), electronics.ceiling - 0.5 * electronics.step
-    readout = sum(getattr(electronics, name) ** 2 for name in ("read_noise", "row_noise", "column_noise", "fixed_pattern"))
+    readout = sum(stage.variance(light, electronics) for stage in stages_of(electronics) if isinstance(stage, ReadoutNoise))
     counts = binom(electronics.gates, -np.expm1(-mean / electronics.gates)) if electronics.gate else poisson(mean)
     if electronics.shot_noise and readout == 0.0 and least < EXACT_ELECTRONS:
         return float(counts.sf(math.ceil(least) - 1).mean())

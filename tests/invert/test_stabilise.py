@@ -156,7 +156,7 @@ def test_the_error_of_a_path_blurs_the_speckle_of_its_groups(rng):
 @pytest.mark.parametrize(("seed", "light", "limit"), [(0, 0.004, 0.6), (3, 0.003, 0.8), (4, 0.003, 0.8), (1, 0.002, 1.2)])
 def test_a_path_that_turns_every_twelve_frames_is_followed_in_faint_light(seed, light, limit):
     """Within groups of 32 frames, the smoothed path is right to a fraction of a pixel, and its error says so. Blocks of frames that are
-    long enough to show a motion miss its turns: half of them took the two directions of this object for two objects."""
+    long enough to show a motion miss its turns, and its two directions look like two objects."""
     rng, numbers = np.random.default_rng(seed), np.arange(192)
     path = (np.abs((numbers + 12) % 24 - 12) - 12)[:, None] * np.array([1.2, -1.7])
     frames = travelling_frames(letter(64, 28), (320, 360), 128, rng, path, 200.0)
