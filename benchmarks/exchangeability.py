@@ -118,13 +118,14 @@ def distance(one: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
 def measure(seen: Observation, truth: torch.Tensor, reference: torch.Tensor, samples: torch.Tensor) -> Ranks:
     """Compare the samples (n, m, 64, 64) of n objects with their truths."""
     together = torch.cat((normalise_peak(truth)[:, None], samples), 1)
-    log_likelihood = torch.stack([seen.part(slice(n, n + 1), truth.device).likelihood()(one) for n, one in enumerate(together)])
+    points = [seen.part(slice(n, n + 1), truth.device).likelihood().at(one) for n, one in enumerate(together)]
+    log_likelihood = torch.stack([one.log_likelihood() for one in points])
     norm = together.square().sum((-2, -1)).sqrt()
-    unit = together / norm[..., None, None]
+    unit, gain = together / norm[..., None, None], torch.stack([one.gain for one in points])
     away = reference / reference.square().sum((-2, -1)).sqrt()[:, None, None]
     from_truth, in_pairs = distance(unit[:, 0], unit[:, 1:]), distance(unit[:, 1], unit[:, 2:])
     spread = (in_pairs.mean(1) / from_truth.mean(1)).cpu().numpy()
-    return Ranks(rank(log_likelihood), rank(norm), rank(distance(away, unit)), spread)
+    return Ranks(rank(log_likelihood), rank(gain.sqrt() * norm), rank(distance(away, unit)), spread)
 
 
 def main() -> None:

@@ -51,13 +51,13 @@ def check_positive(name: str, value: float, *, zero_allowed: bool = False) -> fl
     Raises InputError for anything else, including NaN, text and truth values.
     """
     try:
-        number = float("nan") if isinstance(value, bool) else float(value)
+        number = float("nan") if isinstance(value, (bool, str, bytes)) else float(value)
     except (TypeError, ValueError, OverflowError):
         number = float("nan")
     if SI_MIN <= number <= SI_MAX or (zero_allowed and number == 0.0):
         return number
     kind = f"a number{' that is zero or' if zero_allowed else ''} between {SI_MIN:g} and {SI_MAX:g}"
-    raise InputError(name, kind, value, f"correct {name}")
+    raise InputError(name, kind, repr(value) if isinstance(value, (str, bytes)) else value, f"correct {name}")
 
 
 def memory_bytes() -> float:

@@ -67,6 +67,8 @@ WORKERS = Range(1, 256)
 OBJECT_NUMBER = Range(1, 16)
 SI = Range(SI_MIN, SI_MAX)
 """Bounds of any physical quantity in SI units."""
+RATE = Range(1.0 / SI_MAX, SI_MAX)
+"""Bounds of a rate per second, whose inverse lies within those of a time."""
 WAVELENGTH = Range(1e-11, 1e-2)
 """Wavelengths in metres, from X-rays to microwaves; a value in nanometres lies outside."""
 LAG_COUNT = Range(32, 255)

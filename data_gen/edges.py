@@ -79,7 +79,7 @@ def find_photographs(folder: Path) -> Photographs:
         raise InputError(
             "--images",
             f"photographs of at least {MIN_SIDE} x {MIN_SIDE} pixels",
-            f"none among {len(skipped)} files in {folder}",
+            f"none among {len(skipped)} files in {folder}" + (f" ({skipped[0][0]}: {skipped[0][1]})" if skipped else ""),
             "use another folder",
         )
     return Photographs(folder, tuple(names), tuple(hashes), tuple(skipped))

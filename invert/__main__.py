@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError, check_device
-from correlograph.ranges import BLUR, LAG_COUNT, OBJECT_NUMBER, PATCH, SEED, SI, WAVELENGTH, WORKERS, Range
+from correlograph.ranges import BLUR, LAG_COUNT, OBJECT_NUMBER, PATCH, RATE, SEED, SI, WAVELENGTH, WORKERS, Range
 from correlograph.workers import check_scheduler, check_workers
 from invert.choices import FIELD, METHODS, QUALITIES, UNET, retrieves_fields
 from radiometry.estimation.background import MEAN_MODELS
@@ -77,7 +77,7 @@ def parser() -> ArgumentParser:
         action="store_true",
         help="reconstruct a film of a moving object from at least eight frames in order (film.gif, .png, .csv, .json, .npy)",
     )
-    p.add_argument("--frames-per-s", type=SI, help="frames per second, for the times of --video")
+    p.add_argument("--frames-per-s", type=RATE, help="frames per second, for the times of --video")
     p.add_argument("--seed", type=SEED, default=0)
     p.add_argument("--workers", type=WORKERS, help="processes for many captures; default: one per core")
     p.add_argument(

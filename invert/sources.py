@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from correlograph.errors import InputError
-from correlograph.files.capture import CameraMetadata, Capture
+from correlograph.files.capture import CameraMetadata, Capture, check_unmasked
 from correlograph.files.captured_frames import check_frames_in_memory, read_capture
 from correlograph.files.images import check_symmetry
 from correlograph.files.stacks import open_stack
@@ -41,8 +41,7 @@ def read_source(source: Source, camera: CameraMetadata, autocorrelation: bool | 
 
 
 def _read_array(source: object, camera: CameraMetadata, autocorrelation: bool | None) -> Capture | Estimate:
-    if isinstance(source, np.ma.MaskedArray) and np.ma.is_masked(source):
-        raise InputError("frames", "arrays without a mask", "masked pixels", "provide the mask as corrections")
+    check_unmasked(source)
     try:
         array = np.asarray(source)
     except ValueError:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from correlograph.command import ArgumentParser, run_command
 from correlograph.errors import InputError
-from correlograph.ranges import SI, WAVELENGTH, Range
+from correlograph.ranges import RATE, SI, WAVELENGTH, Range
 
 
 def parser() -> ArgumentParser:
@@ -36,7 +36,7 @@ def parser() -> ArgumentParser:
         default=(0.0, 0.0),
         help="angles between the light from the laser spot and the line of sight (0 0)",
     )
-    p.add_argument("--frames-per-s", type=SI, help="frames per second, for velocities")
+    p.add_argument("--frames-per-s", type=RATE, help="frames per second, for velocities")
     p.add_argument("--binning", type=Range(1, 64), default=1, help="pixels that are added along each axis first (1)")
     p.add_argument("--dark", type=Path, help="frames without light, subtracted from all others")
     p.add_argument("--flat", type=Path, help="flat-field frame; frames are divided by it")

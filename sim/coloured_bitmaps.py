@@ -1,4 +1,4 @@
-"""Coloured bitmaps of a scene, of which Mitsuba uses the luminance."""
+"""Bitmaps of a scene: coloured ones, of which Mitsuba uses the luminance, and transparent ones."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from correlograph.errors import InputError
+
 PICTURES = {".png", ".jpg", ".jpeg", ".bmp"}
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)
@@ -14,6 +16,22 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 MAX_DIFFERENCE = 2 / 255
 """Difference of the channels up to which a picture counts as grey."""
+
+
+def check_opaque(files: Sequence[Path]) -> None:
+    """Raise InputError for a picture with transparent pixels, which Mitsuba takes for opaque ones; unreadable files are left to Mitsuba."""
+    from PIL import Image
+
+    for file in (path for path in files if path.suffix.lower() in PICTURES):
+        try:
+            with Image.open(file) as picture:
+                has_alpha = "A" in picture.getbands() or "transparency" in picture.info
+                alpha = np.asarray(picture.convert("RGBA"))[..., 3] if has_alpha else np.full(1, 255, np.uint8)
+        except (OSError, ValueError, Image.DecompressionBombError):
+            continue
+        if (alpha < 255).any():
+            found = f"an alpha channel from {alpha.min()} to {alpha.max()}"
+            raise InputError(file.name, "a picture without transparent pixels", found, "flatten it on black")
 
 
 def describe_colours(files: Sequence[Path]) -> list[str]:

@@ -20,8 +20,10 @@ BYTES_PER_PIXEL = 64
 
 
 def check_numbers(scene: mi.Scene) -> None:
-    """Raise InputError for a shape or a parameter that is not finite, and for a negative reflectance."""
+    """Raise InputError for a mesh without faces, a shape or a parameter that is not finite, and a negative reflectance."""
     for shape in scene.shapes():
+        if isinstance(shape, mi.Mesh) and shape.face_count() == 0:
+            raise InputError(shape.id() or "shape", "a mesh of triangles", "one without faces", "export the mesh again")
         if not np.isfinite(np.array([shape.bbox().min, shape.bbox().max], np.float64)).all():
             raise InputError(shape.id() or "shape", "finite sizes", "NaN or infinity", "correct the shape")
     for name, value in mi.traverse(scene).items():

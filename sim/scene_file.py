@@ -14,7 +14,7 @@ import mitsuba as mi
 from correlograph.errors import InputError
 from scenes import scene_names, scene_path
 from sim.backend.variant import check_loadable
-from sim.coloured_bitmaps import describe_colours
+from sim.coloured_bitmaps import check_opaque, describe_colours
 from sim.mesh import check_faces
 from sim.plugins import refusals
 
@@ -60,6 +60,7 @@ def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -
     """
     path = find_scene(path)
     given, digest, assets = _inspect(path, definitions or {})
+    check_opaque(assets)
     for file in assets:
         if file.suffix.lower() == ".ply":
             check_faces(file)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Sequence, Sized
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -111,6 +111,13 @@ CameraFacts = CameraMetadata
 """Old name of `CameraMetadata`."""
 
 
+def check_unmasked(frames: object) -> None:
+    """Raise InputError for a masked array, or a list with one, some of whose pixels are masked."""
+    every = frames if isinstance(frames, (list, tuple)) else [frames]
+    if any(isinstance(one, np.ma.MaskedArray) and np.ma.is_masked(one) for one in every):
+        raise InputError("frames", "arrays without a mask", "masked pixels", "provide the mask as corrections")
+
+
 @dataclass(frozen=True)
 class Capture:
     """Frames of one capture.
@@ -144,12 +151,16 @@ class Capture:
         self.camera.check_complete()
         if not isinstance(self.names, (tuple, list)) or not all(isinstance(name, str) for name in self.names):
             raise InputError("names", "a tuple of names", f"{self.names!r:.60}", "name the files or frames")
+        if self.names and isinstance(self.frames, Sized) and len(self.names) != len(self.frames):
+            found = f"{len(self.names)} for {len(self.frames)} frames"
+            raise InputError("names", "a name for each frame", found, "select names and frames alike, or omit the names")
         if isinstance(self.frames, FileFrames):  # they are checked when they are read
             return
         if not isinstance(self.frames, (Sequence, np.ndarray)) or isinstance(self.frames, str):
             raise InputError("frames", "a list or an array of frames", f"{self.frames!r:.60}", "provide frames")
         if len(self.frames) == 0:
             raise InputError("frames", "one or more", "none", "provide frames of shape (height, width)")
+        check_unmasked(self.frames)
         if not all(isinstance(frame, np.ndarray) and frame.dtype.kind in "uif" for frame in self.frames):
             found = ", ".join(dict.fromkeys(str(getattr(frame, "dtype", type(frame).__name__)) for frame in self.frames))
             raise InputError("frames", "arrays of real numbers", found, "convert them to float32")

@@ -129,6 +129,11 @@ class LikelihoodPoint:
         self._gain, self._excess = bright / scale, estimate - expected
         self._weight = used * likelihood.dof * self._gain / expected.square()
 
+    @property
+    def gain(self) -> torch.Tensor:
+        """Fitted gain a of r*r of each albedo, (n,), over the maximum lag of the estimate."""
+        return self._gain[:, 0, 0]
+
     @cached_property
     def by_lag(self) -> torch.Tensor:
         """Contribution of each lag to the log-likelihood, (n, 64, 128); differentiable."""

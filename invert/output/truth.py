@@ -67,7 +67,9 @@ class Truth:
 
     @classmethod
     def of(cls, capture: Capture) -> Truth:
-        """Return the truth of a rendered capture. Raises InputError for other captures."""
+        """Return the truth of a rendered capture. Raises InputError for anything else."""
+        if not isinstance(capture, Capture):
+            raise InputError("capture", "a rendered capture", f"{type(capture).__name__}", "create a Truth from the array")
         if capture.truth is None:
             raise InputError("capture", "a rendered capture", "one without truth", "provide the albedo as an array")
         return cls(capture.truth, tuple(capture.record["lag_pitches_m"]) if "lag_pitches_m" in capture.record else None)

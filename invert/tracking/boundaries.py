@@ -6,9 +6,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
 
 from invert.tracking.band import Band
+from invert.tracking.light import MIN_LIGHT
 from invert.tracking.parts import sum_over_rows
 from invert.tracking.shifts import MIN_SIGNIFICANCE, Weight, move_back, overlap_share, weight_of
 
@@ -21,15 +21,6 @@ USUAL = 0.9
 
 BREAK_SIGMA = 8.0
 """Least significance of the usual likeness at which its absence is no noise: below three standard deviations once in 10^6 boundaries."""
-
-FALSE_ALARM = 0.01
-"""Probability that noise alone looks like light that changes from frame to frame."""
-
-MAX_LIGHT_NOISE = 0.25
-"""Variance of the light that is measured in one frame, over its square, above which it is taken to be the same in all."""
-
-MIN_LIGHT = 0.05
-"""Least light of a frame over the usual one, and least overlap of two windows, that count."""
 
 
 class Boundaries(NamedTuple):
@@ -87,30 +78,6 @@ def boundaries_along(spectra: np.ndarray, band: Band, light: np.ndarray, path: n
     expected = weight.full * (before * after)[:, 0] * overlap
     deviation = weight.deviation * np.sqrt(counts[0] * counts[1])[:, 0]
     return Boundaries(group, sum_over_rows(measure, spectra) / expected, expected / deviation, weight)
-
-
-def light_of_frames(spectra: np.ndarray, band: Band) -> np.ndarray:
-    """Return the amplitude of the speckle in each frame, (frames,), over that of the band, if its changes are no noise.
-
-    The weights leave out what grows with the floor, because the number of photons in a frame is random, too.
-    """
-    total = np.maximum(band.signal + band.floor, 1e-300)
-    of_signal, of_floor = (band.counts * one / total**2 for one in (band.signal, band.floor))
-    weights = of_signal - of_floor * (of_signal * band.floor).sum() / max(float((of_floor * band.floor).sum()), 1e-300)
-    full = float((weights * band.signal).sum())
-    if full <= 0.0:  # speckle that looks like the floor
-        return np.ones(len(spectra))
-
-    def powers(rows: slice) -> np.ndarray:
-        return (np.abs(spectra[:, rows]) ** 2 * weights[rows].astype(np.float32)).sum((1, 2), np.float64)
-
-    found = sum_over_rows(powers, spectra) / full
-    noise = 2.0 * band.noise_gain * (weights**2 / np.maximum(band.counts, 1.0) * total**2).sum() / full**2
-    variance, noisy = float(found.var(ddof=1)), chi2.isf(FALSE_ALARM, len(found) - 1) / (len(found) - 1)
-    if noise > MAX_LIGHT_NOISE or variance < noise * noisy:
-        return np.ones(len(found))
-    usual = max(float(np.median(found)), MIN_LIGHT)
-    return np.sqrt(np.maximum(usual + (1.0 - noise / variance) * (found - usual), MIN_LIGHT * usual))
 
 
 def _weight_of_sums(spectra: np.ndarray, band: Band, path: np.ndarray, group: int) -> Weight:

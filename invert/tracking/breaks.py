@@ -13,8 +13,9 @@ import numpy as np
 
 from correlograph.errors import InputError
 from invert.tracking.band import Band
-from invert.tracking.boundaries import MAX_LOW, MIN_HIGH, MIN_LIGHT, Boundaries, boundaries_along, light_of_frames
+from invert.tracking.boundaries import MAX_LOW, MIN_HIGH, Boundaries, boundaries_along
 from invert.tracking.follow import Followed, follow
+from invert.tracking.light import MIN_LIGHT, light_of_frames
 from invert.tracking.maxima import highest
 from invert.tracking.parts import on_all_cores
 from invert.tracking.shifts import MIN_SIGNIFICANCE, fold, move_back, overlap_share

@@ -20,6 +20,7 @@ import numpy as np
 from invert.tracking.band import Band
 from invert.tracking.components import MAX_LAG, Components, unmix
 from invert.tracking.follow import Followed, approximate
+from invert.tracking.light import at_equal_light
 from invert.tracking.normal_equations import NormalEquations
 from invert.tracking.register import phase_walk
 from invert.tracking.smoothing import PathNoise
@@ -59,6 +60,7 @@ def follow_several(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> 
     An object keeps its approximate path if the light does not suffice, if the path leaves its surroundings, and if interference would draw
     it; its light then counts as noise for the others.
     """
+    spectra = at_equal_light(spectra, band)
     begun = np.stack([one.path for one in starts]).astype(np.float64)
     components = unmix(spectra, band, begun)
     shares = components.in_common(band, len(spectra))

@@ -17,6 +17,7 @@ from invert.tracking.band import Band
 from invert.tracking.breaks import follow_over_jumps, mend
 from invert.tracking.candidates import MIN_RELATIVE_POWER, Candidates
 from invert.tracking.joint import follow_several
+from invert.tracking.light import light_of_frames
 from invert.tracking.likely_path import refine_dim_path
 from invert.tracking.separation import subtract_light
 from invert.tracking.shifts import weight_of
@@ -106,14 +107,19 @@ def fading_along(spectra: np.ndarray, band: Band, path: np.ndarray) -> tuple[int
     lag = min(_largest_lag(len(spectra)), int(MAX_WAY_SHARE / max(steps.max(), 1e-9)))
     if lag < 2:
         return None
-    near = share_along(spectra, band, path, 1)
+    light = light_of_frames(spectra, band)
+
+    def share(apart: int) -> float:
+        return share_along(spectra, band, path, apart) / float((light[apart:] * light[:-apart]).mean())
+
+    near = share(1)
     if near <= 0.0:
         return None
 
     def part_left(apart: int) -> tuple[float, float]:
         noise = weight.deviation / (weight.full * (len(spectra) - apart) ** 0.5)
         error = np.hypot(noise, near / band.cells**0.5)  # of bright speckle, each cell is seen once
-        return max(share_along(spectra, band, path, apart), 0.0) / near, FADING_SIGMA * float(error) / near
+        return max(share(apart), 0.0) / near, FADING_SIGMA * float(error) / near
 
     left, error = part_left(lag)
     if left + error >= ALONE_SHARE:

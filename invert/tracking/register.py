@@ -30,25 +30,28 @@ CONVERGED_GRAINS = 0.01
 """Largest change of a displacement between neighbours, in radii of a grain, at which a registration ends."""
 
 
-def register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, np.ndarray, float]:
+def register(
+    sums: np.ndarray, band: Band, places: np.ndarray, light: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, int, np.ndarray, float]:
     """Return positions of groups (n, 2), their standard errors, the largest distance of the pairs, the variance of the displacement of a
-    pair (2,), and the median significance.
+    pair of usual light (2,), and the median significance.
 
     All pairs within the reach are registered together by Gauss-Newton steps on the sum of their cross-correlations. All pairs have
-    the same curvature, so that what the noise of a pair moves its two members by cancels beyond them; own curvatures would add it up twice
-    along the path.
+    the same curvature but for the light of both, so that what the noise of a pair moves its two members by cancels beyond them; own
+    curvatures would add it up twice along the path.
+
+    Args:
+        light: amplitude of the speckle of each group over that of the band, (n,).
     """
-    count = len(sums)
-    numbers = np.arange(count)
     for _ in range(ROUNDS):
         alike = likeness(sums, band, places)
         reach = reach_of(alike)
-        pairs = np.minimum(numbers, reach) + np.minimum(numbers[::-1], reach)
-        usual = max(1, int(np.median(pairs)))
+        pairs = light * _around(light, reach)
+        usual = max(1, int(np.median(_around(np.ones_like(light), reach))))
         weight = weight_of(band, float(np.clip(alike[0], 0.05, 1.0)), usual)
         height, slope, curvature = derivatives(_pull_of_surroundings(sums, band, places, reach, weight))
         inverse = np.linalg.inv(-curvature.sum(0) / pairs.sum())
-        correction = solve_pairs(slope @ inverse, reach)
+        correction = solve_pairs(slope @ inverse, reach, light)
         places = places + correction
         if np.abs(np.diff(correction, axis=0)).max() < CONVERGED_GRAINS * band.grain_pixels:
             break
@@ -56,12 +59,13 @@ def register(sums: np.ndarray, band: Band, places: np.ndarray) -> tuple[np.ndarr
     of_pair = of_pair * (1.0 + _excess_of_bright_spots(sums, band, places, reach, weight))
     variance = of_pair / pairs[:, None]
     # Over distances beyond the reach, errors add up like resistances of a chain in which each member is joined to its neighbours.
-    walked = numbers[:, None] / np.sum(np.arange(1.0, reach + 1.0) ** 2) * of_pair
+    resistances = np.concatenate([[0.0], np.cumsum(1.0 / (light[1:] * light[:-1]))])
+    walked = resistances[:, None] / np.sum(np.arange(1.0, reach + 1.0) ** 2) * of_pair
     walked = walked + _walk_by_change(places, alike, band)
     significance = float(np.median(height)) / weight.deviation
     # Where grains are large in a frame, this pull is known to first order only, and would grow with each round.
-    pull = weight.full / usual * _pull_of_windows(places, band, alike[:reach]) @ weight.tilt.T
-    drawn = solve_pairs(pull @ inverse, reach)
+    pull = weight.full / usual * _pull_of_windows(places, band, alike[:reach], light) @ weight.tilt.T
+    drawn = solve_pairs(pull @ inverse, reach, light)
     return places - drawn, np.sqrt(variance + walked + (WINDOW_ERROR * drawn) ** 2), reach, of_pair, significance
 
 
@@ -69,7 +73,7 @@ def _pull_of_surroundings(sums: np.ndarray, band: Band, places: np.ndarray, reac
     """Return the moments (n, 3, 3) at zero shift of the cross-correlations of groups, moved back to their places, with the sums of all
     others within the reach."""
     count = len(sums)
-    low, high = (np.clip(np.arange(count) + side, 0, count) for side in (-reach, reach + 1))
+    low, high = _window(count, reach)
 
     def pull(rows: slice) -> np.ndarray:
         part, values = band.part(rows), weight.part(rows).values
@@ -80,6 +84,19 @@ def _pull_of_surroundings(sums: np.ndarray, band: Band, places: np.ndarray, reac
         return moments(around.conj() * moved * values.astype(np.float32), part, np.zeros((count, 2)))
 
     return sum_over_rows(pull, sums)
+
+
+def _window(count: int, reach: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first group within the reach of each, and the one after the last, (count,) each."""
+    low, high = (np.clip(np.arange(count) + side, 0, count) for side in (-reach, reach + 1))
+    return low, high
+
+
+def _around(light: np.ndarray, reach: int) -> np.ndarray:
+    """Return the sum of the light (n,) of all others within the reach of each, (n,)."""
+    total = np.concatenate([[0.0], np.cumsum(light)])
+    low, high = _window(len(light), reach)
+    return total[high] - total[low] - light
 
 
 def _excess_of_bright_spots(sums: np.ndarray, band: Band, places: np.ndarray, reach: int, weight: Weight) -> np.ndarray:
@@ -103,26 +120,28 @@ def _excess_of_bright_spots(sums: np.ndarray, band: Band, places: np.ndarray, re
     return np.maximum(np.mean(found, 0), 0.0)
 
 
-def _pull_of_windows(places: np.ndarray, band: Band, alike: np.ndarray) -> np.ndarray:
+def _pull_of_windows(places: np.ndarray, band: Band, alike: np.ndarray, light: np.ndarray) -> np.ndarray:
     """Return by how much the logarithms of the overlaps of windows fall at the distances of places (n, 2), summed over the neighbours of
-    each with the likenesses as weights, (n, 2): the windows stay where they are, and draw the places towards each other."""
+    each with likeness and light (n,) as weights, (n, 2): the windows stay where they are, and draw the places towards each other."""
     pull = np.zeros_like(places)
     for step, likeness_ in enumerate(alike, start=1):
-        slopes = likeness_ * window_slopes(places[step:] - places[:-step], band)
+        shared = likeness_ * light[step:] * light[:-step]
+        slopes = shared[:, None] * window_slopes(places[step:] - places[:-step], band)
         pull[step:] += slopes
         pull[:-step] -= slopes
     return pull
 
 
-def solve_pairs(slopes: np.ndarray, reach: int) -> np.ndarray:
-    """Return corrections (n, 2) of positions, whose differences over all pairs within the reach add up to the slopes (n, 2); 0 for the
-    first."""
+def solve_pairs(slopes: np.ndarray, reach: int, light: np.ndarray) -> np.ndarray:
+    """Return corrections (n, 2) of positions, whose differences over all pairs within the reach, times the light (n,) of both, add up to
+    the slopes (n, 2); 0 for the first."""
     count = len(slopes)
     bands = np.zeros((reach + 1, count))
     for step in range(1, min(reach + 1, count)):
-        bands[step, : count - step] = -1.0
-        bands[0, : count - step] += 1.0
-        bands[0, step:] += 1.0
+        shared = light[step:] * light[:-step]
+        bands[step, : count - step] = -shared
+        bands[0, : count - step] += shared
+        bands[0, step:] += shared
     bands[0] += 1e-6  # what no pair joins stays; the slopes add up to zero, and the mean with them
     found = solveh_banded(bands, slopes, lower=True)
     return found - found[0]

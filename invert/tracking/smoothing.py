@@ -70,7 +70,7 @@ class PathNoise:
 
     def _over_pair(self, sums: np.ndarray) -> np.ndarray:
         """Return the variances of weighted sums of positions, weights (positions, n), over that of the displacement of a pair, (n,)."""
-        return (sums * solve_pairs(sums, self.reach)).sum(0)
+        return (sums * solve_pairs(sums, self.reach, np.ones(len(sums)))).sum(0)
 
     def _lines(self, frames: int) -> np.ndarray:
         """Return the contributions of positions to frames, (frames, positions): straight lines between the middles of groups."""

@@ -48,7 +48,7 @@ def track(
 
     Raises InputError for fewer than three frames, and for frames without common motion.
     """
-    if np.shape(source_angle_deg) != (2,):
+    if np.shape(source_angle_deg) != (2,) or np.asarray(source_angle_deg).dtype.kind not in "uif":
         raise InputError("source_angle_deg", "two angles, along rows and columns", repr(source_angle_deg), "give both")
     if source_distance_m is not None:
         check_positive("source_distance_m", source_distance_m)

@@ -84,6 +84,12 @@ class Looks:
         pitches = self.whole.pitches_m
         return 1.0 if pitches is None else pitches[0] / pitches[1]
 
+    @property
+    def dof(self) -> float:
+        """Degrees of freedom K of a frame in theory."""
+        assert self.whole.record is not None
+        return self.whole.record.dof_expected / len(self.values)
+
     @cached_property
     def mean(self) -> np.ndarray:
         """Mean over all frames, weighted by their noise, (n, n)."""
@@ -125,10 +131,8 @@ class Looks:
 
     def combine(self, values: np.ndarray, weights: np.ndarray) -> Estimate:
         """Return the estimate from a weighted sum of values (frames, n, n), with weights (frames,) that add up to 1."""
-        assert self.whole.record is not None
         frames = float(self.equivalent_frames(weights))
-        dof = self.whole.record.dof_expected * frames / len(values)
-        record = replace(self.whole.record, frames=max(2, round(frames)), dof_expected=dof)
+        record = replace(self.whole.record, frames=max(2, round(frames)), dof_expected=self.dof * frames)
         values = np.tensordot(weights, values, 1).clip(MIN_OVER_FLOOR * self.floor).astype(np.float32)
         return replace(self.whole, values=values, record=record, filtered_frames=None)
 

@@ -10,10 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm
 
+from invert.assess.doubts import FALSE_ALARMS_EACH, Doubt, DoubtKind
 from invert.measure.spectrum import read_measurement
 from invert.video.looks import MIN_OVER_FLOOR, Looks
 from radiometry.noise.measured_noise import WHOLE_FRAME_INFLATION
+
+KNOWN_NOISE = 0.05
+"""Part of the variance of r*r by which its noise may differ from theory."""
 
 
 @dataclass(frozen=True)
@@ -24,43 +29,72 @@ class Pooling:
         weights: weight of each frame at each time, (frames, frames); rows add up to 1.
         frames: number of frames whose mean would have the noise of an image, on average over time.
         patterns: number of patterns of change; 0 for an object that stays the same.
+        is_constant: whether an object that stays the same is lit in all frames.
+        doubts: whether an object without patterns stays the same.
     """
 
     weights: np.ndarray
     frames: float
     patterns: int
+    is_constant: bool
+    doubts: tuple[Doubt, ...]
 
     def times(self, most: int) -> np.ndarray:
-        """Return the numbers of the frames at whose times images are reconstructed: at most so many, and one of an object that stays the
-        same."""
+        """Return the numbers of the frames at whose times images are reconstructed: at most so many, and one of what is constant."""
         count = len(self.weights)
-        return np.array([count // 2]) if self.patterns == 0 else spread(count, most)
+        return np.array([count // 2]) if self.is_constant else spread(count, most)
 
 
 def pool(looks: Looks) -> Pooling:
     """Return the weights by which frames are pooled, at the angles of the looks."""
-    every, noise = looks.upright, looks.noise
+    every, noise, grid = looks.upright, looks.noise, looks.whole.lag_grid
     mean = np.average(every, 0, noise**-2.0)
     measured = read_measurement(mean.astype(np.float32))
-    used = looks.whole.lag_grid.off_axis & (looks.whole.lag_grid.ring <= measured.noise.signal_ring)
-    change = (every[:, used] / np.maximum(mean[used], MIN_OVER_FLOOR * looks.floor) - 1.0) / looks.deviations(mean[used])
-    courses, sizes, _ = np.linalg.svd(change, full_matrices=False)
-    lags = used.sum() / WHOLE_FRAME_INFLATION  # as many as are independent
-    median = np.median(sizes[: min(len(every) - 1, int(lags))])
-    patterns = int((sizes > threshold_over_median(len(every) / lags) * median).sum())
+    used = mean[grid.off_axis]
+    change = (every[:, grid.off_axis] / np.maximum(used, MIN_OVER_FLOOR * looks.floor) - 1.0) / looks.deviations(used)
+    is_signal = grid.ring[grid.off_axis] <= measured.noise.signal_ring
+    courses, sizes, _ = np.linalg.svd(change[:, is_signal], full_matrices=False)
+    variance = _noise_variance(looks, change[:, ~is_signal])
+    patterns = int((sizes**2 > variance * _largest_of_noise(len(every), int(is_signal.sum()))).sum())
     # In units of noise, what stays the same has the course 1 / noise.
     shown, _ = np.linalg.qr(np.column_stack([1.0 / noise, courses[:, :patterns]]))
     weights = noise[:, None] * (shown @ shown.T) / noise
-    return Pooling(weights, float(looks.equivalent_frames(weights).mean()), patterns)
+    is_constant = patterns == 0 and not looks.are_dark.any()
+    doubts = () if patterns else (_doubt_constancy(change[~looks.are_dark][:, is_signal], variance),)
+    return Pooling(weights, float(looks.equivalent_frames(weights).mean()), patterns, is_constant, doubts)
+
+
+def _noise_variance(looks: Looks, outside: np.ndarray) -> float:
+    """Return the variance of the noise of changes: one over K of a frame, or what the lags beyond the object show, if it is more.
+
+    Args:
+        outside: changes at the lags beyond the object, (frames, k).
+    """
+    seen = outside[~looks.are_dark]
+    return max(1.0 / looks.dof, float((seen**2).mean()) / (1.0 - 1.0 / len(seen)) if seen.size else 0.0)
+
+
+def _largest_of_noise(frames: int, lags: int) -> float:
+    """Return the square of the singular value of changes at a number of lags above which a pattern lowers the mean squared error, over the
+    variance of the noise (Gavish and Donoho, doi:10.1109/TIT.2014.2323359)."""
+    independent = lags / WHOLE_FRAME_INFLATION
+    aspect = min(frames / independent, independent / frames)
+    best = 2.0 * (aspect + 1.0) + 8.0 * aspect / (aspect + 1.0 + (aspect**2 + 14.0 * aspect + 1.0) ** 0.5)
+    return best * WHOLE_FRAME_INFLATION * max(frames, independent)
+
+
+def _doubt_constancy(change: np.ndarray, variance: float) -> Doubt:
+    """Return the doubt that r*r, whose noise has a variance, changes in ways too faint for any pattern, from changes (frames, lags)."""
+    degrees = change.shape[1] * (len(change) - 1)
+    excess = float((change**2).sum()) / (variance * max(degrees, 1)) - 1.0
+    by_chance = float(norm.isf(FALSE_ALARMS_EACH)) * (2.0 * WHOLE_FRAME_INFLATION / max(degrees, 1)) ** 0.5
+    advice = (
+        f"r*r varies from frame to frame by {100.0 * excess:.0f} % more than its noise, too little for images at single times: the object "
+        "may change, and the film shows its mean; take more frames or more light"
+    )
+    return Doubt(DoubtKind.DIFFERENT_FRAMES, excess, KNOWN_NOISE + by_chance, FALSE_ALARMS_EACH, advice)
 
 
 def spread(count: int, most: int) -> np.ndarray:
     """Return the numbers of at most so many of `count` frames, equally spaced, with the first and the last."""
     return np.unique(np.rint(np.linspace(0, count - 1, min(most, count))).astype(int))
-
-
-def threshold_over_median(aspect: float) -> float:
-    """Return the singular value over the median of those of noise, above which a pattern lowers the mean squared error; `aspect` is the
-    number of frames over that of lags (Gavish and Donoho, doi:10.1109/TIT.2014.2323359)."""
-    aspect = min(aspect, 1.0 / aspect)
-    return 0.56 * aspect**3 - 0.95 * aspect**2 + 1.82 * aspect + 1.43

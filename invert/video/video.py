@@ -83,7 +83,7 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
         frames = min(2 * still.half_width + 1, still.frames)
     else:
         images, numbers = _at_their_angles(found, looks, numbers, moves=path is not None)
-    side, doubts = len(images[0]), () if path is None else _doubt(path, whole)
+    side, doubts = len(images[0]), pooling.doubts + (() if path is None else _doubt(path, whole))
     pooled = frames * len(capture.frames) / len(looks.values)
     warnings = [one.advice for one in doubts if one.is_raised] + [warning for one in found for warning in one.warnings]
     return Film(
@@ -160,9 +160,10 @@ def _confidence(result: Result) -> float:
 
 
 def _turn_back(looks: Looks) -> tuple[Looks, Pooling, list[str]]:
-    """Return the looks with angles, how they are pooled, and a note, if it changes by fewer patterns then; otherwise what was given."""
+    """Return the looks with angles, how they are pooled, and a note, if it changes by fewer patterns then, or no longer by more than its
+    noise; otherwise what was given."""
     unturned = pool(looks)
-    if unturned.patterns == 0:
+    if _rank(unturned) == (0, False):
         return looks, unturned, []
     try:
         rotation = rotation_of([signal_of(one, looks.whole.transfer) for one in looks.values], looks.aspect, looks.noise**-2.0)
@@ -170,9 +171,14 @@ def _turn_back(looks: Looks) -> tuple[Looks, Pooling, list[str]]:
         return looks, unturned, []
     turned = looks.with_angles(rotation.angle_at(np.arange(len(looks.values))))
     pooling = pool(turned)
-    if pooling.patterns >= unturned.patterns:
+    if _rank(pooling) >= _rank(unturned):
         return looks, unturned, []
     return turned, pooling, [f"the object turns by {turned.turns[-1]:.0f} degrees; frames were turned back and pooled"]
+
+
+def _rank(pooling: Pooling) -> tuple[int, bool]:
+    """Return by how many patterns an object changes, and whether it seems to change without any."""
+    return pooling.patterns, any(one.is_raised for one in pooling.doubts)
 
 
 def _reconstruct(request: Request, looks: Looks, weights: np.ndarray, numbers: np.ndarray) -> list[Result]:

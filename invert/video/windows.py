@@ -87,7 +87,6 @@ def change(looks: Looks, upright: np.ndarray, half: int) -> tuple[float, float]:
         upright: values (frames, n, n) that were turned back.
         half: an even number.
     """
-    assert looks.whole.record is not None
     count, used, inner = len(upright), looks.whole.lag_grid.off_axis, half // 2
     sums = np.concatenate([np.zeros((1, *upright.shape[1:])), np.cumsum(upright, 0, dtype=np.float64)])
     differences = []
@@ -96,8 +95,7 @@ def change(looks: Looks, upright: np.ndarray, half: int) -> tuple[float, float]:
         far = sums[number + half + 1] - sums[number - half] - near
         scores = [_score(looks, number, others / half, used) for others in (near - upright[number], far)]
         differences.append(scores[0] - scores[1])
-    dof = looks.whole.record.dof_expected / count / WHOLE_FRAME_INFLATION
-    scale = LOST_BY_WINDOW * dof * (2 * half + 1)
+    scale = LOST_BY_WINDOW * looks.dof / WHOLE_FRAME_INFLATION * (2 * half + 1)
     return scale * float(np.mean(differences)), scale * float(np.std(differences, ddof=1) / len(differences) ** 0.5)
 
 

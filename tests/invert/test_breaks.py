@@ -7,8 +7,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 import correlograph as cg
-from invert.tracking.boundaries import light_of_frames
 from invert.tracking.breaks import mend
+from invert.tracking.light import light_of_frames
 from invert.tracking.spectra import Reader
 from invert.tracking.start import Start
 from tests.invert.field.speckle import expected_frame, fading_frames, letter, travelling_frames

@@ -1,8 +1,10 @@
 """Frames from files of several kinds, and refusals of what cannot be speckle."""
 
 import os
+import struct
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -10,15 +12,17 @@ import OpenEXR
 import pytest
 import tifffile
 from PIL import Image
+from skimage import io
 
 import invert
 from benchmarks.nuisances import speckle
 from correlograph.errors import InputError
-from correlograph.files.capture import CameraMetadata
+from correlograph.files.capture import CameraMetadata, Capture
 from correlograph.files.captured_frames import find_frames, read_capture
 from correlograph.files.corrections import Corrections
 from correlograph.files.exr_frames import FrameHeader, write_frame
 from correlograph.files.images import read_autocorrelation, read_image
+from invert.sources import read_source
 
 UNKNOWN = CameraMetadata()
 
@@ -221,6 +225,42 @@ def test_refusals(tmp_path, rng):
     np.save(tmp_path / "pickled.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
     with pytest.raises(InputError, match="can be read"):
         read_capture([tmp_path / "pickled.npy"], UNKNOWN)
+
+
+def test_masked_pixels_and_names_of_other_frames_are_refused(rng):
+    frames = rng.poisson(3.0, (3, 130, 130)).astype(np.float32)
+    masked = np.ma.array(frames, mask=frames > 5.0)
+    for source in (masked, list(masked)):
+        with pytest.raises(InputError, match="masked pixels"):
+            Capture(source)
+        with pytest.raises(InputError, match="masked pixels"):
+            read_source(source, UNKNOWN)
+    with pytest.raises(InputError, match="3 for 2 frames"):
+        Capture(frames[:2], names=("a", "b", "c"))
+
+
+def test_pictures_that_would_lose_bits_or_transparency_are_refused(tmp_path, rng):
+    """Pillow reads 16 bits of a single grey channel only, and the high byte of others."""
+    deep = rng.integers(0, 2000, (130, 140)).astype(np.uint16)
+    io.imsave(tmp_path / "grey.png", deep, check_contrast=False)
+    assert (read_image(tmp_path / "grey.png")[0] == deep).all()
+    # A PNG file of three channels of 16 bits, as cameras' programs write them.
+    rows = np.repeat(deep[..., None], 3, 2).astype(">u2")
+    body = b"".join(b"\0" + row.tobytes() for row in rows)
+    parts = [(b"IHDR", struct.pack(">IIBBBBB", 140, 130, 16, 2, 0, 0, 0)), (b"IDAT", zlib.compress(body)), (b"IEND", b"")]
+    chunks = b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in parts
+    )
+    (tmp_path / "three.png").write_bytes(b"\x89PNG\r\n\x1a\n" + chunks)
+    with pytest.raises(InputError, match=r"3 of 16 in three\.png"):
+        read_image(tmp_path / "three.png")
+    white = np.full((130, 140, 4), 255, np.uint8)
+    Image.fromarray(white).save(tmp_path / "opaque.png")
+    assert (read_image(tmp_path / "opaque.png")[0] == 255.0).all()
+    white[:60, :, 3] = 0
+    Image.fromarray(white).save(tmp_path / "transparent.png")
+    with pytest.raises(InputError, match="monochrome"):
+        read_image(tmp_path / "transparent.png")
 
 
 def test_frames_of_two_captures_are_refused(tmp_path, rng):

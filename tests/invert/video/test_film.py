@@ -98,6 +98,7 @@ def test_lags_that_stay_the_same_are_pooled_equally(rng):
     for frames in (8, 12, 32, 64, 100):
         pooling = pool(looks_of(gamma_noise(rng, np.full((frames, 65, 65), 2.0))))
         assert pooling.patterns == 0
+        assert not pooling.doubts[0].is_raised
         np.testing.assert_allclose(pooling.weights, 1.0 / frames)
         assert pooling.times(48).tolist() == [frames // 2]
 
@@ -114,6 +115,33 @@ def test_lags_that_swing_between_two_states_are_pooled_over_all_swings(rng):
     course = np.sin(time / 3.0) - np.sin(time / 3.0).mean()
     expected = 1.0 / 48 + np.outer(course, course) / (course @ course)
     np.testing.assert_allclose(pooling.weights, expected, atol=0.02)
+
+
+def signal():
+    """r*r of an object above a floor of 1, (65, 65): lags beyond it show the noise."""
+    rows, columns = np.indices((65, 65)) - 32.0
+    return np.maximum(2.0 - np.hypot(rows, columns) / 8.0, 0.0)
+
+
+def test_an_object_that_is_another_in_each_frame_is_not_pooled(rng):
+    """The noise is known from theory: where all patterns exceed it, none shows its level. Once, the median of all patterns was taken for
+    it, and eight letters were shown as one image at rest."""
+    for frames in (8, 16):
+        mean = 1.0 + 3.0 * signal() * np.stack([symmetric(rng) > 0.5 for _ in range(frames)])
+        pooling = pool(looks_of(gamma_noise(rng, mean)))
+        assert pooling.patterns >= frames - 2  # the mean over time is the last one
+        assert pooling.frames < 1.5
+        assert not pooling.is_constant
+
+
+def test_a_change_too_faint_for_patterns_is_told(rng):
+    """Each frame has a pattern of its own; it raises the variance of r*r over time above its noise, 1 / 20 of the square."""
+    half = 0.15 * rng.standard_normal((16, 65, 65))
+    mean = 1.0 + signal()
+    pooling = pool(looks_of(gamma_noise(rng, mean * (1.0 + 0.5**0.5 * (half + half[:, ::-1, ::-1]) * (signal() > 0.0)))))
+    assert pooling.patterns == 0
+    assert pooling.doubts[0].is_raised
+    assert pooling.doubts[0].value == pytest.approx(20.0 * 0.15**2, rel=0.3)
 
 
 def test_a_short_change_leaves_the_other_frames_pooled(rng):

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
+from PIL import Image
 
 import correlograph as cg
 import sim
@@ -107,6 +108,26 @@ def test_a_face_of_a_vertex_that_a_mesh_lacks_is_refused(scene, index, axes):
     told = refusal(scene)
     assert "clutter.ply: expected faces of its own vertices" in told
     assert str(index) in told
+
+
+def test_a_mesh_without_faces_and_transparent_pictures_are_refused(scene):
+    """Mitsuba takes transparent pixels for opaque ones: a letter on a transparent background would be a white square."""
+    (scene.parent / "clutter.obj").write_text("v 50 0 0\nv 51 0 0\nv 50 1 0\n")
+    whole = scene.read_text()
+    flat = '<string name="filename" value="clutter.obj"/><boolean name="face_normals" value="true"/>'
+    edit(scene, "</scene>", f'<shape type="obj" id="clutter">{flat}</shape></scene>')
+    assert "clutter: expected a mesh of triangles, found one without faces" in refusal(scene)
+    picture = np.full((32, 32, 4), 255, np.uint8)
+    picture[:, :20, 3] = 0
+    Image.fromarray(picture).save(scene.parent / "clutter.png")
+    scene.write_text(whole)
+    edit(
+        scene,
+        "</scene>",
+        '<shape type="sphere"><transform name="to_world"><translate x="60"/></transform>'
+        f'<bsdf type="diffuse">{TEXTURE}<string name="filename" value="clutter.png"/></texture></bsdf></shape></scene>',
+    )
+    assert "clutter.png: expected a picture without transparent pixels" in refusal(scene)
 
 
 def test_every_file_that_a_scene_reads_changes_its_digest(scene):

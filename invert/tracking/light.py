@@ -1,0 +1,48 @@
+"""Light of each frame, which the laser or the exposure may change."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2
+
+from invert.tracking.band import Band
+from invert.tracking.parts import sum_over_rows
+
+FALSE_ALARM = 0.01
+"""Probability that noise alone looks like light that changes from frame to frame."""
+
+MAX_LIGHT_NOISE = 0.25
+"""Variance of the light that is measured in one frame, over its square, above which it is taken to be the same in all."""
+
+MIN_LIGHT = 0.05
+"""Least light of a frame over the usual one, and least overlap of two windows, that count."""
+
+
+def light_of_frames(spectra: np.ndarray, band: Band) -> np.ndarray:
+    """Return the amplitude of the speckle in each frame, (frames,), over that of the band, if its changes are no noise.
+
+    The weights leave out what grows with the floor, because the number of photons in a frame is random, too.
+    """
+    total = np.maximum(band.signal + band.floor, 1e-300)
+    of_signal, of_floor = (band.counts * one / total**2 for one in (band.signal, band.floor))
+    weights = of_signal - of_floor * (of_signal * band.floor).sum() / max(float((of_floor * band.floor).sum()), 1e-300)
+    full = float((weights * band.signal).sum())
+    if full <= 0.0:  # speckle that looks like the floor
+        return np.ones(len(spectra))
+
+    def powers(rows: slice) -> np.ndarray:
+        return (np.abs(spectra[:, rows]) ** 2 * weights[rows].astype(np.float32)).sum((1, 2), np.float64)
+
+    found = sum_over_rows(powers, spectra) / full
+    noise = 2.0 * band.noise_gain * (weights**2 / np.maximum(band.counts, 1.0) * total**2).sum() / full**2
+    variance, noisy = float(found.var(ddof=1)), chi2.isf(FALSE_ALARM, len(found) - 1) / (len(found) - 1)
+    if noise > MAX_LIGHT_NOISE or variance < noise * noisy:
+        return np.ones(len(found))
+    usual = max(float(np.median(found)), MIN_LIGHT)
+    return np.sqrt(np.maximum(usual + (1.0 - noise / variance) * (found - usual), MIN_LIGHT * usual))
+
+
+def at_equal_light(spectra: np.ndarray, band: Band) -> np.ndarray:
+    """Return spectra (frames, R, C) as if all frames had the light of the band; the noise of darker ones grows."""
+    light = light_of_frames(spectra, band).astype(np.float32)
+    return spectra if (light == 1.0).all() else spectra / light[:, None, None]
