@@ -5,7 +5,7 @@ calibration, Talts et al. 2018, doi:10.48550/arXiv.1804.06788). The table has on
 `invert.evaluate`, and four statistics:
 
 rank       log-likelihood of the estimate, mean rank of the truth and the largest difference of the ranks from a uniform distribution
-norm       square root of the summed squares, each image divided by its maximum
+norm       square root of the summed squares, at the gain that fits the estimate
 TARP       distance from a reference, the truth of another case, at unit norm and the best shift and twin image
            (Lemos et al. 2023, doi:10.48550/arXiv.2302.03026)
 spread     distance of two samples over that of a sample from the truth, at unit norm; 1 is right

@@ -125,7 +125,7 @@ class Capture:
     Attributes:
         frames: each float32 (H, W).
         camera: metadata of the camera.
-        names: names of the frames, for reports.
+        names: names of the frames, or of the files that hold them.
         truth: albedo of the hidden object on the lag grid, (64, 64), for rendered frames.
         record: content of `sim.json` for rendered frames, including the plan.
         headers: headers of rendered frames.
@@ -151,9 +151,9 @@ class Capture:
         self.camera.check_complete()
         if not isinstance(self.names, (tuple, list)) or not all(isinstance(name, str) for name in self.names):
             raise InputError("names", "a tuple of names", f"{self.names!r:.60}", "name the files or frames")
-        if self.names and isinstance(self.frames, Sized) and len(self.names) != len(self.frames):
+        if isinstance(self.frames, Sized) and len(self.names) > max(1, len(self.frames)):
             found = f"{len(self.names)} for {len(self.frames)} frames"
-            raise InputError("names", "a name for each frame", found, "select names and frames alike, or omit the names")
+            raise InputError("names", "at most one for each frame", found, "select names and frames alike, or omit the names")
         if isinstance(self.frames, FileFrames):  # they are checked when they are read
             return
         if not isinstance(self.frames, (Sequence, np.ndarray)) or isinstance(self.frames, str):

@@ -18,7 +18,7 @@ MAX_PIXEL = 1e9
 MAX_PIXELS = 2**29
 """Maximum number of pixels of a frame, 2 GB in single precision; no camera has more."""
 
-PNG_DEPTH = 24
+PNG_DEPTH_OFFSET = 24
 """Place of the number of bits of each channel in a PNG file. Pillow keeps 16 bits of a single grey channel only."""
 
 FRAME_KINDS = {
@@ -95,10 +95,11 @@ def _read_pixels(file: Path) -> tuple[np.ndarray, FrameHeader | None]:
 
 def one_of_equal_channels(pixels: np.ndarray) -> np.ndarray:
     """Return the first channel of a picture (rows, columns, 3 or 4) whose colour channels are equal, as programs write monochrome frames,
-    and whose alpha channel is constant; any other array unchanged.
+    and whose alpha channel, if any, is constant and not zero; any other array unchanged.
     """
     is_colour = pixels.ndim == 3 and pixels.shape[-1] in (3, 4)
-    is_grey = is_colour and (pixels[..., :3] == pixels[..., :1]).all() and (pixels[..., 3:] == pixels[:1, :1, 3:]).all()
+    alpha = pixels[..., 3:]
+    is_grey = is_colour and (pixels[..., :3] == pixels[..., :1]).all() and (alpha == alpha[:1, :1]).all() and (alpha > 0).all()
     return pixels[..., 0] if is_grey else pixels
 
 
@@ -114,9 +115,9 @@ def _read_picture(file: Path) -> np.ndarray:
         if wanted == "JPEG":
             return np.array(picture)  # decodes the whole file; a truncated one raises OSError
         with file.open("rb") as opened:
-            depth = opened.read(PNG_DEPTH + 1)[-1]
+            depth = opened.read(PNG_DEPTH_OFFSET + 1)[-1]
         if depth > 8 and not picture.mode.startswith("I"):
-            found = f"{len(picture.getbands())} of {depth} in {file.name}"
+            found = f"{len(picture.getbands())} channels of {depth} bits in {file.name}"
             raise InputError("frame", "one channel, or channels of 8 bits", found, "write it as a monochrome PNG or TIFF file")
         picture.verify()  # checks all checksums and the end of the file; reading alone accepts truncated files
     return io.imread(file)

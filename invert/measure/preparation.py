@@ -62,7 +62,7 @@ def leave_out_empty(capture: Capture) -> tuple[Capture, list[str]]:
     kept = [number for number in range(len(frames)) if number not in left_out]
     chosen = {
         "frames": [frames[number] for number in kept],
-        "names": tuple(capture.names[number] for number in kept) if capture.names else (),
+        "names": tuple(capture.names[number] for number in kept) if len(capture.names) == len(frames) else capture.names[:1],
         "headers": tuple(capture.headers[number] for number in kept) if capture.headers else (),
     }
     names = ", ".join(left_out.values())
@@ -80,7 +80,8 @@ def find_empty(capture: Capture) -> dict[int, str]:
     if typical <= STRUCTURE_SIGMA * float(np.median(structure[:, 1])):
         return {}
     empty = np.flatnonzero(~(structure[:, 0] > MAX_EMPTY_STRUCTURE * typical)).tolist()
-    return {number: capture.names[number] if capture.names else f"frame {number}" for number in empty}
+    named = len(capture.names) == len(frames)
+    return {number: capture.names[number] if named else f"frame {number}" for number in empty}
 
 
 def mean_frame(capture: Capture) -> Capture:
@@ -92,7 +93,7 @@ def mean_frame(capture: Capture) -> Capture:
     # The mean of n frames of gain g has the noise of a camera with g / n frame units per electron.
     gain_e = capture.file_metadata.gain_e
     written = replace(capture.file_metadata, gain_e=gain_e and gain_e * len(capture.frames))
-    return replace(capture, frames=[mean], names=(), headers=capture.headers[:1], file_metadata=written)
+    return replace(capture, frames=[mean], names=capture.names[:1], headers=capture.headers[:1], file_metadata=written)
 
 
 def _structure(frame: np.ndarray) -> tuple[float, float]:

@@ -30,7 +30,7 @@ REPLACEMENT_MARGIN_NATS, MAX_REPLACED_FRACTION = 60.0, 1 / 3
 third keeps the samples diverse: without it, bright captures leave copies of one sample."""
 
 MAX_FINAL_STEPS = 50
-"""Maximum number of data-consistency steps after the last round."""
+"""Maximum number of data-consistency steps at the end of the last round."""
 
 
 def take_shrunken_steps(data: Observation, denoised: torch.Tensor, sigma: torch.Tensor, steps: int) -> torch.Tensor:
@@ -71,7 +71,7 @@ def match_deviance_of_truth(
         normal: standard normal variates (n,), which choose the deviance of each sample.
     """
     likelihood = data.likelihood()
-    per_dof = 1.0 / (inflation * data.dof)
+    per_dof = 1.0 / (inflation * likelihood.dof.flatten())
     deviance = (1.0 + per_dof / 6.0 + ((2.0 + per_dof / 1.5) / likelihood.lags) ** 0.5 * normal) / inflation
     for factor, most in ((LAST_VARIANCE_FACTOR, steps), (PRIOR_VARIANCE_FACTOR, MAX_FINAL_STEPS)):
         denoised = ascend_to_deviance(likelihood, denoised, factor * posterior_variance(sigma), deviance, most)

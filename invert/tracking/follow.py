@@ -53,9 +53,9 @@ class Followed:
 
 def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:
     """Return the path of a single object near an approximate one, from spectra (frames, R, C); where it cannot be made exact, that one."""
-    best, length, longest, light = None, 1, 1, light_of_frames(spectra, band)
+    best, length, longest = None, 1, 1
     while best is None or (best.significance < MIN_GROUP_SIGNIFICANCE and length <= longest):
-        found = _follow_groups(spectra, band, start.path, light, length)
+        found = _follow_groups(spectra, band, start.path, length)
         longest = found.noise.reach if length == 1 else longest
         if best is None or found.significance > best.significance:
             best = found
@@ -82,8 +82,8 @@ def approximate(start: Start, band: Band) -> Followed:
     return Followed(start.path, np.stack([error, error], 1), start.frames_per_block, band.signal)
 
 
-def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, light: np.ndarray, length: int) -> Followed:
-    """Return the path from groups of `length` frames, whose light (frames,) may change.
+def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: int) -> Followed:
+    """Return the path from groups of `length` frames.
 
     Within a group, the approximate path gives the motion about its mean.
     """
@@ -94,9 +94,8 @@ def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, light: np.
     if len(groups) < len(path):
         sums = np.stack([move_back(spectra[group], band, path[group] - path[group].mean(0)).sum(0) for group in groups])
     of_group = replace(band, signal=band.signal * length**2, floor=band.floor * length)
-    places, error, reach, of_pair, significance = register(
-        sums, of_group, means, np.array([light[group].mean() for group in groups])
-    )
+    light = light_of_frames(sums, of_group)
+    places, error, reach, of_pair, significance = register(sums, of_group, means, light)
     numbers = np.arange(len(path))
     found = path + np.stack([_interpolate(numbers, middles, (places - means)[:, axis]) for axis in (0, 1)], 1)
     errors = np.stack([np.interp(numbers, middles, error[:, axis]) for axis in (0, 1)], 1)

@@ -36,9 +36,9 @@ def register(
     """Return positions of groups (n, 2), their standard errors, the largest distance of the pairs, the variance of the displacement of a
     pair of usual light (2,), and the median significance.
 
-    All pairs within the reach are registered together by Gauss-Newton steps on the sum of their cross-correlations. All pairs have
-    the same curvature but for the light of both, so that what the noise of a pair moves its two members by cancels beyond them; own
-    curvatures would add it up twice along the path.
+    All pairs within the reach are registered together by Gauss-Newton steps on the sum of their cross-correlations. The
+    curvature of a pair is in proportion to the light of both, and so is its noise, which is taken for that of photons. What the noise of a
+    pair moves its two members by then cancels beyond them; own curvatures would add it up twice along the path.
 
     Args:
         light: amplitude of the speckle of each group over that of the band, (n,).
@@ -46,18 +46,19 @@ def register(
     for _ in range(ROUNDS):
         alike = likeness(sums, band, places)
         reach = reach_of(alike)
-        pairs = light * _around(light, reach)
-        usual = max(1, int(np.median(_around(np.ones_like(light), reach))))
+        stiffness = light * _around(light, reach)
+        low, high = _window(len(sums), reach)
+        usual = max(1, int(np.median(high - low - 1)))
         weight = weight_of(band, float(np.clip(alike[0], 0.05, 1.0)), usual)
         height, slope, curvature = derivatives(_pull_of_surroundings(sums, band, places, reach, weight))
-        inverse = np.linalg.inv(-curvature.sum(0) / pairs.sum())
+        inverse = np.linalg.inv(-curvature.sum(0) / stiffness.sum())
         correction = solve_pairs(slope @ inverse, reach, light)
         places = places + correction
         if np.abs(np.diff(correction, axis=0)).max() < CONVERGED_GRAINS * band.grain_pixels:
             break
     of_pair = np.diag(inverse @ weight.slope_variance @ inverse) / usual
     of_pair = of_pair * (1.0 + _excess_of_bright_spots(sums, band, places, reach, weight))
-    variance = of_pair / pairs[:, None]
+    variance = of_pair / stiffness[:, None]
     # Over distances beyond the reach, errors add up like resistances of a chain in which each member is joined to its neighbours.
     resistances = np.concatenate([[0.0], np.cumsum(1.0 / (light[1:] * light[:-1]))])
     walked = resistances[:, None] / np.sum(np.arange(1.0, reach + 1.0) ** 2) * of_pair

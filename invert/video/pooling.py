@@ -29,20 +29,20 @@ class Pooling:
         weights: weight of each frame at each time, (frames, frames); rows add up to 1.
         frames: number of frames whose mean would have the noise of an image, on average over time.
         patterns: number of patterns of change; 0 for an object that stays the same.
-        is_constant: whether an object that stays the same is lit in all frames.
-        doubts: whether an object without patterns stays the same.
+        has_one_image: whether one image shows all times: the object stays the same, and no frame is dark.
+        doubts: the doubt that an object without patterns of change changes all the same.
     """
 
     weights: np.ndarray
     frames: float
     patterns: int
-    is_constant: bool
+    has_one_image: bool
     doubts: tuple[Doubt, ...]
 
     def times(self, most: int) -> np.ndarray:
-        """Return the numbers of the frames at whose times images are reconstructed: at most so many, and one of what is constant."""
+        """Return the numbers of the frames at whose times images are reconstructed, at most so many."""
         count = len(self.weights)
-        return np.array([count // 2]) if self.is_constant else spread(count, most)
+        return np.array([count // 2]) if self.has_one_image else spread(count, most)
 
 
 def pool(looks: Looks) -> Pooling:
@@ -59,9 +59,9 @@ def pool(looks: Looks) -> Pooling:
     # In units of noise, what stays the same has the course 1 / noise.
     shown, _ = np.linalg.qr(np.column_stack([1.0 / noise, courses[:, :patterns]]))
     weights = noise[:, None] * (shown @ shown.T) / noise
-    is_constant = patterns == 0 and not looks.are_dark.any()
-    doubts = () if patterns else (_doubt_constancy(change[~looks.are_dark][:, is_signal], variance),)
-    return Pooling(weights, float(looks.equivalent_frames(weights).mean()), patterns, is_constant, doubts)
+    has_one_image = patterns == 0 and not looks.are_dark.any()
+    doubts = () if patterns else (_doubt_constancy(change[~looks.are_dark][:, is_signal], variance, looks.dof),)
+    return Pooling(weights, float(looks.equivalent_frames(weights).mean()), patterns, has_one_image, doubts)
 
 
 def _noise_variance(looks: Looks, outside: np.ndarray) -> float:
@@ -83,11 +83,12 @@ def _largest_of_noise(frames: int, lags: int) -> float:
     return best * WHOLE_FRAME_INFLATION * max(frames, independent)
 
 
-def _doubt_constancy(change: np.ndarray, variance: float) -> Doubt:
-    """Return the doubt that r*r, whose noise has a variance, changes in ways too faint for any pattern, from changes (frames, lags)."""
+def _doubt_constancy(change: np.ndarray, variance: float, dof: float) -> Doubt:
+    """Return the doubt that r*r, whose Gamma noise has a variance and K degrees of freedom, changes in ways too faint for any pattern, from
+    changes (frames, lags)."""
     degrees = change.shape[1] * (len(change) - 1)
     excess = float((change**2).sum()) / (variance * max(degrees, 1)) - 1.0
-    by_chance = float(norm.isf(FALSE_ALARMS_EACH)) * (2.0 * WHOLE_FRAME_INFLATION / max(degrees, 1)) ** 0.5
+    by_chance = float(norm.isf(FALSE_ALARMS_EACH)) * ((2.0 + 6.0 / dof) * WHOLE_FRAME_INFLATION / max(degrees, 1)) ** 0.5
     advice = (
         f"r*r varies from frame to frame by {100.0 * excess:.0f} % more than its noise, too little for images at single times: the object "
         "may change, and the film shows its mean; take more frames or more light"

@@ -177,7 +177,7 @@ def _turn_back(looks: Looks) -> tuple[Looks, Pooling, list[str]]:
 
 
 def _rank(pooling: Pooling) -> tuple[int, bool]:
-    """Return by how many patterns an object changes, and whether it seems to change without any."""
+    """Return the number of patterns of change, and whether a change without patterns is suspected: less is better."""
     return pooling.patterns, any(one.is_raised for one in pooling.doubts)
 
 
@@ -185,8 +185,10 @@ def _reconstruct(request: Request, looks: Looks, weights: np.ndarray, numbers: n
     """Return the results at the times of frames of some numbers, from sums of all frames with weights (frames, frames), at the angle of the
     first frame. Raises InputError if none shows an object."""
     options = request.for_estimate()
-    images = tqdm(weights[numbers], desc="images", unit="image", disable=None, leave=False)
-    found = [fulfil(options, looks.combine(looks.upright, chosen)) for chosen in images]
+    different, which = np.unique(weights[numbers], axis=0, return_inverse=True)
+    images = tqdm(different, desc="images", unit="image", disable=None, leave=False)
+    each = [fulfil(options, looks.combine(looks.upright, chosen)) for chosen in images]
+    found = [each[number] for number in which]
     for number in np.flatnonzero(looks.are_dark[numbers]):  # a weighted sum of others
         nothing = empty_reconstruction(len(found[number].coarse_albedo))
         found[number] = replace(found[number], reconstruction=nothing, warnings=())

@@ -237,6 +237,7 @@ def test_masked_pixels_and_names_of_other_frames_are_refused(rng):
             read_source(source, UNKNOWN)
     with pytest.raises(InputError, match="3 for 2 frames"):
         Capture(frames[:2], names=("a", "b", "c"))
+    assert len(Capture(frames, names=("stack.npy",)).frames) == 3
 
 
 def test_pictures_that_would_lose_bits_or_transparency_are_refused(tmp_path, rng):
@@ -252,7 +253,7 @@ def test_pictures_that_would_lose_bits_or_transparency_are_refused(tmp_path, rng
         struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in parts
     )
     (tmp_path / "three.png").write_bytes(b"\x89PNG\r\n\x1a\n" + chunks)
-    with pytest.raises(InputError, match=r"3 of 16 in three\.png"):
+    with pytest.raises(InputError, match=r"3 channels of 16 bits in three\.png"):
         read_image(tmp_path / "three.png")
     white = np.full((130, 140, 4), 255, np.uint8)
     Image.fromarray(white).save(tmp_path / "opaque.png")

@@ -131,7 +131,7 @@ def test_an_object_that_is_another_in_each_frame_is_not_pooled(rng):
         pooling = pool(looks_of(gamma_noise(rng, mean)))
         assert pooling.patterns >= frames - 2  # the mean over time is the last one
         assert pooling.frames < 1.5
-        assert not pooling.is_constant
+        assert not pooling.has_one_image
 
 
 def test_a_change_too_faint_for_patterns_is_told(rng):
