@@ -185,6 +185,18 @@ def test_frames_of_other_brightness_have_their_own_places(light, rng):
     assert not found.warnings  # frames far apart share as much of their light
 
 
+def test_two_objects_in_light_that_falls_have_the_places_of_those_in_steady_light():
+    """The light falls to a tenth. Once, paths were off by 0.9 and 1.4 pixels, 50 stated errors; in steady light, they are off by 0.2."""
+    rng, light = np.random.default_rng(2), np.geomspace(3.0, 0.3, 40)
+    paths = [np.arange(40)[:, None] * np.array(step) for step in ((1.3, -2.2), (-1.1, 1.4))]
+    frames = [drifting(rng, path, part * light, (420, 460)) for path, part in zip(paths, (3.0, 2.0), strict=True)]
+    found = track(cg.Capture([np.add(*both) for both in zip(*frames, strict=True)]))
+    tracks = [found, *found.others]
+    assert len(tracks) == 2
+    for path in paths:
+        assert min(np.abs(one.path_pixels - path).max() for one in tracks) < 0.5
+
+
 def test_a_path_that_could_be_a_side_shorter_is_refused(rng):
     """140 of 300 rows per frame, and 160 the other way, have the same spectra."""
     path = np.outer(np.arange(3), [140.0, 3.0])
