@@ -177,26 +177,16 @@ def finish(chain: Chain, state: Sampling, options: Annealing) -> AnnealingResult
 
 def draw_last_round(chain: Chain, starts: torch.Tensor, options: Annealing) -> torch.Tensor:
     """Run a round with short data-consistency steps, and give each sample (n, 64, 64) a deviance that the truth could have."""
-
-    def end(data: Observation, denoised: torch.Tensor, sigma: torch.Tensor, steps: int) -> torch.Tensor:
-        return match_deviance_of_truth(data, denoised, sigma, steps, chain.inflation, chain.noise(sigma))
-
-    return run_annealing(chain, starts, options, take_last_steps, end)[0]
+    samples, _ = run_annealing(chain, starts, options, take_last_steps)
+    sigma = samples.new_full((len(samples),), options.last)
+    return match_deviance_of_truth(chain.data, samples, sigma, chain.inflation, chain.noise(sigma))
 
 
 @torch.no_grad()
 def run_annealing(
-    chain: Chain,
-    starts: torch.Tensor,
-    options: Annealing,
-    data_step: DataStep = take_shrunken_steps,
-    last_step: DataStep | None = None,
+    chain: Chain, starts: torch.Tensor, options: Annealing, data_step: DataStep = take_shrunken_steps
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Add noise to albedos (n, 64, 64) and denoise them; return the albedos and the mean of the denoiser outputs.
-
-    Args:
-        last_step: data step at the lowest noise level, if it is another one.
-    """
+    """Add noise to albedos (n, 64, 64) and denoise them; return the albedos and the mean of the denoiser outputs."""
     levels = options.levels().to(starts)
     albedo, noisy = starts, starts + levels[0] * chain.noise(starts)
     total = torch.zeros_like(starts)
@@ -204,8 +194,7 @@ def run_annealing(
         sigma = level.expand(len(starts))
         denoised = chain.sampler(chain.observation, noisy, sigma, albedo).clamp(0.0, MAX_ALBEDO)
         total += denoised
-        take = last_step if last_step is not None and following is None else data_step
-        albedo = take(chain.data, denoised, sigma, options.ascent)
+        albedo = data_step(chain.data, denoised, sigma, options.ascent)
         if following is not None:
             noisy = renoise(albedo, noisy, level, following, chain.noise(starts))
         chain.progress()

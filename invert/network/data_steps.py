@@ -30,7 +30,7 @@ REPLACEMENT_MARGIN_NATS, MAX_REPLACED_FRACTION = 60.0, 1 / 3
 third keeps the samples diverse: without it, bright captures leave copies of one sample."""
 
 MAX_FINAL_STEPS = 50
-"""Maximum number of data-consistency steps at the end of the last round."""
+"""Maximum number of data-consistency steps after the last round."""
 
 
 def take_shrunken_steps(data: Observation, denoised: torch.Tensor, sigma: torch.Tensor, steps: int) -> torch.Tensor:
@@ -57,25 +57,23 @@ def take_last_steps(data: Observation, denoised: torch.Tensor, sigma: torch.Tens
 
 
 def match_deviance_of_truth(
-    data: Observation, denoised: torch.Tensor, sigma: torch.Tensor, steps: int, inflation: float, normal: torch.Tensor
+    data: Observation, samples: torch.Tensor, sigma: torch.Tensor, inflation: float, normal: torch.Tensor
 ) -> torch.Tensor:
-    """Move denoiser outputs (n, 64, 64) up their likelihood until each has a deviance that the truth could have.
+    """Move samples (n, 64, 64) up their likelihood until each has a deviance that the truth could have.
 
     A lag of Gamma noise x of shape K has the deviance 2 K (x - 1 - ln x). Its mean is 1 + 1 / (6 K) and its variance 2 + 2 / (3 K), to the
     first order in 1 / K; `inflation` divides K. Stopping at the mean is the discrepancy principle of Morozov; samples that all stopped
-    there would be more alike in likelihood than the truth is to them, and more steps would fit noise that the truth does not.
+    there would be more alike in likelihood than the truth is to them.
 
     Args:
         sigma: noise level whose `posterior_variance` limits the change, (n,).
-        steps: number of steps with the narrow prior of the last round, before those with a wide one.
         normal: standard normal variates (n,), which choose the deviance of each sample.
     """
     likelihood = data.likelihood()
     per_dof = 1.0 / (inflation * likelihood.dof.flatten())
     deviance = (1.0 + per_dof / 6.0 + ((2.0 + per_dof / 1.5) / likelihood.lags) ** 0.5 * normal) / inflation
-    for factor, most in ((LAST_VARIANCE_FACTOR, steps), (PRIOR_VARIANCE_FACTOR, MAX_FINAL_STEPS)):
-        denoised = ascend_to_deviance(likelihood, denoised, factor * posterior_variance(sigma), deviance, most)
-    return denoised
+    variance = PRIOR_VARIANCE_FACTOR * posterior_variance(sigma)
+    return ascend_to_deviance(likelihood, samples, variance, deviance, MAX_FINAL_STEPS)
 
 
 def floor_fraction(data: Observation) -> torch.Tensor:

@@ -106,7 +106,7 @@ def test_deviance_matches_that_of_truths(dof):
     wrong = dimmed.expand(50, -1, -1)
     assert float(data.likelihood().at(wrong).deviance().min()) > float(of_truths.max())
     normal = torch.randn(50, generator=torch.Generator().manual_seed(10))
-    found = data.likelihood().at(match_deviance_of_truth(data, wrong, sigma, 8, 1.0, normal)).deviance()
+    found = data.likelihood().at(match_deviance_of_truth(data, wrong, sigma, 1.0, normal)).deviance()
     error = float(of_truths.std())
     assert abs(float(found.mean() - of_truths.mean())) < 0.4 * error  # of 50, 0.16 by chance
     assert 0.7 * error < float(found.std()) < 1.4 * error
