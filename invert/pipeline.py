@@ -19,6 +19,7 @@ from invert.assess.frame_remarks import describe_frames
 from invert.assess.hypotheses import MIN_SHARED_LAGS, blurred_share, object_probability, weigh_hypotheses
 from invert.assess.motion_blur import doubt_motion
 from invert.assess.reliability import (
+    MAX_UNVERIFIED_CONFIDENCE,
     beside_other,
     describe_limits,
     find_doubts,
@@ -114,7 +115,7 @@ def fulfil(request: Request, source: Source) -> Result:
     found = beside_other(found, search.other, blurred if estimate.blur_pixels is None else 1.0 - blurred)
     found = lower_confidence(found, doubts, object_probability(hypotheses))
     warnings = [one.advice for one in doubts if one.is_raised] + describe_frames(estimate.record, measurement)
-    if capture is not None and may_be_one_pattern(capture, estimate):
+    if capture is not None and found.confidence <= MAX_UNVERIFIED_CONFIDENCE and may_be_one_pattern(capture, estimate):
         single = _of_one_pattern(request, capture)
         if single is not None and single.confidence > found.confidence:
             return replace(single, notes=(*notes, ONE_PATTERN, *single.notes))
