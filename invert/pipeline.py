@@ -19,7 +19,6 @@ from invert.assess.frame_remarks import describe_frames
 from invert.assess.hypotheses import MIN_SHARED_LAGS, blurred_share, object_probability, weigh_hypotheses
 from invert.assess.motion_blur import doubt_motion
 from invert.assess.reliability import (
-    MAX_UNVERIFIED_CONFIDENCE,
     beside_other,
     describe_limits,
     find_doubts,
@@ -43,6 +42,10 @@ from invert.sources import Source, read_source
 from invert.tracking.alone import estimate_alone
 from invert.tracking.stabilise import MIN_GROUPS, Stabilised, estimate_along, follow_travel, mean_pattern
 from radiometry.field_forecast import forecast_fields
+
+MAX_SHARED_CONFIDENCE = 0.7
+"""Confidence of frames that share most of their light up to which their sum is tried as well. What is left of one pattern has 0.5; a
+texture that shakes leaves the object 0.86 or more."""
 
 ONE_PATTERN = (
     "the frames show one speckle pattern, as if the laser spot had not moved; their sum was reconstructed as one frame; "
@@ -115,7 +118,7 @@ def fulfil(request: Request, source: Source) -> Result:
     found = beside_other(found, search.other, blurred if estimate.blur_pixels is None else 1.0 - blurred)
     found = lower_confidence(found, doubts, object_probability(hypotheses))
     warnings = [one.advice for one in doubts if one.is_raised] + describe_frames(estimate.record, measurement)
-    if capture is not None and found.confidence <= MAX_UNVERIFIED_CONFIDENCE and may_be_one_pattern(capture, estimate):
+    if capture is not None and found.confidence <= MAX_SHARED_CONFIDENCE and may_be_one_pattern(capture, estimate):
         single = _of_one_pattern(request, capture)
         if single is not None and single.confidence > found.confidence:
             return replace(single, notes=(*notes, ONE_PATTERN, *single.notes))
