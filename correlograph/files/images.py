@@ -97,10 +97,11 @@ def one_of_equal_channels(pixels: np.ndarray) -> np.ndarray:
     """Return the first channel of a picture (rows, columns, 3 or 4) whose colour channels are equal, as programs write monochrome frames,
     and whose alpha channel, if any, is constant and not zero; any other array unchanged.
     """
-    is_colour = pixels.ndim == 3 and pixels.shape[-1] in (3, 4)
-    alpha = pixels[..., 3:]
-    is_grey = is_colour and (pixels[..., :3] == pixels[..., :1]).all() and (alpha == alpha[:1, :1]).all() and (alpha > 0).all()
-    return pixels[..., 0] if is_grey else pixels
+    if pixels.ndim != 3 or pixels.shape[-1] not in (3, 4):
+        return pixels
+    grey, alpha = pixels[..., 0], pixels[..., 3:]
+    is_opaque = (alpha == alpha[:1, :1]).all() and (alpha > 0).all()
+    return grey if is_opaque and (pixels[..., :3] == grey[..., None]).all() else pixels
 
 
 def _read_picture(file: Path) -> np.ndarray:

@@ -185,10 +185,11 @@ def _reconstruct(request: Request, looks: Looks, weights: np.ndarray, numbers: n
     """Return the results at the times of frames of some numbers, from sums of all frames with weights (frames, frames), at the angle of the
     first frame. Raises InputError if none shows an object."""
     options = request.for_estimate()
-    different, which = np.unique(weights[numbers], axis=0, return_inverse=True)
-    images = tqdm(different, desc="images", unit="image", disable=None, leave=False)
+    # What stays the same has equal weights at all times, but for rounding.
+    _, first, which = np.unique(weights[numbers].round(9), axis=0, return_index=True, return_inverse=True)
+    images = tqdm(weights[numbers[first]], desc="images", unit="image", disable=None, leave=False)
     each = [fulfil(options, looks.combine(looks.upright, chosen)) for chosen in images]
-    found = [each[number] for number in which]
+    found = [each[number] for number in which.ravel()]
     for number in np.flatnonzero(looks.are_dark[numbers]):  # a weighted sum of others
         nothing = empty_reconstruction(len(found[number].coarse_albedo))
         found[number] = replace(found[number], reconstruction=nothing, warnings=())

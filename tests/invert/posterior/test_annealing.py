@@ -95,8 +95,8 @@ def test_resampling_replaces_the_least_likely():
     torch.testing.assert_close(replace_unlikely_samples(data, RIGHT.expand(6, -1, -1), faint[None]), RIGHT.expand(6, -1, -1))
 
 
-@pytest.mark.parametrize("dof", [16.0, 64.0])
-def test_deviance_matches_that_of_truths(dof):
+@pytest.mark.parametrize(("dof", "begun"), [(16.0, 1.06), (64.0, 1.1)])
+def test_deviance_matches_that_of_truths(dof, begun):
     """Samples of a wrong brightness end at deviances of the mean and the variance that those of 200 truths with their own noise have."""
     truths = at_noise(RIGHT[None].expand(200, -1, -1), 0.3, dof, torch.Generator().manual_seed(9)).seen
     of_truths = truths.likelihood().at(RIGHT[None].expand(200, -1, -1)).deviance()
@@ -104,7 +104,7 @@ def test_deviance_matches_that_of_truths(dof):
     dimmed = RIGHT.clone()
     dimmed[14:19] = 0.0
     wrong = dimmed.expand(50, -1, -1)
-    assert float(data.likelihood().at(wrong).deviance().min()) > float(of_truths.max())
+    assert float(data.likelihood().at(wrong).deviance().min()) > max(begun, float(of_truths.max()))
     normal = torch.randn(50, generator=torch.Generator().manual_seed(10))
     found = data.likelihood().at(match_deviance_of_truth(data, wrong, sigma, 1.0, normal)).deviance()
     error = float(of_truths.std())
