@@ -19,11 +19,22 @@ BYTES_PER_PIXEL = 64
 """Measured memory of a simulation per pixel of the film."""
 
 
-def check_numbers(scene: mi.Scene) -> None:
-    """Raise InputError for a mesh without faces, a shape or a parameter that is not finite, and a negative reflectance."""
+def mesh_without_faces(scene: mi.Scene) -> InputError | None:
+    """Return the error of the first mesh that has no faces.
+
+    As long as such a mesh exists, rays fail in every scene: Mitsuba compiles the intersection with all meshes of the process.
+    """
     for shape in scene.shapes():
         if isinstance(shape, mi.Mesh) and shape.face_count() == 0:
-            raise InputError(shape.id() or "shape", "a mesh of triangles", "one without faces", "export the mesh again")
+            return InputError(shape.id() or "shape", "a mesh of triangles", "one without faces", "export the mesh again")
+    return None
+
+
+def check_numbers(scene: mi.Scene) -> None:
+    """Raise InputError for a mesh without faces, a shape or a parameter that is not finite, and a negative reflectance."""
+    if empty := mesh_without_faces(scene):
+        raise empty
+    for shape in scene.shapes():
         if not np.isfinite(np.array([shape.bbox().min, shape.bbox().max], np.float64)).all():
             raise InputError(shape.id() or "shape", "finite sizes", "NaN or infinity", "correct the shape")
     for name, value in mi.traverse(scene).items():

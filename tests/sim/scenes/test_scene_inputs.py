@@ -110,17 +110,24 @@ def test_a_face_of_a_vertex_that_a_mesh_lacks_is_refused(scene, index, axes):
     assert str(index) in told
 
 
-def test_a_mesh_without_faces_and_transparent_pictures_are_refused(scene):
-    """Mitsuba takes transparent pixels for opaque ones: a letter on a transparent background would be a white square."""
-    (scene.parent / "clutter.obj").write_text("v 50 0 0\nv 51 0 0\nv 50 1 0\n")
+def test_a_mesh_without_faces_is_refused_and_leaves_no_trace(scene):
+    """Mitsuba calls every mesh of the process, so that one without faces fails in every scene as long as it exists."""
     whole = scene.read_text()
+    (scene.parent / "clutter.obj").write_text("v 50 0 0\nv 51 0 0\nv 50 1 0\n")
     flat = '<string name="filename" value="clutter.obj"/><boolean name="face_normals" value="true"/>'
     edit(scene, "</scene>", f'<shape type="obj" id="clutter">{flat}</shape></scene>')
-    assert "clutter: expected a mesh of triangles, found one without faces" in refusal(scene)
+    with pytest.raises(cg.InputError, match="clutter: expected a mesh of triangles, found one without faces") as error:
+        sim.load(scene)
+    scene.write_text(whole)
+    assert sim.load(scene).geometry.distance_m > 0
+    assert error.value.__traceback__  # its frames are alive, as in a notebook after an error
+
+
+def test_transparent_pictures_are_refused(scene):
+    """Mitsuba takes transparent pixels for opaque ones: a letter on a transparent background would be a white square."""
     picture = np.full((32, 32, 4), 255, np.uint8)
     picture[:, :20, 3] = 0
     Image.fromarray(picture).save(scene.parent / "clutter.png")
-    scene.write_text(whole)
     edit(
         scene,
         "</scene>",
