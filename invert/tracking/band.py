@@ -90,6 +90,11 @@ class Band:
         windows = [tukey(side, self.taper) for side in self.shape]
         return float(np.prod([(one**4).mean() / (one**2).mean() ** 2 for one in windows]))
 
+    @cached_property
+    def whitening(self) -> np.ndarray:
+        """Weights (R, C) at which all frequencies of the band count by their number."""
+        return np.where(self.counts > 0.0, self.counts / np.maximum(self.signal + self.floor, 1e-300), 0.0)
+
     @property
     def is_dim(self) -> bool:
         """Whether the noise exceeds the speckle at every frequency."""

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from invert.tracking.band import Band
-from invert.tracking.light import MIN_LIGHT
 from invert.tracking.parts import sum_over_rows
 from invert.tracking.shifts import MIN_SIGNIFICANCE, Weight, move_back, overlap_share, weight_of
+from invert.tracking.start import MIN_OVERLAP
 
 MAX_LOW, MIN_HIGH = 0.3, 0.45
 """Likeness of frames, over the usual one, below which a jump is sought, and above which it is found. The interference of two objects
@@ -74,7 +74,7 @@ def boundaries_along(spectra: np.ndarray, band: Band, light: np.ndarray, path: n
 
     before, after = _sums(light[:, None], group)
     counts = _sums(np.ones((len(path), 1)), group)
-    overlap = np.maximum(overlap_share(np.diff(path, axis=0), band), MIN_LIGHT)
+    overlap = np.maximum(overlap_share(np.diff(path, axis=0), band), MIN_OVERLAP)
     expected = weight.full * (before * after)[:, 0] * overlap
     deviation = weight.deviation * np.sqrt(counts[0] * counts[1])[:, 0]
     return Boundaries(group, sum_over_rows(measure, spectra) / expected, expected / deviation, weight)
@@ -99,7 +99,7 @@ def _weight_of_sums(spectra: np.ndarray, band: Band, path: np.ndarray, group: in
     return replace(
         found,
         values=scale * found.values,
-        slope_variance=scale**2 * found.slope_variance,
+        products=scale**2 * found.products,
         deviation=scale * found.deviation,
         full=of_frame.full,
     )

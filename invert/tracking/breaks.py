@@ -15,11 +15,11 @@ from correlograph.errors import InputError
 from invert.tracking.band import Band
 from invert.tracking.boundaries import MAX_LOW, MIN_HIGH, Boundaries, boundaries_along
 from invert.tracking.follow import Followed, follow
-from invert.tracking.light import MIN_LIGHT, light_of_frames
+from invert.tracking.light import light_of_frames
 from invert.tracking.maxima import highest
 from invert.tracking.parts import on_all_cores
 from invert.tracking.shifts import MIN_SIGNIFICANCE, fold, move_back, overlap_share
-from invert.tracking.start import Start, replace_path
+from invert.tracking.start import MIN_OVERLAP, Start, replace_path
 
 USUAL_OF_SOME = 0.75
 """Quantile of the likeness at the best displacement at some boundaries that counts as usual."""
@@ -94,7 +94,7 @@ def check_continuity(spectra: np.ndarray, band: Band, path: np.ndarray) -> None:
     single, double = along(1), along(2)
     if single.show_breaks.mean() >= 0.5:
         is_broken = np.maximum(single.alike * single.scale, double.alike * double.scale) < MAX_SIGMA
-        is_broken &= single.show_breaks
+        is_broken &= double.show_breaks
     else:
         several = double if double.is_clear else along(4)
         is_broken = several.are_clear & (several.alike < MAX_LOW * several.usual)
@@ -124,7 +124,7 @@ def _jumps(spectra: np.ndarray, band: Band, path: np.ndarray, at_path: Boundarie
         whole = fold(place + steps[boundary], band)
         overlap = overlap_share(np.stack([steps[boundary], whole]), band)
         sigma = height / weight.deviation / np.sqrt((boundary + 1 - first) * (last - boundary - 1))
-        alike = sigma / at_path.scale[boundary] * overlap[0] / max(overlap[1], MIN_LIGHT)
+        alike = sigma / at_path.scale[boundary] * overlap[0] / max(overlap[1], MIN_OVERLAP)
         return np.array([*(whole - steps[boundary]), alike, sigma])
 
     def look(boundaries: np.ndarray) -> np.ndarray:

@@ -14,19 +14,22 @@ FALSE_ALARM = 0.01
 MAX_LIGHT_NOISE = 0.25
 """Variance of the light that is measured in one frame, over its square, above which it is taken to be the same in all."""
 
+MAX_EVEN = 2.0
+"""Ratio of the powers of frames up to which they count as even."""
+
 MIN_LIGHT = 0.05
-"""Least light of a frame over the usual one, and least overlap of two windows, that count."""
+"""Least light of a frame over the usual one."""
 
 
 def light_of_frames(spectra: np.ndarray, band: Band) -> np.ndarray:
     """Return the amplitude of the speckle in each frame, (frames,), over that of the band, if its changes are no noise.
 
-    The weights leave out what grows with the floor, because the number of photons in a frame is random, too.
+    The weights leave out white noise, because the number of photons in a frame is random, too.
     """
     total = np.maximum(band.signal + band.floor, 1e-300)
-    of_signal, of_floor = (band.counts * one / total**2 for one in (band.signal, band.floor))
-    weights = of_signal - of_floor * (of_signal * band.floor).sum() / max(float((of_floor * band.floor).sum()), 1e-300)
-    full = float((weights * band.signal).sum())
+    of_signal, of_noise = (band.counts * one / total**2 for one in (band.signal, 1.0))
+    weights = of_signal - of_noise * of_signal.sum() / of_noise.sum()
+    full = float((weights * total).sum())
     if full <= 0.0:  # speckle that looks like the floor
         return np.ones(len(spectra))
 
@@ -39,10 +42,25 @@ def light_of_frames(spectra: np.ndarray, band: Band) -> np.ndarray:
     if noise > MAX_LIGHT_NOISE or variance < noise * noisy:
         return np.ones(len(found))
     usual = max(float(np.median(found)), MIN_LIGHT)
-    return np.sqrt(np.maximum(usual + (1.0 - noise / variance) * (found - usual), MIN_LIGHT * usual))
+    return np.sqrt(np.maximum(usual + (1.0 - noise / variance) * (found - usual), MIN_LIGHT**2 * usual))
 
 
 def at_equal_light(spectra: np.ndarray, band: Band) -> np.ndarray:
     """Return spectra (frames, R, C) as if all frames had the light of the band; the noise of darker ones grows."""
     light = light_of_frames(spectra, band).astype(np.float32)
     return spectra if (light == 1.0).all() else spectra / light[:, None, None]
+
+
+def at_even_power(spectra: np.ndarray, band: Band) -> np.ndarray:
+    """Return spectra (frames, R, C) as if speckle and noise together had the same power in all frames, that of the band.
+
+    What two frames share then is as significant as its height, however bright they are.
+    """
+
+    def powers(rows: slice) -> np.ndarray:
+        return (np.abs(spectra[:, rows]) ** 2 * band.whitening[rows].astype(np.float32)).sum((1, 2), np.float64)
+
+    power = np.maximum(sum_over_rows(powers, spectra) / band.counts.sum(), 1e-30)
+    if power.max() < MAX_EVEN * power.min():
+        return spectra
+    return spectra / np.sqrt(power).astype(np.float32)[:, None, None]

@@ -87,8 +87,9 @@ def _lags_for_others(path: np.ndarray, spectra: np.ndarray, band: Band) -> list[
     while lags[-1] > 3:
         lags.append(lags[-1] // 2)
     lags = [one for one in lags if one > 1]
+    light = light_of_frames(spectra, band)
     for index, lag in enumerate(lags):
-        if share_along(spectra, band, path, lag) > ALONE_SHARE:
+        if share_along(spectra, band, path, lag, light) > ALONE_SHARE:
             return lags[:index]
     return lags
 
@@ -110,7 +111,7 @@ def fading_along(spectra: np.ndarray, band: Band, path: np.ndarray) -> tuple[int
     light = light_of_frames(spectra, band)
 
     def share(apart: int) -> float:
-        return share_along(spectra, band, path, apart) / float((light[apart:] * light[:-apart]).mean())
+        return share_along(spectra, band, path, apart, light)
 
     near = share(1)
     if near <= 0.0:

@@ -44,7 +44,7 @@ def register(
         light: amplitude of the speckle of each group over that of the band, (n,).
     """
     for _ in range(ROUNDS):
-        alike = likeness(sums, band, places)
+        alike = likeness(sums, band, places, light)
         reach = reach_of(alike)
         stiffness = light * _around(light, reach)
         low, high = _window(len(sums), reach)
@@ -57,8 +57,10 @@ def register(
         if np.abs(np.diff(correction, axis=0)).max() < CONVERGED_GRAINS * band.grain_pixels:
             break
     of_pair = np.diag(inverse @ weight.slope_variance @ inverse) / usual
-    of_pair = of_pair * (1.0 + _excess_of_bright_spots(sums, band, places, reach, weight))
-    variance = of_pair / stiffness[:, None]
+    excess = 1.0 + _excess_of_bright_spots(sums, band, places, reach, weight)
+    of_pair = of_pair * excess
+    slopes = weight.slope_variances(light, _around(light, reach), _around(light**2, reach))
+    variance = np.einsum("ab,nbc,ca->na", inverse, slopes, inverse) / stiffness[:, None] ** 2 * excess
     # Over distances beyond the reach, errors add up like resistances of a chain in which each member is joined to its neighbours.
     resistances = np.concatenate([[0.0], np.cumsum(1.0 / (light[1:] * light[:-1]))])
     walked = resistances[:, None] / np.sum(np.arange(1.0, reach + 1.0) ** 2) * of_pair
@@ -154,24 +156,23 @@ def reach_of(alike: np.ndarray) -> int:
     return max(1, int(faded[0]) if len(faded) else len(alike))
 
 
-def likeness(spectra: np.ndarray, band: Band, path: np.ndarray) -> np.ndarray:
-    """Return the share of the speckle that spectra (n, R, C) 1, 2, ... apart have in common along a path (n, 2), (at most `MAX_REACH`,)."""
+def likeness(spectra: np.ndarray, band: Band, path: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """Return the share of the speckle that spectra (n, R, C) of some light (n,) 1, 2, ... apart have in common along a path, (at most
+    `MAX_REACH`,)."""
     count = len(spectra)
     chosen = np.unique(np.linspace(0, count - 1, PAIRS).astype(int))
     pairs = [(chosen[chosen + step < count], step) for step in range(1, min(MAX_REACH + 1, count))]
-    return np.array([one.mean() for one in likeness_of_pairs(pairs, spectra, band, path)])
-
-
-def whitening(band: Band) -> np.ndarray:
-    """Return the weights (R, C) at which all frequencies of the band count by their number."""
-    return np.where(band.counts > 0.0, band.counts / np.maximum(band.signal + band.floor, 1e-300), 0.0)
+    found = likeness_of_pairs(pairs, spectra, band, path)
+    return np.array(
+        [alike.sum() / (light[one] * light[one + step]).sum() for alike, (one, step) in zip(found, pairs, strict=True)]
+    )
 
 
 def likeness_of_pairs(
     pairs: list[tuple[np.ndarray, int]], spectra: np.ndarray, band: Band, path: np.ndarray
 ) -> list[np.ndarray]:
     """Return the share of the speckle that spectra (n, R, C) have in common with those some steps later, for first ones of each step."""
-    weight = whitening(band)
+    weight = band.whitening
 
     def common(rows: slice) -> np.ndarray:
         moved = move_back(spectra[:, rows], band.part(rows), path)

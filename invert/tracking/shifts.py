@@ -29,7 +29,10 @@ class Weight:
 
     Attributes:
         values: (R, C), times the number of coefficients that each stands for.
-        slope_variance: covariance of the slope of the noise at a maximum, (2, 2).
+        common: share of the speckle of a frame that others have in common with it.
+        products: covariance of the slopes of a cross-spectrum by products of noise and speckle, of speckle and other speckle, and of noise
+            and other noise, (3, 2, 2).
+        frames: number of frames in the sum.
         deviation: standard deviation of the cross-correlation of frames that share nothing.
         full: height of the maximum if the speckle is wholly common.
         tilt: slope of the cross-correlation at its maximum, over its height, if frames rather than this sum were multiplied by a function
@@ -37,7 +40,9 @@ class Weight:
     """
 
     values: np.ndarray
-    slope_variance: np.ndarray
+    common: float
+    products: np.ndarray
+    frames: int
     deviation: float
     full: float
     tilt: np.ndarray
@@ -45,6 +50,26 @@ class Weight:
     def part(self, rows: slice) -> Weight:
         """Return the weight of some rows of a band."""
         return replace(self, values=self.values[rows])
+
+    @property
+    def slope_variance(self) -> np.ndarray:
+        """Covariance of the slope at a maximum, (2, 2), for equal frames."""
+        return self.slope_variances(np.ones(1), np.full(1, self.frames), np.full(1, self.frames))[0]
+
+    def slope_variances(self, light: np.ndarray, others: np.ndarray, squares: np.ndarray) -> np.ndarray:
+        """Return the covariance of the slope at the maximum of frames of some light (n,) with sums of others, (n, 2, 2).
+
+        All noise is taken for that of photons, whose power goes with the light.
+
+        Args:
+            others, squares: sums of the light and of its squares over the others, (n,).
+        """
+        left = 1.0 - self.common
+        both, twice = light * others, light**2
+        noise_and_speckle = self.common * both * (light + others) + left * light * (squares + both)
+        speckles = left * twice * (self.common * (others**2 + squares) + left * squares)
+        factors = np.stack([noise_and_speckle, speckles, both])
+        return np.tensordot(factors, self.products, (0, 0))
 
 
 def weight_of(band: Band, common: float, frames: int = 1) -> Weight:
@@ -59,14 +84,25 @@ def weight_of(band: Band, common: float, frames: int = 1) -> Weight:
         2.0 * np.pi * np.broadcast_to(band.rows[:, None], signal.shape),
         2.0 * np.pi * np.broadcast_to(band.columns, signal.shape),
     )
-    noise = band.counts * values**2 * frames**2 * left * band.noise_gain
-    covariance = np.array([[float((noise * one * other).sum()) for other in turn] for one in turn])
-    null = band.counts * values**2 * frames * total**2 * band.noise_gain
+    counted = band.counts * values**2 * band.noise_gain
+    products = [
+        [[float((counted * power * one * other).sum()) for other in turn] for one in turn]
+        for power in (signal * band.floor, signal**2, np.broadcast_to(band.floor, signal.shape) ** 2)
+    ]
+    null = counted * frames * total**2
     # The correlation times its argument has the derivative of the spectrum as its spectrum.
     falls = [-np.gradient(signal, part, axis=axis) for axis, part in enumerate((band.rows, band.columns))]
     tilt = np.array([[float((band.counts * values * one * fall).sum()) / (2.0 * np.pi) for fall in falls] for one in turn])
     height = float((band.counts * values * signal).sum())
-    return Weight(band.counts * values, covariance, float(null.sum() ** 0.5), height * frames, tilt / max(height, 1e-300))
+    return Weight(
+        band.counts * values,
+        common,
+        np.array(products),
+        frames,
+        float(null.sum() ** 0.5),
+        height * frames,
+        tilt / max(height, 1e-300),
+    )
 
 
 def move_back(spectra: np.ndarray, band: Band, pixels: np.ndarray) -> np.ndarray:

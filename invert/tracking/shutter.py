@@ -19,7 +19,7 @@ from scipy.optimize import minimize_scalar
 
 from invert.tracking.band import Band
 from invert.tracking.follow import Followed
-from invert.tracking.register import PAIRS, likeness_of_pairs, whitening
+from invert.tracking.register import PAIRS, likeness_of_pairs
 from invert.tracking.smoothing import smooth
 from radiometry.motion import airy
 
@@ -60,7 +60,7 @@ def fading_along_steps(spectra: np.ndarray, band: Band, path: np.ndarray, share:
     """
     chosen = np.unique(np.linspace(0, len(path) - 3, PAIRS).astype(int))
     *alike, power = likeness_of_pairs([(chosen, 1), (chosen, 2), (np.arange(len(path)), 0)], spectra, band, path)
-    weight = whitening(band)
+    weight = band.whitening
     power = np.maximum(power - (weight * band.floor).sum() / (weight * band.signal).sum(), MIN_POWER)
     alike, seen = np.concatenate(alike), np.concatenate([np.sqrt(power[chosen] * power[chosen + step]) for step in (1, 2)])
     usual = max(float((np.diff(path, axis=0) ** 2).sum(1).mean()), 1e-12)

@@ -80,8 +80,9 @@ def find_brightest(spectra: np.ndarray, band: Band) -> Start:
     raise InputError("frames", "speckle that moves as a whole", needed, remedy)
 
 
-def share_along(spectra: np.ndarray, band: Band, path: np.ndarray, lag: int) -> float:
-    """Return the share of the speckle that frames `lag` apart have in common along a path (frames, 2)."""
+def share_along(spectra: np.ndarray, band: Band, path: np.ndarray, lag: int, light: np.ndarray | None = None) -> float:
+    """Return the share of the speckle that frames `lag` apart have in common along a path (frames, 2), over that of their light if it is
+    given, (frames,)."""
     steps, weight = path[lag:] - path[:-lag], weight_of(band, 0.0)
 
     def heights(rows: slice) -> np.ndarray:
@@ -89,7 +90,8 @@ def share_along(spectra: np.ndarray, band: Band, path: np.ndarray, lag: int) -> 
         return heights_at(cross, band.part(rows), weight.part(rows), steps)
 
     alike = sum_over_rows(heights, spectra)
-    return float(alike.mean() / (weight.full * mean_overlap(steps, band)))
+    seen = 1.0 if light is None else float((light[lag:] * light[:-lag]).mean())
+    return float(alike.mean() / (weight.full * seen * mean_overlap(steps, band)))
 
 
 def mean_overlap(steps: np.ndarray, band: Band) -> float:

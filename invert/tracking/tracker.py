@@ -14,6 +14,7 @@ from correlograph.files.captured_frames import check_copies, check_finite, check
 from invert.tracking.band import Band
 from invert.tracking.breaks import check_continuity, follow_over_jumps
 from invert.tracking.joint import follow_several
+from invert.tracking.light import at_even_power
 from invert.tracking.numbers import frame_numbers
 from invert.tracking.pursuit import fading_along, find_objects, is_alone
 from invert.tracking.shutter import fading_along_steps, for_open_shutter
@@ -58,7 +59,7 @@ def track(
     numbers = frame_numbers(capture)
     lever = None if source_distance_m is None else metres_per_pixel(capture.camera, source_distance_m, source_angle_deg)
     spectra, band = _read_spectra(capture, binning)
-    starts = find_objects(spectra, band)
+    starts = find_objects(at_even_power(spectra, band), band)
     for one in starts:
         _check_steps(one.path, band)
     alone = is_alone(starts)

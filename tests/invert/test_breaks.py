@@ -112,6 +112,15 @@ def test_a_dark_frame_neither_is_nor_hides_a_jump(rng):
         assert np.abs(left).max() < 1.5
 
 
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_path_goes_on_over_dark_frames(count, rng):
+    path = NUMBERS[:20, None] * STEP
+    frames = frames_along(path, rng, 0.3)
+    frames[9 : 9 + count] = [rng.poisson(0.01, frame.shape).astype(np.float32) for frame in frames[9 : 9 + count]]
+    lit = np.delete(cg.track(cg.Capture(frames)).path_pixels - path, range(9, 9 + count), 0)
+    assert np.abs(lit).max() < 0.5
+
+
 def test_a_laser_that_moved_once_is_named(rng):
     path = NUMBERS[:10, None] * STEP
     frames = [*frames_along(path, rng, 0.3), *frames_along(path, np.random.default_rng(5), 0.3)]
