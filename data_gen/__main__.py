@@ -68,8 +68,9 @@ def main(argv: Sequence[str] | None = None) -> None:
         return
     _try_out(recipe, options.scheduler)
     with sole_writer(address, "dataset"):
-        group = begin(address, dataset_schema(recipe.measurement, options.lags), manifest, recipe.count)
-        missing, started = missing_parts(group), time.perf_counter()
+        schema = dataset_schema(recipe.measurement, options.lags)
+        group = begin(address, schema, manifest, recipe.count)
+        missing, started = missing_parts(group, address, schema), time.perf_counter()
         made = make_shards(address, recipe, missing, options.workers, options.scheduler)
         seconds = time.perf_counter() - started
     print(f"{options.output}: {recipe.count} samples, {made} made now" + (f" ({made / seconds:.0f} a second)" if made else ""))

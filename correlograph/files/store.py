@@ -107,11 +107,7 @@ def open_complete(address: str, schema: Schema) -> zarr.Group:
         raise InputError(schema.kind, f"one made by {schema.made_by}", f"none at {address}", "check the address")
     _check_mark(group, address, schema)
     _check_arrays(group, address, schema)
-    try:
-        missing = missing_parts(group)
-    except Exception as error:  # codecs raise their own exceptions
-        raise _damage_error(address, schema, f"marks that cannot be read ({_one_line(error)})") from None
-    if missing:
+    if missing := missing_parts(group, address, schema):
         found = f"{len(missing)} of {group['complete'].shape[0]} parts missing in {address}"
         raise InputError(schema.kind, "a complete one", found, f"run the same {schema.made_by} again")
     for name in schema.arrays:
@@ -142,9 +138,12 @@ def read_rows(group: zarr.Group, address: str, name: str, rows: np.ndarray, sche
         raise _damage_error(address, schema, f"{name} that cannot be read ({_one_line(error)})") from None
 
 
-def missing_parts(group: zarr.Group) -> list[int]:
-    """Return the incomplete parts."""
-    return np.flatnonzero(np.asarray(group["complete"]) == 0).tolist()
+def missing_parts(group: zarr.Group, address: str, schema: Schema) -> list[int]:
+    """Return the incomplete parts. Raises InputError if the marks cannot be read."""
+    try:
+        return np.flatnonzero(np.asarray(group["complete"]) == 0).tolist()
+    except Exception as error:  # codecs raise their own exceptions
+        raise _damage_error(address, schema, f"marks that cannot be read ({_one_line(error)})") from None
 
 
 def write_part(group: zarr.Group, schema: Schema, part: int, arrays: Mapping[str, np.ndarray]) -> None:

@@ -66,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     address = store_address(options.output)
     with sole_writer(address, "warm starts"):
         group = begin(address, SCHEMA, arguments, options.count)
-        missing = missing_parts(group)
+        missing = missing_parts(group, address, SCHEMA)
         chunks = options.count // CHUNK
         for chunk in tqdm(missing, total=chunks, initial=chunks - len(missing), unit="chunk", disable=None):
             write_part(group, SCHEMA, chunk, _chunk(network, targets, options.seed, chunk))
