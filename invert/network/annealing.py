@@ -21,7 +21,7 @@ from invert.choices import Quality
 from invert.likelihood.data_consistency import MAX_ALBEDO
 from invert.network.data_steps import (
     DataStep,
-    match_deviance_of_truth,
+    end_at_deviance_of_truth,
     replace_unlikely_samples,
     take_last_steps,
     take_shrunken_steps,
@@ -176,17 +176,28 @@ def finish(chain: Chain, state: Sampling, options: Annealing) -> AnnealingResult
 
 
 def draw_last_round(chain: Chain, starts: torch.Tensor, options: Annealing) -> torch.Tensor:
-    """Run a round with short data-consistency steps, and give each sample (n, 64, 64) a deviance that the truth could have."""
-    samples, _ = run_annealing(chain, starts, options, take_last_steps)
-    sigma = samples.new_full((len(samples),), options.last)
-    return match_deviance_of_truth(chain.data, samples, sigma, chain.inflation, chain.noise(sigma))
+    """Run a round with short data-consistency steps; the last ones give each sample (n, 64, 64) a deviance that the truth could have."""
+    normal = chain.noise(starts[:, 0, 0])
+
+    def end(data: Observation, denoised: torch.Tensor, sigma: torch.Tensor, _steps: int) -> torch.Tensor:
+        return end_at_deviance_of_truth(data, denoised, sigma, chain.inflation, normal)
+
+    return run_annealing(chain, starts, options, take_last_steps, end)[0]
 
 
 @torch.no_grad()
 def run_annealing(
-    chain: Chain, starts: torch.Tensor, options: Annealing, data_step: DataStep = take_shrunken_steps
+    chain: Chain,
+    starts: torch.Tensor,
+    options: Annealing,
+    data_step: DataStep = take_shrunken_steps,
+    last_step: DataStep | None = None,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Add noise to albedos (n, 64, 64) and denoise them; return the albedos and the mean of the denoiser outputs."""
+    """Add noise to albedos (n, 64, 64) and denoise them; return the albedos and the mean of the denoiser outputs.
+
+    Args:
+        last_step: takes the place of `data_step` after the last noise level.
+    """
     levels = options.levels().to(starts)
     albedo, noisy = starts, starts + levels[0] * chain.noise(starts)
     total = torch.zeros_like(starts)
@@ -194,7 +205,8 @@ def run_annealing(
         sigma = level.expand(len(starts))
         denoised = chain.sampler(chain.observation, noisy, sigma, albedo).clamp(0.0, MAX_ALBEDO)
         total += denoised
-        albedo = data_step(chain.data, denoised, sigma, options.ascent)
+        move = data_step if following is not None or last_step is None else last_step
+        albedo = move(chain.data, denoised, sigma, options.ascent)
         if following is not None:
             noisy = renoise(albedo, noisy, level, following, chain.noise(starts))
         chain.progress()

@@ -8,7 +8,7 @@ import torch
 
 from invert.likelihood.data_consistency import Ascent, ascend_to_deviance, run_data_consistency_steps
 from invert.network.features import Observation, fill_zero_lag_by_neighbours, mean_near_zero_lag
-from invert.network.sampler import posterior_variance
+from invert.network.sampler import ALBEDO_STD, posterior_variance
 
 DataStep = Callable[[Observation, torch.Tensor, torch.Tensor, int], torch.Tensor]
 """Moves denoiser outputs (n, 64, 64) at noise levels (n,) towards the data, in a number of steps."""
@@ -30,7 +30,7 @@ REPLACEMENT_MARGIN_NATS, MAX_REPLACED_FRACTION = 60.0, 1 / 3
 third keeps the samples diverse: without it, bright captures leave copies of one sample."""
 
 MAX_FINAL_STEPS = 50
-"""Maximum number of data-consistency steps after the last round."""
+"""Maximum number of data-consistency steps within a prior after the last noise level."""
 
 
 def take_shrunken_steps(data: Observation, denoised: torch.Tensor, sigma: torch.Tensor, steps: int) -> torch.Tensor:
@@ -56,24 +56,26 @@ def take_last_steps(data: Observation, denoised: torch.Tensor, sigma: torch.Tens
     return run_data_consistency_steps(data.likelihood(), denoised, LAST_VARIANCE_FACTOR * posterior_variance(sigma), steps)
 
 
-def match_deviance_of_truth(
-    data: Observation, samples: torch.Tensor, sigma: torch.Tensor, inflation: float, normal: torch.Tensor
+def end_at_deviance_of_truth(
+    data: Observation, denoised: torch.Tensor, sigma: torch.Tensor, inflation: float, normal: torch.Tensor
 ) -> torch.Tensor:
-    """Move samples (n, 64, 64) up their likelihood until each has a deviance that the truth could have.
+    """Move denoiser outputs (n, 64, 64) at noise levels (n,) up their likelihood until each has a deviance that the truth could have.
 
     A lag of Gamma noise x of shape K has the deviance 2 K (x - 1 - ln x). Its mean is 1 + 1 / (6 K) and its variance 2 + 2 / (3 K), to the
     first order in 1 / K; `inflation` divides K. Stopping at the mean is the discrepancy principle of Morozov; samples that all stopped
-    there would be more alike in likelihood than the truth is to them.
+    there would be more alike in likelihood than the truth is to them. Albedos that miss their deviance within the prior of other steps
+    go on within one as wide as the difference of two objects.
 
     Args:
-        sigma: noise level whose `posterior_variance` limits the change, (n,).
         normal: standard normal variates (n,), which choose the deviance of each sample.
     """
     likelihood = data.likelihood()
     per_dof = 1.0 / (inflation * likelihood.dof.flatten())
     deviance = (1.0 + per_dof / 6.0 + ((2.0 + per_dof / 1.5) / likelihood.lags) ** 0.5 * normal) / inflation
-    variance = PRIOR_VARIANCE_FACTOR * posterior_variance(sigma)
-    return ascend_to_deviance(likelihood, samples, variance, deviance, MAX_FINAL_STEPS)
+    near = PRIOR_VARIANCE_FACTOR * posterior_variance(sigma)
+    for variance in (near, torch.full_like(near, 2.0 * ALBEDO_STD**2)):
+        denoised = ascend_to_deviance(likelihood, denoised, variance, deviance, MAX_FINAL_STEPS)
+    return denoised
 
 
 def floor_fraction(data: Observation) -> torch.Tensor:

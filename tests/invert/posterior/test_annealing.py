@@ -15,8 +15,8 @@ from invert.network.checkpoints import load_network
 from invert.network.data_steps import (
     PRIOR_VARIANCE_FACTOR,
     REPLACEMENT_MARGIN_NATS,
+    end_at_deviance_of_truth,
     floor_fraction,
-    match_deviance_of_truth,
     replace_unlikely_samples,
     take_shrunken_steps,
 )
@@ -100,13 +100,13 @@ def test_deviance_matches_that_of_truths(dof, begun):
     """Samples of a wrong brightness end at deviances of the mean and the variance that those of 200 truths with their own noise have."""
     truths = at_noise(RIGHT[None].expand(200, -1, -1), 0.3, dof, torch.Generator().manual_seed(9)).seen
     of_truths = truths.likelihood().at(RIGHT[None].expand(200, -1, -1)).deviance()
-    data, sigma = truths.part(slice(0, 1), "cpu"), torch.full((50,), 0.8)
+    data = truths.part(slice(0, 1), "cpu")
     dimmed = RIGHT.clone()
     dimmed[14:19] = 0.0
     wrong = dimmed.expand(50, -1, -1)
     assert float(data.likelihood().at(wrong).deviance().min()) > max(begun, float(of_truths.max()))
     normal = torch.randn(50, generator=torch.Generator().manual_seed(10))
-    found = data.likelihood().at(match_deviance_of_truth(data, wrong, sigma, 1.0, normal)).deviance()
+    found = data.likelihood().at(end_at_deviance_of_truth(data, wrong, torch.full((50,), 0.8), 1.0, normal)).deviance()
     error = float(of_truths.std())
     assert abs(float(found.mean() - of_truths.mean())) < 0.4 * error  # of 50, 0.16 by chance
     assert 0.7 * error < float(found.std()) < 1.4 * error

@@ -12,7 +12,7 @@ import torch
 from invert.likelihood.gamma import Likelihood
 from invert.measure.spectrum import Measurement, read_measurement
 from invert.network.annealing import Annealing, Chain, run_annealing
-from invert.network.data_steps import take_last_steps
+from invert.network.data_steps import end_at_deviance_of_truth, take_last_steps
 from invert.network.features import Observation
 from invert.network.inference import make_observation
 from invert.training.data import at_noise
@@ -84,3 +84,18 @@ def test_samples_have_the_posteriors_probabilities(floor, dof, data_step, sample
         float((one.unflatten(0, (-1, 20)).mean(1) - mean).square().sum(1).mean()) for one in (found, expected)
     )
     assert by_expected < 0.9 * by_samples
+
+
+@pytest.mark.slow
+def test_the_last_steps_change_no_object():
+    """In noise of twice the peak, samples get deviances of the spread of truths, with small changes to the same objects."""
+    estimate = at_noise(toy(TRUTH)[None], 2.0, 64.0, torch.Generator().manual_seed(7)).seen.values[0]
+    measurement = read_measurement(estimate.numpy())
+    chain = Chain(ExactExpectation(measurement), make_observation([measurement]), 1.0, torch.Generator().manual_seed(8))
+    found, _ = run_annealing(chain, torch.zeros(200, 64, 64), Annealing(200, rounds=1, steps=24, first=16.0), stay)
+    normal = torch.randn(200, generator=torch.Generator().manual_seed(1))
+    moved = end_at_deviance_of_truth(chain.data, found, torch.full((200,), 0.05), 1.0, normal)
+    before, after = (torch.cdist(one[_NEAR].flatten(1), _TOYS).argmin(1) for one in (found, moved))
+    assert float((before != after).double().mean()) < 0.02
+    deviances = [chain.data.likelihood().at(one).deviance() for one in (found, moved)]
+    assert float(deviances[0].std()) < 0.1 * float(deviances[1].std())
