@@ -17,9 +17,9 @@ from radiometry.estimation.camera_offset import camera_offset, offset_from_speck
 from radiometry.estimation.illumination import is_uneven
 from radiometry.estimation.photon_transfer import photon_transfer
 
-SURELY_EMPTY, MAX_EMPTY_STRUCTURE = 1e-3, 0.02
-"""Variance beyond pixel noise, in units of the median over the frames, below which a frame counts as one without light, and the same for
-one whose variance is not clear."""
+MAX_EMPTY_STRUCTURE, MAX_UNCLEAR_STRUCTURE = 1e-3, 0.02
+"""Variance beyond pixel noise, in units of the median over the frames, below which a frame counts as one without light; and below which it
+does if this variance is not clear."""
 
 STRUCTURE_SIGMA = 10.0
 """Standard errors by which that median must exceed zero, for dim frames to be judged at all, and a variance, to be clear."""
@@ -80,7 +80,7 @@ def find_empty(capture: Capture) -> dict[int, str]:
     typical = float(np.median(structure[:, 0]))
     if typical <= STRUCTURE_SIGMA * float(np.median(structure[:, 1])):
         return {}
-    limit = np.clip(STRUCTURE_SIGMA * structure[:, 1], SURELY_EMPTY * typical, MAX_EMPTY_STRUCTURE * typical)
+    limit = np.clip(STRUCTURE_SIGMA * structure[:, 1], MAX_EMPTY_STRUCTURE * typical, MAX_UNCLEAR_STRUCTURE * typical)
     empty = np.flatnonzero(~(structure[:, 0] > limit)).tolist()
     named = len(capture.names) == len(frames)
     return {number: capture.names[number] if named else f"frame {number}" for number in empty}

@@ -205,7 +205,7 @@ def run_annealing(
         sigma = level.expand(len(starts))
         denoised = chain.sampler(chain.observation, noisy, sigma, albedo).clamp(0.0, MAX_ALBEDO)
         total += denoised
-        move = data_step if following is not None or last_step is None else last_step
+        move = data_step if following is not None else last_step or data_step
         albedo = move(chain.data, denoised, sigma, options.ascent)
         if following is not None:
             noisy = renoise(albedo, noisy, level, following, chain.noise(starts))

@@ -17,8 +17,8 @@ MAX_LIGHT_NOISE = 0.25
 MAX_EVEN = 2.0
 """Ratio of the powers of frames up to which they count as even."""
 
-MIN_LIGHT = 0.05
-"""Least light of a frame over the usual one."""
+MIN_LIGHT = 1e-3
+"""Least amplitude of the speckle in a frame over the usual one."""
 
 
 def light_of_frames(spectra: np.ndarray, band: Band) -> np.ndarray:
@@ -26,23 +26,28 @@ def light_of_frames(spectra: np.ndarray, band: Band) -> np.ndarray:
 
     The weights leave out white noise, because the number of photons in a frame is random, too.
     """
-    total = np.maximum(band.signal + band.floor, 1e-300)
-    of_signal, of_noise = (band.counts * one / total**2 for one in (band.signal, 1.0))
+    total = np.maximum(band.signal + band.floor, 1e-150)
+    of_signal, of_noise = (np.where(band.counts > 0.0, band.counts * one / total**2, 0.0) for one in (band.signal, 1.0))
     weights = of_signal - of_noise * of_signal.sum() / of_noise.sum()
     full = float((weights * total).sum())
     if full <= 0.0:  # speckle that looks like the floor
         return np.ones(len(spectra))
 
     def powers(rows: slice) -> np.ndarray:
-        return (np.abs(spectra[:, rows]) ** 2 * weights[rows].astype(np.float32)).sum((1, 2), np.float64)
+        weighted = np.abs(spectra[:, rows]) ** 2 * weights[rows].astype(np.float32)
+        return np.stack([weighted.sum((1, 2), np.float64), 0.5 * (weighted**2).sum((1, 2), np.float64)])
 
-    found = sum_over_rows(powers, spectra) / full
+    found, own_noise = sum_over_rows(powers, spectra)
+    found, own_noise = found / full, band.noise_gain * own_noise / full**2  # of powers that are exponential variables
     noise = 2.0 * band.noise_gain * (weights**2 / np.maximum(band.counts, 1.0) * total**2).sum() / full**2
     variance, noisy = float(found.var(ddof=1)), chi2.isf(FALSE_ALARM, len(found) - 1) / (len(found) - 1)
     if noise > MAX_LIGHT_NOISE or variance < noise * noisy:
         return np.ones(len(found))
-    usual = max(float(np.median(found)), MIN_LIGHT)
-    return np.sqrt(np.maximum(usual + (1.0 - noise / variance) * (found - usual), MIN_LIGHT**2 * usual))
+    usual = max(float(np.median(found)), MIN_LIGHT**2)
+    kept = np.maximum(1.0 - own_noise / variance, 0.0)
+    # A registration that takes a frame for less than half as bright as it is does not converge.
+    least = np.maximum(own_noise**0.5, MIN_LIGHT**2 * usual)
+    return np.sqrt(np.maximum(usual + kept * (found - usual), least))
 
 
 def at_equal_light(spectra: np.ndarray, band: Band) -> np.ndarray:

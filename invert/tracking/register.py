@@ -157,8 +157,10 @@ def reach_of(alike: np.ndarray) -> int:
 
 
 def likeness(spectra: np.ndarray, band: Band, path: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """Return the share of the speckle that spectra (n, R, C) of some light (n,) 1, 2, ... apart have in common along a path, (at most
-    `MAX_REACH`,)."""
+    """Return the share of the speckle that spectra (n, R, C) 1, 2, ... apart have in common along a path (n, 2), (at most `MAX_REACH`,).
+
+    It is divided by the products of their light (n,).
+    """
     count = len(spectra)
     chosen = np.unique(np.linspace(0, count - 1, PAIRS).astype(int))
     pairs = [(chosen[chosen + step < count], step) for step in range(1, min(MAX_REACH + 1, count))]

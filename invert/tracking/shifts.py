@@ -30,8 +30,8 @@ class Weight:
     Attributes:
         values: (R, C), times the number of coefficients that each stands for.
         common: share of the speckle of a frame that others have in common with it.
-        products: covariance of the slopes of a cross-spectrum by products of noise and speckle, of speckle and other speckle, and of noise
-            and other noise, (3, 2, 2).
+        products: covariances of the slope by noise times speckle, speckle times speckle, and noise times noise, of one frame with another
+            of the same light, (3, 2, 2).
         frames: number of frames in the sum.
         deviation: standard deviation of the cross-correlation of frames that share nothing.
         full: height of the maximum if the speckle is wholly common.
@@ -59,16 +59,16 @@ class Weight:
     def slope_variances(self, light: np.ndarray, others: np.ndarray, squares: np.ndarray) -> np.ndarray:
         """Return the covariance of the slope at the maximum of frames of some light (n,) with sums of others, (n, 2, 2).
 
-        All noise is taken for that of photons, whose power goes with the light.
+        All noise is taken for that of photons: its power goes with the light, and is that of the band on average.
 
         Args:
             others, squares: sums of the light and of its squares over the others, (n,).
         """
-        left = 1.0 - self.common
-        both, twice = light * others, light**2
+        left, photons = 1.0 - self.common, float((light**2).mean() ** 0.5 / light.mean())
+        both = light * others
         noise_and_speckle = self.common * both * (light + others) + left * light * (squares + both)
-        speckles = left * twice * (self.common * (others**2 + squares) + left * squares)
-        factors = np.stack([noise_and_speckle, speckles, both])
+        speckles = left * light**2 * (self.common * others**2 + squares)
+        factors = np.stack([photons * noise_and_speckle, speckles, photons**2 * both])
         return np.tensordot(factors, self.products, (0, 0))
 
 

@@ -81,8 +81,11 @@ def find_brightest(spectra: np.ndarray, band: Band) -> Start:
 
 
 def share_along(spectra: np.ndarray, band: Band, path: np.ndarray, lag: int, light: np.ndarray | None = None) -> float:
-    """Return the share of the speckle that frames `lag` apart have in common along a path (frames, 2), over that of their light if it is
-    given, (frames,)."""
+    """Return the share of the speckle that frames `lag` apart have in common along a path (frames, 2).
+
+    Args:
+        light: amplitude of the speckle in each frame, (frames,), by whose products the share is divided; all are equal without it.
+    """
     steps, weight = path[lag:] - path[:-lag], weight_of(band, 0.0)
 
     def heights(rows: slice) -> np.ndarray:

@@ -17,6 +17,7 @@ import torch
 from correlograph.errors import InputError
 from correlograph.files.capture import Capture
 from invert.tracking.band import Band
+from invert.tracking.light import at_even_power, light_of_frames
 from invert.tracking.parts import on_all_cores
 from invert.tracking.pursuit import find_objects
 from invert.tracking.shifts import heights_at, weight_of
@@ -83,14 +84,14 @@ def common_share(frames: Sequence[np.ndarray]) -> float:
 
 
 def _read_first(frames: Sequence[np.ndarray], count: int = FRAMES_FOR_POWER) -> tuple[np.ndarray, Band] | None:
-    """Return the spectra of the first frames, of a larger number if they are dim, and their band; None for a single frame, or if they show
-    no speckle."""
+    """Return the spectra of the first frames, at even power, and their band; of a larger number of frames if they are dim. None for a
+    single frame, or if they show no speckle."""
     reader = Reader(frames[0].shape, 1)
     band = reader.band(frames)
     if band is None or len(frames) < 2:
         return None
     first = frames[: max(FRAMES_FOR_POWER, min(count, frames_in_memory(band))) if band.is_dim else FRAMES_FOR_POWER]
-    return reader.all_spectra(first, band), band
+    return at_even_power(reader.all_spectra(first, band), band), band
 
 
 def find_travel(capture: Capture) -> Travel | None:
@@ -105,7 +106,8 @@ def find_travel(capture: Capture) -> Travel | None:
         return None
     if 3 * found[0].jumps > len(spectra) - 1:  # it shakes
         return None
-    shares = [share_along(spectra, band, one.path, 1) for one in found]
+    light = light_of_frames(spectra, band)
+    shares = [share_along(spectra, band, one.path, 1, light) for one in found]
     powers = np.linalg.solve(_overlap(found, band) + 1e-3 * np.eye(len(found)), shares)
     share = float(np.sqrt(powers.clip(0.0)).sum() ** 2)
     steps = np.array([one.path[-1] / (len(spectra) - 1) for one in found])

@@ -172,6 +172,9 @@ def test_dim_frames_are_not_left_out(lab, camera):
     """Frames of half the light, and frames of hardly any, stay."""
     dim = [camera.shoot((0.3 + 0.7 * number / FRAMES) * light) for number, light in enumerate(lab[0])]
     assert prepare(cg.Capture(dim, lab[1]), cg.Corrections())[1] == []
+    for part, notes in ((0.1, 0), (0.02, 1)):  # one of a tenth stays, one of a fiftieth does not
+        one_is_dim = [camera.shoot((1.0 if number else part) * light) for number, light in enumerate(lab[0])]
+        assert len(prepare(cg.Capture(one_is_dim, lab[1]), cg.Corrections())[1]) == notes
     empty = [camera.shoot(1e-3 * light) for light in lab[0]]
     assert prepare(cg.Capture(empty, lab[1]), cg.Corrections())[1] == []
 

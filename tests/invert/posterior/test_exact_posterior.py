@@ -88,7 +88,7 @@ def test_samples_have_the_posteriors_probabilities(floor, dof, data_step, sample
 
 @pytest.mark.slow
 def test_the_last_steps_change_no_object():
-    """In noise of twice the peak, samples get deviances of the spread of truths, with small changes to the same objects."""
+    """In noise of twice the peak, samples go down to lower deviances, as far as the prior permits, with small changes to the same objects."""
     estimate = at_noise(toy(TRUTH)[None], 2.0, 64.0, torch.Generator().manual_seed(7)).seen.values[0]
     measurement = read_measurement(estimate.numpy())
     chain = Chain(ExactExpectation(measurement), make_observation([measurement]), 1.0, torch.Generator().manual_seed(8))
@@ -97,5 +97,6 @@ def test_the_last_steps_change_no_object():
     moved = end_at_deviance_of_truth(chain.data, found, torch.full((200,), 0.05), 1.0, normal)
     before, after = (torch.cdist(one[_NEAR].flatten(1), _TOYS).argmin(1) for one in (found, moved))
     assert float((before != after).double().mean()) < 0.02
-    deviances = [chain.data.likelihood().at(one).deviance() for one in (found, moved)]
-    assert float(deviances[0].std()) < 0.1 * float(deviances[1].std())
+    begun, ended = (chain.data.likelihood().at(one).deviance() for one in (found, moved))
+    assert bool((ended <= begun + 1e-6).all())
+    assert float(begun.std()) < 0.1 * float(ended.std())
