@@ -14,7 +14,7 @@ FALSE_ALARM = 0.01
 MAX_LIGHT_NOISE = 0.25
 """Variance of the light that is measured in one frame, over its square, above which it is taken to be the same in all."""
 
-MAX_EVEN = 2.0
+MAX_POWER_RATIO = 2.0
 """Ratio of the powers of frames up to which they count as even."""
 
 MIN_LIGHT = 1e-3
@@ -66,6 +66,6 @@ def at_even_power(spectra: np.ndarray, band: Band) -> np.ndarray:
         return (np.abs(spectra[:, rows]) ** 2 * band.whitening[rows].astype(np.float32)).sum((1, 2), np.float64)
 
     power = np.maximum(sum_over_rows(powers, spectra) / band.counts.sum(), 1e-30)
-    if power.max() < MAX_EVEN * power.min():
+    if power.max() < MAX_POWER_RATIO * power.min():
         return spectra
     return spectra / np.sqrt(power).astype(np.float32)[:, None, None]

@@ -88,7 +88,7 @@ def test_samples_have_the_posteriors_probabilities(floor, dof, data_step, sample
 
 @pytest.mark.slow
 def test_the_last_steps_change_no_object():
-    """In noise of twice the peak, samples go down to lower deviances, as far as the prior permits, with small changes to the same objects."""
+    """Samples reach lower deviances, in noise of twice the peak as far as the prior permits, and show the same objects."""
     estimate = at_noise(toy(TRUTH)[None], 2.0, 64.0, torch.Generator().manual_seed(7)).seen.values[0]
     measurement = read_measurement(estimate.numpy())
     chain = Chain(ExactExpectation(measurement), make_observation([measurement]), 1.0, torch.Generator().manual_seed(8))
