@@ -106,7 +106,16 @@ class Corrections:
         dark: np.ndarray = np.zeros((), np.float32)
         if self.dark is not None:
             first = np.mean([np.asarray(frame, np.float32) for frame in frames[:COMPARED_FRAMES]], axis=0)
-            dark = pattern_in(first, _read("--dark", self.dark, shape))
+            dark = _read("--dark", self.dark, shape)
+            levels = float(np.median(dark)), float(np.median(first))
+            if levels[0] > levels[1] + float(first.std()):
+                expected, found = (
+                    "no more light than the frames have",
+                    f"a median of {levels[0]:.4g} in {_name(self.dark)}, {levels[1]:.4g}",
+                )
+                remedy = "take it at the exposure and gain of the frames, and subtract it once"
+                raise InputError("--dark", expected, f"{found} in the frames", remedy)
+            dark = pattern_in(first, dark)
         lit = used = None
         gain = np.float32(1.0)
         if self.flat is not None:

@@ -168,6 +168,14 @@ def test_a_dark_frame_among_the_frames_is_left_out_and_named(lab, camera, tmp_pa
     assert result.estimate.record.frames == FRAMES
 
 
+def test_a_dark_frame_brighter_than_the_frames_is_refused(lab, camera):
+    """Frames from which it has been subtracted already, or one of a longer exposure."""
+    frames, dark = [camera.shoot(light) for light in lab[0]], camera.shoot(0.0)
+    for dim, own in (([frame - 2.0 * dark for frame in frames], dark), (frames, 40.0 * dark)):
+        with pytest.raises(cg.InputError, match="--dark: expected no more light than the frames have"):
+            cg.Corrections(dark=own).apply(cg.Capture(dim, lab[1]))
+
+
 def test_dim_frames_are_not_left_out(lab, camera):
     """Frames of half the light, and frames of hardly any, stay."""
     dim = [camera.shoot((0.3 + 0.7 * number / FRAMES) * light) for number, light in enumerate(lab[0])]
