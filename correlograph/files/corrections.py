@@ -107,14 +107,7 @@ class Corrections:
         if self.dark is not None:
             first = np.mean([np.asarray(frame, np.float32) for frame in frames[:COMPARED_FRAMES]], axis=0)
             dark = _read("--dark", self.dark, shape)
-            levels = float(np.median(dark)), float(np.median(first))
-            if levels[0] > levels[1] + float(first.std()):
-                expected, found = (
-                    "no more light than the frames have",
-                    f"a median of {levels[0]:.4g} in {_name(self.dark)}, {levels[1]:.4g}",
-                )
-                remedy = "take it at the exposure and gain of the frames, and subtract it once"
-                raise InputError("--dark", expected, f"{found} in the frames", remedy)
+            _check_level(dark, first, _name(self.dark))
             dark = pattern_in(first, dark)
         lit = used = None
         gain = np.float32(1.0)
@@ -141,6 +134,14 @@ class Corrections:
 
         masks = [mask for mask in (lit, used) if mask is not None]
         return partial(_correct, dark, lit, gain, used), np.logical_and.reduce(masks) if masks else None
+
+
+def _check_level(dark: np.ndarray, frame: np.ndarray, name: str) -> None:
+    """Raise InputError for a dark frame that is brighter than a frame by more than the standard deviation of its pixels."""
+    own, seen = float(np.median(dark)), float(np.median(frame))
+    if own > seen + float(frame.std()):
+        expected, found = "no more light than the frames have", f"a median of {own:.4g} in {name}, {seen:.4g} in the frames"
+        raise InputError("--dark", expected, found, "take it at the exposure and gain of the frames, and subtract it once")
 
 
 def pattern_in(frame: np.ndarray, dark: np.ndarray) -> np.ndarray:

@@ -32,13 +32,8 @@ def light_of_frames(spectra: np.ndarray, band: Band) -> np.ndarray:
     full = float((weights * total).sum())
     if full <= 0.0:  # speckle that looks like the floor
         return np.ones(len(spectra))
-
-    def powers(rows: slice) -> np.ndarray:
-        weighted = np.abs(spectra[:, rows]) ** 2 * weights[rows].astype(np.float32)
-        return np.stack([weighted.sum((1, 2), np.float64), 0.5 * (weighted**2).sum((1, 2), np.float64)])
-
-    found, own_noise = sum_over_rows(powers, spectra)
-    found, own_noise = found / full, band.noise_gain * own_noise / full**2  # of powers that are exponential variables
+    found, variances = _powers(spectra, weights)
+    found, own_noise = found / full, band.noise_gain * variances / full**2
     noise = 2.0 * band.noise_gain * (weights**2 / np.maximum(band.counts, 1.0) * total**2).sum() / full**2
     variance, noisy = float(found.var(ddof=1)), chi2.isf(FALSE_ALARM, len(found) - 1) / (len(found) - 1)
     if noise > MAX_LIGHT_NOISE or variance < noise * noisy:
@@ -61,11 +56,17 @@ def at_even_power(spectra: np.ndarray, band: Band) -> np.ndarray:
 
     What two frames share then is as significant as its height, however bright they are.
     """
-
-    def powers(rows: slice) -> np.ndarray:
-        return (np.abs(spectra[:, rows]) ** 2 * band.whitening[rows].astype(np.float32)).sum((1, 2), np.float64)
-
-    power = np.maximum(sum_over_rows(powers, spectra) / band.counts.sum(), 1e-30)
+    power = np.maximum(_powers(spectra, band.whitening)[0] / band.counts.sum(), 1e-30)
     if power.max() < MAX_POWER_RATIO * power.min():
         return spectra
     return spectra / np.sqrt(power).astype(np.float32)[:, None, None]
+
+
+def _powers(spectra: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the weighted sums of the powers of spectra (n, R, C), and their variances if the powers are exponential variables, (2, n)."""
+
+    def sums(rows: slice) -> np.ndarray:
+        weighted = np.abs(spectra[:, rows]) ** 2 * weights[rows].astype(np.float32)
+        return np.stack([weighted.sum((1, 2), np.float64), 0.5 * (weighted**2).sum((1, 2), np.float64)])
+
+    return sum_over_rows(sums, spectra)

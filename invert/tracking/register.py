@@ -46,7 +46,8 @@ def register(
     for _ in range(ROUNDS):
         alike = likeness(sums, band, places, light)
         reach = reach_of(alike)
-        stiffness = light * _around(light, reach)
+        others = _around(light, reach)
+        stiffness = light * others
         low, high = _window(len(sums), reach)
         usual = max(1, int(np.median(high - low - 1)))
         weight = weight_of(band, float(np.clip(alike[0], 0.05, 1.0)), usual)
@@ -59,7 +60,7 @@ def register(
     of_pair = np.diag(inverse @ weight.slope_variance @ inverse) / usual
     excess = 1.0 + _excess_of_bright_spots(sums, band, places, reach, weight)
     of_pair = of_pair * excess
-    slopes = weight.slope_variances(light, _around(light, reach), _around(light**2, reach))
+    slopes = weight.slope_variances(light, others, _around(light**2, reach))
     variance = np.einsum("ab,nbc,ca->na", inverse, slopes, inverse) / stiffness[:, None] ** 2 * excess
     # Over distances beyond the reach, errors add up like resistances of a chain in which each member is joined to its neighbours.
     resistances = np.concatenate([[0.0], np.cumsum(1.0 / (light[1:] * light[:-1]))])
