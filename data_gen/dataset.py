@@ -9,7 +9,7 @@ import torch
 import zarr
 
 from correlograph.errors import InputError
-from correlograph.files.store import Schema, arguments_of, open_complete, read_array
+from correlograph.files.store import Schema, arguments_of, open_complete, read_array, read_part
 from correlograph.lags import LAGS
 from correlograph.ranges import LAG_COUNT
 from data_gen.store import dataset_schema
@@ -29,18 +29,26 @@ def dataset_schema_of(address: str) -> Schema:
 
 
 class DatasetSplit(torch.utils.data.Dataset):
-    """Samples of one split, as dicts of float32 tensors: albedo (64, 64), 0 to 1, and the measurement if there is one."""
+    """Samples of one split, as dicts of float32 tensors: albedo (64, 64), 0 to 1, and the measurement if there is one.
+
+    A part of the store is verified when a sample of it is first read. Raises InputError if it is damaged.
+    """
 
     def __init__(self, address: str, *, validation: bool = False) -> None:
-        self._group = open_dataset(address)
-        self._rows = np.flatnonzero(np.asarray(self._group["split"]) == int(validation))
-        self._names = [name for name in ("autocorrelation", "floor_over_peak", "dof") if name in self._group]
+        self._address, self._group, self._schema = address, open_dataset(address), dataset_schema_of(address)
+        self._rows = np.flatnonzero(read_array(self._group, address, "split", self._schema) == int(validation))
+        self._names = [name for name in self._schema.arrays if name not in ("albedo", "split")]
+        self._verified: set[int] = set()
 
     def __len__(self) -> int:
         return len(self._rows)
 
     def __getitem__(self, index: int) -> dict[str, torch.Tensor]:
         row = int(self._rows[index])
+        if (part := row // self._schema.part) not in self._verified:
+            for name in ("albedo", *self._names):
+                read_part(self._group, self._address, name, part, self._schema)
+            self._verified.add(part)
         sample = {name: torch.from_numpy(np.asarray(self._group[name][row], np.float32)) for name in self._names}
         sample["albedo"] = torch.from_numpy(np.asarray(self._group["albedo"][row], np.float32) / np.float32(255.0))
         return sample

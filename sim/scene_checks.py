@@ -19,21 +19,30 @@ BYTES_PER_PIXEL = 64
 """Measured memory of a simulation per pixel of the film."""
 
 
-def mesh_without_faces(scene: mi.Scene) -> InputError | None:
-    """Return the error of the first mesh that has no faces.
+def damaged_mesh(scene: mi.Scene) -> InputError | None:
+    """Return the error of the first mesh that has no faces, or faces of vertices that it lacks.
 
-    As long as such a mesh exists, rays fail in every scene: Mitsuba compiles the intersection with all meshes of the process.
+    As long as a mesh without faces exists, rays fail in every scene: Mitsuba compiles the intersection with all meshes of the process.
     """
     for shape in scene.shapes():
-        if isinstance(shape, mi.Mesh) and shape.face_count() == 0:
-            return InputError(shape.id() or "shape", "a mesh of triangles", "one without faces", "export the mesh again")
+        if not isinstance(shape, mi.Mesh):
+            continue
+        found, count = "", shape.vertex_count()
+        if shape.face_count() == 0:
+            found = "one without faces"
+        elif (last := int(np.asarray(shape.faces_buffer()).max())) >= count:
+            found = f"a face of vertex {last} of {count}"
+        if found:
+            return InputError(
+                shape.id() or "shape", "a mesh of triangles between its own vertices", found, "export the mesh again"
+            )
     return None
 
 
 def check_numbers(scene: mi.Scene) -> None:
-    """Raise InputError for a mesh without faces, a shape or a parameter that is not finite, and a negative reflectance."""
-    if empty := mesh_without_faces(scene):
-        raise empty
+    """Raise InputError for a damaged mesh, a shape or a parameter that is not finite, and a negative reflectance."""
+    if damaged := damaged_mesh(scene):
+        raise damaged
     for shape in scene.shapes():
         if not np.isfinite(np.array([shape.bbox().min, shape.bbox().max], np.float64)).all():
             raise InputError(shape.id() or "shape", "finite sizes", "NaN or infinity", "correct the shape")

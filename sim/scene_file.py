@@ -17,7 +17,7 @@ from sim.backend.variant import check_loadable
 from sim.coloured_bitmaps import check_opaque, describe_colours
 from sim.mesh import check_faces
 from sim.plugins import refusals
-from sim.scene_checks import mesh_without_faces
+from sim.scene_checks import damaged_mesh
 
 FILE_NAMES = ("filename", "trajectory")
 """Names of the parameters that hold the name of a file."""
@@ -70,9 +70,9 @@ def load_scene(path: str | Path, definitions: Mapping[str, str] | None = None) -
         scene = mi.load_file(str(path), optimize=False, **given)
     except Exception as error:  # Mitsuba raises bare exceptions, and wraps those of plugins in its own
         raise refusals[0] if refusals else _as_input_error(error, path) from None
-    if empty := mesh_without_faces(scene):
+    if damaged := damaged_mesh(scene):
         del scene  # the traceback of the error would keep it
-        raise empty
+        raise damaged
     for note in describe_colours(assets):
         print(f"note: {note}", file=sys.stderr)
     return scene, digest

@@ -17,7 +17,7 @@ pytest.importorskip("mitsuba")
 from correlograph.errors import InputError
 from correlograph.files.capture_folder import MOVING
 from data_gen.__main__ import main as data_gen
-from data_gen.dataset import load_targets
+from data_gen.dataset import DatasetSplit, load_targets
 from data_gen.preview import main as preview
 from invert.__main__ import main as invert
 from invert.training.warm_starts import load_warm_starts
@@ -85,9 +85,20 @@ def test_a_store_with_a_changed_byte_is_found_out(copy):
         zarr.open_group(copy, mode="r+")["split"][5] ^= 1
     with pytest.raises(InputError, match="checksum"):
         load_targets(str(copy))
+    with pytest.raises(InputError, match="checksum"):
+        DatasetSplit(str(copy))
     file.write_bytes(file.read_bytes()[:-9])
     with pytest.raises(InputError, match="dataset"):
         load_targets(str(copy))
+
+
+def test_a_changed_pixel_is_found_when_its_part_is_read(copy):
+    zarr.open_group(copy, mode="r+")["albedo"][2060, 3, 5] ^= 1
+    samples = DatasetSplit(str(copy))
+    rows = np.flatnonzero(np.asarray(zarr.open_group(copy, mode="r")["split"]) == 0)
+    assert samples[0]["albedo"].shape == (64, 64)
+    with pytest.raises(InputError, match="checksum in part 1 of albedo"):
+        samples[int(np.searchsorted(rows, 2048))]
 
 
 @pytest.mark.parametrize("damage", ["zarr.json", "albedo/zarr.json", "complete/zarr.json", "dtype", "shape", "array", "format"])

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import shutil
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -110,13 +112,27 @@ def test_a_face_of_a_vertex_that_a_mesh_lacks_is_refused(scene, index, axes):
     assert str(index) in told
 
 
+def test_a_serialized_mesh_with_a_face_of_a_vertex_that_it_lacks_is_refused(scene):
+    single_precision = 0x1000
+    corners = np.float32([[50, 0, 0], [51, 0, 0], [51, 1, 0], [50, 1, 0]])
+    body = struct.pack("<I", single_precision) + b"\0" + struct.pack("<QQ", 4, 2)
+    body += corners.tobytes() + np.uint32([[0, 1, 2], [0, 2, 5]]).tobytes()
+    whole = struct.pack("<HH", 0x041C, 4) + zlib.compress(body)
+    (scene.parent / "clutter.serialized").write_bytes(whole + struct.pack("<QI", 0, 1))
+    flat = '<string name="filename" value="clutter.serialized"/><boolean name="face_normals" value="true"/>'
+    edit(scene, "</scene>", f'<shape type="serialized" id="clutter">{flat}</shape></scene>')
+    assert "clutter: expected a mesh of triangles between its own vertices, found a face of vertex 5 of 4" in refusal(scene)
+
+
 def test_a_mesh_without_faces_is_refused_and_leaves_no_trace(scene):
     """Mitsuba calls every mesh of the process, so that one without faces fails in every scene as long as it exists."""
     whole = scene.read_text()
     (scene.parent / "clutter.obj").write_text("v 50 0 0\nv 51 0 0\nv 50 1 0\n")
     flat = '<string name="filename" value="clutter.obj"/><boolean name="face_normals" value="true"/>'
     edit(scene, "</scene>", f'<shape type="obj" id="clutter">{flat}</shape></scene>')
-    with pytest.raises(cg.InputError, match="clutter: expected a mesh of triangles, found one without faces") as error:
+    with pytest.raises(
+        cg.InputError, match="clutter: expected a mesh of triangles between its own vertices, found one without faces"
+    ) as error:
         sim.load(scene)
     scene.write_text(whole)
     assert sim.load(scene).geometry.distance_m > 0
