@@ -23,7 +23,7 @@ The foundation, which every other package imports:
     files/          captures, frames, images, stores, output files
     workers.py      parallel tasks: processes, or a Dask cluster
     lazy.py         public names that are imported when they are used
-    version.py      version of the installed package
+    version.py      version of the installed package, digest of its code
 """
 
 from typing import TYPE_CHECKING, Any

@@ -1,9 +1,18 @@
-"""Version of the installed package."""
+"""Version of the installed package, and digest of its code."""
 
 from __future__ import annotations
 
+import hashlib
+from functools import cache
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as installed
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+"""Folder of the packages."""
+
+PACKAGES = ("correlograph", "invert", "radiometry")
+"""Packages on which a reconstruction depends."""
 
 
 def version() -> str:
@@ -12,3 +21,12 @@ def version() -> str:
         return installed("correlograph")
     except PackageNotFoundError:
         return "uninstalled"
+
+
+@cache
+def code_sha256(root: Path = ROOT) -> str:
+    """Return the SHA-256 of the code that a reconstruction depends on: results of other code are not taken for those of this one."""
+    content = hashlib.sha256()
+    for file in sorted(file for package in PACKAGES for file in (root / package).rglob("*.py")):
+        content.update(file.relative_to(root).as_posix().encode() + file.read_bytes())
+    return content.hexdigest()

@@ -15,16 +15,13 @@ from correlograph.files.manifest import claim, digest_of
 from correlograph.files.output import output_folder, sole_writer
 from correlograph.files.raw_frames import description_of
 from correlograph.files.stacks import file_of, is_stack
-from correlograph.version import version
+from correlograph.version import code_sha256
 from invert.network.checkpoints import load_network
 from invert.output.result import Result
 from invert.output.result_files import RESULT_FILES
 from invert.output.truth import Truth
 from invert.pipeline import fulfil
 from invert.request import Request
-
-REVISION = 17
-"""Revision of the results; to be raised whenever a code change alters the result of a job."""
 
 RESERVED_NAMES = {"table.md", "captures.json"}
 """Names of output files next to the folders of results."""
@@ -55,7 +52,7 @@ class Job:
     save_fields: bool = False
 
     def sha256(self, files: Sequence[Path]) -> str:
-        """Return the digest of the version, the options, and the bytes of all files that a result depends on."""
+        """Return the digest of the code, the options, and the bytes of all files that a result depends on."""
         request, corrections = self.request, self.request.corrections or Corrections()
         content = hashlib.sha256()
         descriptions = [path for file in files if (path := description_of(file)) is not None]
@@ -65,7 +62,7 @@ class Job:
         options = {name: value for name, value in vars(request).items() if name not in _NO_PART_OF_A_RESULT}
         datasets = [str(file).removeprefix(str(file_of(file))) for file in files]
         text = f"{options} {self.truth_pitch_m} {self.save_fields}"
-        return hashlib.sha256(f"{version()} {REVISION} {text} {datasets}".encode() + content.digest()).hexdigest()
+        return hashlib.sha256(f"{code_sha256()} {text} {datasets}".encode() + content.digest()).hexdigest()
 
     def check(self) -> Truth | None:
         """Refuse unusable files that options name, before any capture is read; return the known albedo, if there is one."""

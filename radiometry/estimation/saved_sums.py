@@ -14,7 +14,7 @@ import torch
 
 from correlograph.files.file_frames import frame_digest
 from correlograph.files.output import atomic
-from correlograph.version import version
+from correlograph.version import code_sha256
 from radiometry.estimation.autocorrelation_estimator import AutocorrelationEstimator
 from radiometry.estimation.frame_sums import FrameSums
 from radiometry.estimation.pixel_faults import PixelFaults
@@ -73,7 +73,7 @@ class SavedSums:
 def _key(estimator: AutocorrelationEstimator) -> str:
     """Return the properties of the estimator on which the sums depend."""
     grid = estimator.grid
-    return json.dumps([version(), estimator.mean, grid.frame_shape, grid.patch_shape, grid.lags, estimator.padded])
+    return json.dumps([code_sha256(), estimator.mean, grid.frame_shape, grid.patch_shape, grid.lags, estimator.padded])
 
 
 def _sha256(content: Mapping[str, np.ndarray]) -> str:

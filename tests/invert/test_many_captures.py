@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from correlograph.errors import InputError
+from correlograph.version import code_sha256
 from invert.__main__ import main
 from invert.batch.captures import find_captures
 from tests.light import speckle
@@ -62,6 +63,19 @@ def test_any_number_of_workers_and_a_second_run(captures, tmp_path):
     assert again["day 1"] == one["day 1"]
     assert again["day 2"] != one["day 2"]
     assert (tmp_path / "1" / "day 1" / "result.json").stat().st_mtime_ns in times
+
+
+def test_results_of_other_code_are_not_kept(tmp_path):
+    for package in ("correlograph", "invert", "radiometry"):
+        (tmp_path / package / "part").mkdir(parents=True)
+        (tmp_path / package / "part" / "one.py").write_text("value = 1\n")
+    before = code_sha256(tmp_path)
+    (tmp_path / "invert" / "notes.txt").write_text("none")
+    code_sha256.cache_clear()
+    assert code_sha256(tmp_path) == before
+    (tmp_path / "invert" / "part" / "one.py").write_text("value = 2\n")
+    code_sha256.cache_clear()
+    assert code_sha256(tmp_path) != before
 
 
 @pytest.mark.slow
