@@ -20,7 +20,7 @@ test: $(VENV)/installed
 # Seconds since the epoch after which no slow test begins; empty for all of them.
 UNTIL ?=
 test-slow: $(VENV)/installed
-	$(PYTEST) -m slow $(if $(UNTIL),--until $(UNTIL))
+	$(PYTEST) -v -m slow $(if $(UNTIL),--until $(UNTIL))
 
 test-all: test test-slow
 

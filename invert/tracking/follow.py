@@ -10,17 +10,23 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.interpolate import interp1d
+from scipy.interpolate import CubicSpline, interp1d
 
 from invert.tracking.band import Band
-from invert.tracking.light import light_of_frames
-from invert.tracking.register import register
+from invert.tracking.boundaries import boundaries_along
+from invert.tracking.light import at_even_power, light_of_frames
+from invert.tracking.register import Registration, register
 from invert.tracking.shifts import MIN_SIGNIFICANCE, move_back
 from invert.tracking.smoothing import PathNoise
 from invert.tracking.start import Start
 
 MIN_GROUP_SIGNIFICANCE = 5.0
 """Median significance of a group of frames in its surroundings from which it is registered on its own."""
+
+
+STRANGE_SIGMA, CLEAR_SIGMA, MIN_KNOWN = 4.5, 12.0, 4
+"""Significance below which a frame shares nothing with those around it, that of most frames beside which this is no noise, and the least
+number of others from which a position is interpolated. The best of the positions nearby has up to 2.5 by chance in 36 strange frames."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +44,7 @@ class Followed:
             is not measured.
         in_common: share of all power that frames 1, 2, ... apart have in common by one of several objects.
         shortened: largest part by which an open shutter shortens a step.
+        interpolated: numbers of the frames whose positions are interpolated.
     """
 
     path: np.ndarray
@@ -49,6 +56,7 @@ class Followed:
     fading: float = 0.0
     in_common: np.ndarray = field(default_factory=lambda: np.zeros(0))
     shortened: float = 0.0
+    interpolated: tuple[int, ...] = ()
 
 
 def follow(spectra: np.ndarray, band: Band, start: Start) -> Followed:
@@ -94,17 +102,46 @@ def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: in
     if len(groups) < len(path):
         sums = np.stack([move_back(spectra[group], band, path[group] - path[group].mean(0)).sum(0) for group in groups])
     of_group = replace(band, signal=band.signal * length**2, floor=band.floor * length)
-    light = light_of_frames(sums, of_group)
-    places, error, reach, of_pair, significance = register(sums, of_group, means, light)
+    registered = register(sums, of_group, means, light_of_frames(sums, of_group))
+    strange = are_strange(sums, of_group, registered) if length == 1 else np.zeros(len(groups), bool)
+    if strange.any():
+        sums, middles, means = sums[~strange], middles[~strange], means[~strange]
+        registered = register(sums, of_group, means, light_of_frames(sums, of_group))
+        path = interp1d(middles, means, axis=0, fill_value="extrapolate")(np.arange(len(path)))
     numbers = np.arange(len(path))
-    found = path + np.stack([_interpolate(numbers, middles, (places - means)[:, axis]) for axis in (0, 1)], 1)
-    errors = np.stack([np.interp(numbers, middles, error[:, axis]) for axis in (0, 1)], 1)
+    found = path + interp1d(middles, registered.places - means, axis=0, fill_value="extrapolate")(numbers)
+    errors = np.stack([np.interp(numbers, middles, error) for error in registered.error.T], 1)
+    if strange.any():
+        bent = CubicSpline(middles, registered.places)(numbers[strange])
+        errors[strange] = np.hypot(errors[strange], bent - found[strange])
+        found[strange] = bent
     from_first = np.hypot(errors, errors[0])
     from_first[0] = 0.0
-    noise = PathNoise(of_pair, reach, length)
-    return Followed(found - found[0], from_first, length, band.signal, significance, noise)
+    noise = PathNoise(registered.of_pair, registered.reach, length)
+    return Followed(
+        found - found[0],
+        from_first,
+        length,
+        band.signal,
+        registered.significance,
+        noise,
+        interpolated=tuple(np.flatnonzero(strange).tolist()),
+    )
 
 
-def _interpolate(at: np.ndarray, known: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Interpolate linearly, and continue linearly beyond the ends."""
-    return interp1d(known, values, fill_value="extrapolate")(at)
+def are_strange(spectra: np.ndarray, band: Band, registered: Registration) -> np.ndarray:
+    """Return whether each frame shares nothing with those around it, although the others clearly do, bool (n,): nothing lit the object, or
+    something else was in the frame.
+
+    The weight of all frames is that of the bright ones. What dim ones share with the next is looked for at even power where speckle is
+    strongest.
+    """
+    strange = registered.in_common < STRANGE_SIGMA
+    if not strange.any() or float(np.median(registered.in_common)) < CLEAR_SIGMA:
+        return np.zeros(len(spectra), bool)
+    noisy = replace(band, floor=band.floor + band.signal.max())
+    even = at_even_power(spectra, noisy)
+    beside = boundaries_along(even, noisy, np.ones(len(even)), registered.places, 1)
+    shared = beside.alike * beside.scale
+    strange &= np.maximum(np.append(shared, -np.inf), np.append(-np.inf, shared)) < STRANGE_SIGMA
+    return strange & (int((~strange).sum()) >= MIN_KNOWN)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.linalg import solveh_banded
 from scipy.special import erf
 
 from invert.tracking.band import Band
+from invert.tracking.light import powers_of_frames
 from invert.tracking.parts import sum_over_rows
 from invert.tracking.shifts import Weight, derivatives, moments, move_back, weight_of, window_slopes
 
@@ -30,11 +33,29 @@ CONVERGED_GRAINS = 0.01
 """Largest change of a displacement between neighbours, in radii of a grain, at which a registration ends."""
 
 
-def register(
-    sums: np.ndarray, band: Band, places: np.ndarray, light: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, int, np.ndarray, float]:
-    """Return positions of groups (n, 2), their standard errors, the largest distance of the pairs, the variance of the displacement of a
-    pair of usual light (2,), and the median significance.
+class Registration(NamedTuple):
+    """Groups of frames registered to those around them.
+
+    Attributes:
+        places: positions (n, 2).
+        error: their standard errors, (n, 2).
+        reach: largest distance of the pairs.
+        of_pair: variance of the displacement of a pair of usual light, (2,).
+        significance: median height of the cross-correlations, in standard deviations of noise.
+        in_common: height of each in standard deviations of what another pattern of its power would have in common with those around it,
+            (n,).
+    """
+
+    places: np.ndarray
+    error: np.ndarray
+    reach: int
+    of_pair: np.ndarray
+    significance: float
+    in_common: np.ndarray
+
+
+def register(sums: np.ndarray, band: Band, places: np.ndarray, light: np.ndarray) -> Registration:
+    """Register groups of frames (n, R, C) near approximate positions (n, 2).
 
     All pairs within the reach are registered together by Gauss-Newton steps on the sum of their cross-correlations. The
     curvature of a pair is in proportion to the light of both, and so is its noise, which is taken for that of photons. What the noise of a
@@ -66,11 +87,21 @@ def register(
     resistances = np.concatenate([[0.0], np.cumsum(1.0 / (light[1:] * light[:-1]))])
     walked = resistances[:, None] / np.sum(np.arange(1.0, reach + 1.0) ** 2) * of_pair
     walked = walked + _walk_by_change(places, alike, band)
-    significance = float(np.median(height)) / weight.deviation
     # Where grains are large in a frame, this pull is known to first order only, and would grow with each round.
     pull = weight.full / usual * _pull_of_windows(places, band, alike[:reach], light) @ weight.tilt.T
     drawn = solve_pairs(pull @ inverse, reach, light)
-    return places - drawn, np.sqrt(variance + walked + (WINDOW_ERROR * drawn) ** 2), reach, of_pair, significance
+    error = np.sqrt(variance + walked + (WINDOW_ERROR * drawn) ** 2)
+    power = powers_of_frames(sums, band)
+    deviation = _deviation_of_others(band, weight) * np.sqrt(np.maximum(power * _around(power, reach) / usual, 1e-30))
+    significance = float(np.median(height)) / weight.deviation
+    return Registration(places - drawn, error, reach, of_pair, significance, height / deviation)
+
+
+def _deviation_of_others(band: Band, weight: Weight) -> float:
+    """Return the standard deviation of the cross-correlation of a group with a sum of others that share their speckle, but none with it."""
+    signal, total = band.signal, band.signal + band.floor
+    of_sum = weight.frames * (weight.frames - 1.0) * weight.common * signal + weight.frames * total
+    return float((weight.values**2 / np.maximum(band.counts, 1.0) * total * of_sum).sum() * band.noise_gain) ** 0.5
 
 
 def _pull_of_surroundings(sums: np.ndarray, band: Band, places: np.ndarray, reach: int, weight: Weight) -> np.ndarray:

@@ -13,8 +13,9 @@ from dataclasses import replace
 import numpy as np
 import torch
 from scipy.fft import fft, fftfreq, irfft2, prev_fast_len, rfft2
-from scipy.ndimage import label, uniform_filter
+from scipy.ndimage import label, uniform_filter, uniform_filter1d
 from scipy.signal.windows import tukey
+from scipy.stats import gamma
 
 from correlograph.errors import memory_bytes
 from invert.tracking.band import TAPER, Band
@@ -44,6 +45,9 @@ BYTES_PER_COEFFICIENT = 84
 BYTES_PER_THREAD = 110
 """Measured memory of a search in one block of frames, per coefficient."""
 
+FALSE_ALARM = 1e-4
+"""Probability that speckle looks like uneven lines of the sensor; the frequencies that are then left out are few."""
+
 STEPS = 8
 """Steps between two frequencies in which the spectrum of a window is averaged."""
 
@@ -59,12 +63,16 @@ class Reader:
 
     def __init__(self, shape: tuple[int, int], binning: int) -> None:
         self.shape, self._binning = (prev_fast_len(shape[0] // binning), prev_fast_len(shape[1] // binning)), binning
+        self._levelled: tuple[int, ...] = ()
 
     def whole(self, frame: np.ndarray, taper: float = TAPER) -> np.ndarray:
-        """Return the spectrum (rows, columns // 2 + 1) of a frame without its mean, complex64."""
+        """Return the spectrum (rows, columns // 2 + 1) of a frame without its mean, or where lines are uneven without theirs, complex64."""
         image = self._bin(frame)
+        image = image - image.mean(dtype=np.float64).astype(np.float32)  # exactly zero for a blank frame
+        for axis in self._levelled:
+            image -= image.mean(axis, keepdims=True)
         rows, columns = (tukey(side, taper).astype(np.float32) for side in self.shape)
-        return rfft2((image - image.mean()) * rows[:, None] * columns)
+        return rfft2(image * rows[:, None] * columns)
 
     def _bin(self, frame: np.ndarray) -> np.ndarray:
         """Return means of blocks of pixels, float32. Sums of strided views take a fifth of the time of a library's pooling."""
@@ -94,11 +102,20 @@ class Reader:
         return band and replace(band, contrast=self._contrast(band, first[:FRAMES_FOR_POWER]))
 
     def _band(self, first: Sequence[np.ndarray], taper: float) -> Band | None:
-        """Return the band of frames through a window."""
+        """Return the band of frames through a window. Uneven lines of these frames are levelled from then on."""
         power = self._power(first, taper)
+        if uneven := tuple(axis for axis in (0, 1) if axis not in self._levelled and lines_are_uneven(power, axis)):
+            self._levelled += uneven
+            power = self._power(first, taper)
         rows, columns = np.fft.fftfreq(self.shape[0]), np.fft.rfftfreq(self.shape[1])
         radius = np.hypot(rows[:, None], columns[None]) / 0.5
-        is_slow = np.hypot(rows[:, None] * self.shape[0], columns[None] * self.shape[1]) <= SLOW_PERIODS
+        periods = np.abs(rows[:, None]) * self.shape[0], columns[None] * self.shape[1]
+        is_slow = np.hypot(*periods) <= SLOW_PERIODS
+        for axis in self._levelled:
+            is_slow |= periods[axis] <= SLOW_PERIODS
+            near = np.arange(-SLOW_PERIODS if axis == 0 else 0, SLOW_PERIODS + 1)
+            mirrored = np.where(near < 0, -1, 1) * (2 * SLOW_PERIODS + 1 - np.abs(near))
+            np.moveaxis(power, axis, 0)[near] = np.moveaxis(power, axis, 0)[mirrored]
         for side in SMOOTHING:
             smooth = uniform_filter(_full_plane(power, self.shape[1]), side, mode="wrap")[:, : power.shape[1]]
             floor = float(np.median(smooth[(radius > OUTER) & (radius <= 1.0)]))
@@ -168,6 +185,22 @@ def frames_in_memory(band: Band) -> int:
     """Return the largest number of frames that are tracked in the memory of this machine."""
     left = memory_bytes() - torch.get_num_threads() * band.signal.size * BYTES_PER_THREAD
     return max(0, int(left / (band.signal.size * BYTES_PER_COEFFICIENT)))
+
+
+def lines_are_uneven(power: np.ndarray, axis: int) -> bool:
+    """Return whether a power spectrum (H, W // 2 + 1) has more power at the frequency zero of an axis than speckle has.
+
+    What the rows (axis 1) or columns (axis 0) of a sensor add to all their pixels is there. The powers of speckle are exponential
+    variables, about a mean that falls from zero frequency no faster than a geometric sequence does.
+    """
+    lines = power if axis == 0 else power.T
+    near, far = (
+        uniform_filter1d(lines[first : first + 3].mean(0), SMOOTHING[0]) for first in (SLOW_PERIODS + 1, SLOW_PERIODS + 5)
+    )
+    expected = near * np.maximum(near / np.maximum(far, 1e-300), 1.0)
+    kept = slice(SLOW_PERIODS + 1, lines.shape[1] // 2 if axis == 1 else None)
+    ratios = lines[0, kept] / np.maximum(expected[kept], 1e-300)
+    return float(ratios.mean()) > gamma.isf(FALSE_ALARM, len(ratios)) / len(ratios)
 
 
 def _full_plane(power: np.ndarray, columns: int) -> np.ndarray:

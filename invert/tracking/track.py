@@ -47,6 +47,7 @@ class Track:
             if it leaves no room for another object, or three standard errors do.
         shortened: largest part by which the open shutter shortens a step; corrected, but not well if large.
         numbers: number of each frame from the first, (frames,), of which files may be missing; None if frames are counted.
+        interpolated: frames that share nothing with those around them, whose positions are interpolated.
     """
 
     path_pixels: np.ndarray
@@ -63,6 +64,7 @@ class Track:
     fading: tuple[int, float] | None = None
     shortened: float = 0.0
     numbers: np.ndarray | None = None
+    interpolated: tuple[int, ...] = ()
 
     @property
     def frame_numbers(self) -> np.ndarray:
@@ -73,6 +75,11 @@ class Track:
     def warnings(self) -> tuple[str, ...]:
         """Doubts about the path, in words."""
         doubts = missing_frames(self.frame_numbers)
+        if self.interpolated:
+            named = ", ".join(str(number) for number in self.interpolated[:10]) + (
+                ", ..." if len(self.interpolated) > 10 else ""
+            )
+            doubts.append(f"what the other frames show is not in these frames, whose positions are interpolated: {named}")
         if self.shortened > MAX_SHORTENED:
             doubts.append(
                 f"the open shutter shortens steps by up to {100.0 * self.shortened:.0f} %; such steps are corrected by a rough estimate: "

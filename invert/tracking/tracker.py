@@ -87,6 +87,7 @@ def track(
             fading=fading_along(spectra, band, one.path) if alone else None,
             shortened=opened.shortened,
             numbers=numbers,
+            interpolated=one.interpolated,
         )
         tracks.append(found)
     return replace(tracks[0], others=tuple(tracks[1:]))

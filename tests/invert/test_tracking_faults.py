@@ -1,0 +1,89 @@
+"""Faults of a sensor, and frames that show something else, move no path."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal.windows import tukey
+
+pytest.importorskip("mitsuba")
+
+import correlograph as cg
+from invert.tracking.band import TAPER
+from invert.tracking.spectra import lines_are_uneven
+from invert.tracking.tracker import track
+from tests.invert.test_tracking import drifting
+
+FRAMES = 24
+NUMBERS = np.arange(FRAMES)
+PATH = np.stack([1.7 * NUMBERS + 3.0 * np.sin(NUMBERS / 4.0), -0.9 * NUMBERS], 1)
+
+
+def check(frames, path=PATH, **expected):
+    """The only path is that of the object, within its stated errors."""
+    found = track(cg.Capture(tuple(frames)))
+    assert found.others == ()
+    deviations = found.path_pixels[1:] - path[1:]
+    assert np.abs(deviations / found.error_pixels[1:]).max() < 4.0
+    assert found.interpolated == expected.get("interpolated", ())
+    return found
+
+
+@pytest.mark.parametrize("light", [0.05, 1.0])
+@pytest.mark.parametrize("fault", ["hot row", "hot column", "fixed rows", "changing columns", "both"])
+def test_uneven_lines_move_no_path_and_are_no_object(rng, light, fault):
+    """A line that flickers was an object that moved along itself, at 207 standard deviations; so were fixed offsets of the rows."""
+    frames = np.array(drifting(rng, PATH, light))
+    rows, columns = frames.shape[1:]
+    if fault == "hot row":
+        frames[:, 77] += 500.0 * rng.random((FRAMES, 1))
+    if fault == "hot column":
+        frames[:, :, 101] += 50.0 * rng.random((FRAMES, 1))
+    if fault in ("fixed rows", "both"):
+        frames += 0.3 * rng.standard_normal((1, rows, 1))
+    if fault in ("changing columns", "both"):
+        frames += 0.3 * rng.standard_normal((FRAMES, 1, columns))
+    check(frames)
+
+
+def test_speckle_of_any_shape_has_no_uneven_lines(rng):
+    """Spectra of random objects, wide and narrow, are taken for uneven lines at most once in 400."""
+    count = 0
+    for _ in range(200):
+        size = rng.integers(6, 80, 2)
+        albedo = np.zeros((256, 320))
+        albedo[: size[0], : size[1]] = rng.random(size) < rng.uniform(0.1, 1.0)
+        field = np.fft.fft2(albedo * np.exp(2j * np.pi * rng.random(albedo.shape)))[: 200 + size[0], : 240 + size[1]]
+        light = rng.poisson(10.0 ** rng.uniform(-1.0, 1.0) * np.abs(field) ** 2 / np.mean(np.abs(field) ** 2))
+        power = np.abs(np.fft.rfft2((light - light.mean()) * np.outer(*(tukey(side, TAPER) for side in light.shape)))) ** 2
+        count += sum(lines_are_uneven(power, axis) for axis in (0, 1))
+    assert count <= 1
+
+
+@pytest.mark.parametrize("light", [0.05, 1.0])
+@pytest.mark.parametrize("strange", ["blank", "saturated", "faint lamp", "lamp", "other speckle"])
+def test_a_frame_that_shows_something_else_is_interpolated_and_named(rng, light, strange):
+    """Such a frame was off by up to 120 pixels at a stated error of 0.3; most were by two grains."""
+    frames = np.array(drifting(rng, PATH, light))
+    levels = {"blank": 0.0, "faint lamp": light / 5.0, "lamp": 10.0 * light}
+    if strange in levels:
+        frames[10] = rng.poisson(levels[strange], frames[0].shape)
+    else:
+        frames[10] = 65535.0 if strange == "saturated" else drifting(rng, np.zeros((1, 2)), light)[0]
+    found = check(frames, interpolated=(10,))
+    assert found.warnings == ("what the other frames show is not in these frames, whose positions are interpolated: 10",)
+    assert np.abs(found.path_pixels[10] - PATH[10]).max() < 0.5
+
+
+def test_strange_frames_at_the_ends_and_beside_each_other(rng):
+    circle = 20.0 * np.stack([np.sin(np.arange(48) / 5.0), np.cos(np.arange(48) / 5.0)], 1)
+    frames = np.array(drifting(rng, circle, 0.5))
+    strange = (0, 20, 21, 47)
+    for number in strange:
+        frames[number] = rng.poisson(0.5, frames[0].shape)
+    found = track(cg.Capture(tuple(frames)))
+    assert found.interpolated == strange
+    deviations = found.path_pixels - circle
+    deviations -= deviations[10]  # the first frame is strange
+    assert np.abs(deviations[1:47]).max() < 0.3
+    assert np.abs(deviations[47] / found.error_pixels[47]).max() < 3.0
