@@ -22,7 +22,8 @@ from invert.tracking.components import MAX_LAG, Components, unmix
 from invert.tracking.follow import Followed, approximate
 from invert.tracking.light import at_equal_light
 from invert.tracking.normal_equations import NormalEquations
-from invert.tracking.register import phase_walk
+from invert.tracking.register import MAX_REACH, drawn_by_windows, phase_walk, reach_of
+from invert.tracking.shifts import weight_of
 from invert.tracking.smoothing import PathNoise
 from invert.tracking.start import Start, way_apart
 
@@ -43,6 +44,10 @@ MAX_CORRECTION = 6.0
 MIN_APART_GRAINS = 4.0
 """Radii of a grain by which objects must move apart within `MAX_LAG` frames. Between two equally bright objects of the radius g that are D
 apart, interference draws the displacement by up to D exp(-D^2 / (8 g^2)), half a radius there."""
+
+DRAWN_ERROR = 2.0
+"""Error of what the windows draw paths by, over its first order, which is corrected. Paths of several objects are drawn by up to four times
+as much (docs/tracking.md, "Limits")."""
 
 
 @dataclass(frozen=True)
@@ -143,9 +148,21 @@ def _describe(band: Band, fit: Fit) -> list[Followed]:
     found, components = [], fit.components
     for number, share in enumerate(components.in_common(band, fit.paths.shape[1])):
         path, power = fit.paths[number] - fit.paths[number, 0], components.powers[number]
-        fading = float(components.fading[number])
-        error = np.sqrt(band.noise_gain * variances[number] + phase_walk(path, fading, replace(band, signal=power)))
+        fading, its_band = float(components.fading[number]), replace(band, signal=power, floor=components.noise)
+        drawn = _drawn_by_windows(path, its_band, fading)
+        walked = phase_walk(path, fading, its_band)
+        error = np.sqrt(band.noise_gain * variances[number] + walked + (DRAWN_ERROR * drawn) ** 2)
+        path = path - drawn
         length = fit.equations.length
         noise = PathNoise(0.5 * band.noise_gain * bends[number])  # white
         found.append(Followed(path, error, length, power, noise=noise, fading=fading, in_common=share))
     return found
+
+
+def _drawn_by_windows(path: np.ndarray, band: Band, fading: float) -> np.ndarray:
+    """Return by how much the windows draw the path (frames, 2) of one of several objects, (frames, 2), to first order."""
+    likeness = np.exp(-fading * np.arange(1.0, min(MAX_REACH, len(path) - 1) + 1.0) ** 2)
+    reach = reach_of(likeness)
+    weight = weight_of(band, float(likeness[0]), reach)
+    inverse = np.linalg.inv(float(likeness[:reach].mean()) * weight.curvature)
+    return drawn_by_windows(path, band, weight, likeness[:reach], np.ones(len(path)), inverse)

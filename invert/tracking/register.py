@@ -88,8 +88,7 @@ def register(sums: np.ndarray, band: Band, places: np.ndarray, light: np.ndarray
     walked = resistances[:, None] / np.sum(np.arange(1.0, reach + 1.0) ** 2) * of_pair
     walked = walked + _walk_by_change(places, alike, band)
     # Where grains are large in a frame, this pull is known to first order only, and would grow with each round.
-    pull = weight.full / usual * _pull_of_windows(places, band, alike[:reach], light) @ weight.tilt.T
-    drawn = solve_pairs(pull @ inverse, reach, light)
+    drawn = drawn_by_windows(places, band, weight, alike[:reach], light, inverse)
     error = np.sqrt(variance + walked + (WINDOW_ERROR * drawn) ** 2)
     power = powers_of_frames(sums, band)
     deviation = _deviation_of_others(band, weight) * np.sqrt(np.maximum(power * _around(power, reach) / usual, 1e-30))
@@ -153,6 +152,20 @@ def _excess_of_bright_spots(sums: np.ndarray, band: Band, places: np.ndarray, re
         part = known / (known + np.array([(band.counts * (each * turn) ** 2 * floor).sum() for turn in turns]))
         found.append(band.contrast * part * (squares @ light.ravel()) / np.maximum(light.std() * squares.sum(1), 1e-300))
     return np.maximum(np.mean(found, 0), 0.0)
+
+
+def drawn_by_windows(
+    places: np.ndarray, band: Band, weight: Weight, alike: np.ndarray, light: np.ndarray, inverse: np.ndarray
+) -> np.ndarray:
+    """Return by how much the windows of the frames draw places (n, 2) that are registered in pairs, (n, 2), to first order.
+
+    Args:
+        alike: share of the speckle in common of groups 1, 2, ... apart, up to the largest distance of the pairs.
+        light: amplitude of the speckle of each group, (n,).
+        inverse: inverse of the curvature of a pair of usual light, (2, 2).
+    """
+    pull = weight.full / weight.frames * _pull_of_windows(places, band, alike, light) @ weight.tilt.T
+    return solve_pairs(pull @ inverse, len(alike), light)
 
 
 def _pull_of_windows(places: np.ndarray, band: Band, alike: np.ndarray, light: np.ndarray) -> np.ndarray:

@@ -18,6 +18,8 @@ from invert.network.inference import make_observation
 from invert.training.data import at_noise
 
 ROWS, COLUMNS, MOST = 3, 4, 6
+BATCH = 100
+"""Number of samples drawn together; a thousand take longer, for memory."""
 TRUTH = (0, 1, 6, 8)
 
 
@@ -68,11 +70,10 @@ def test_samples_have_the_posteriors_probabilities(floor, dof, data_step, sample
     estimate = at_noise(toy(TRUTH)[None], floor, dof, torch.Generator().manual_seed(7)).seen.values[0]
     measurement = read_measurement(estimate.numpy())
     exact = ExactExpectation(measurement)
-    options = Annealing(samples, rounds=1, steps=24, first=16.0)
-    seen = make_observation([measurement])
-    chain = Chain(exact, seen, 1.0, torch.Generator().manual_seed(8))
-    found, expected = run_annealing(chain, torch.zeros(samples, 64, 64), options, data_step)
-    found, expected = found[_NEAR].flatten(1), expected[_NEAR].flatten(1)
+    options = Annealing(BATCH, rounds=1, steps=24, first=16.0)
+    chain = Chain(exact, make_observation([measurement]), 1.0, torch.Generator().manual_seed(8))
+    batches = [run_annealing(chain, torch.zeros(BATCH, 64, 64), options, data_step) for _ in range(samples // BATCH)]
+    found, expected = (torch.cat([one[_NEAR].flatten(1) for one in parts]) for parts in zip(*batches, strict=True))
     nearest = torch.cdist(found, _TOYS).argmin(1)
     sampled = torch.bincount(nearest, minlength=len(ALL)) / samples
     posterior = exact.log_posterior.exp()
