@@ -137,10 +137,11 @@ def _is_folder(path: Path) -> bool:
 
 
 def skipped_folders(inputs: Sequence[str]) -> list[Path]:
-    """Return the folders among the inputs, and directly inside them, that hold files but no frames."""
+    """Return the folders directly inside those among the inputs that hold no frames, but are empty or hold other files."""
     folders = [Path(item) for item in inputs if _is_folder(Path(item))]
     inside = [one for folder in folders for one in sorted(folder.iterdir()) if _is_folder(one)]
-    return [one for one in inside if not frames_inside(one) and any(path.is_file() for path in one.iterdir())]
+    contents = {one: list(one.iterdir()) for one in inside if not frames_inside(one)}
+    return [one for one, paths in contents.items() if not paths or any(path.is_file() for path in paths)]
 
 
 def _check_names(found: Iterable[tuple[str, tuple[Path, ...]]]) -> Captures:

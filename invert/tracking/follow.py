@@ -133,8 +133,8 @@ def are_strange(spectra: np.ndarray, band: Band, registered: Registration) -> np
     """Return whether each frame shares nothing with those around it, although the others clearly do, bool (n,): nothing lit the object, or
     something else was in the frame.
 
-    The weight of all frames is that of the bright ones. What dim ones share with the next is looked for at even power where speckle is
-    strongest.
+    The weight of all frames is that of the bright ones. Dim frames are therefore compared with the next ones, too, at even power and with
+    the weight of noisy frames.
     """
     strange = registered.in_common < STRANGE_SIGMA
     if not strange.any() or float(np.median(registered.in_common)) < CLEAR_SIGMA:

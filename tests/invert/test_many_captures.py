@@ -9,7 +9,7 @@ from PIL import Image
 from correlograph.errors import InputError
 from correlograph.version import code_sha256
 from invert.__main__ import main
-from invert.batch.captures import find_captures
+from invert.batch.captures import find_captures, skipped_folders
 from tests.light import speckle
 
 
@@ -110,6 +110,11 @@ def test_capture_discovery(captures, tmp_path):
     np.save(tmp_path / "more" / "day 3" / "0.npy", frame_of_an_l(9))
     assert list(find_captures([str(tmp_path / "more")], False)) == ["day 3"]
     assert list(find_captures([str(captures), str(tmp_path / "more")], False)) == ["day 1", "day 2", "day 3"]
+    for name, file in (("notes", "a.txt"), ("empty", None), ("older/day 0", "0.npy")):
+        (captures / name).mkdir(parents=True)
+        if file:
+            (captures / name / file).write_text("none")
+    assert [one.name for one in skipped_folders([str(captures)])] == ["empty", "notes"]
     (captures / ".correlograph-partial-7").mkdir()  # what a killed run leaves
     np.save(captures / ".correlograph-partial-7" / "0.npy", frame_of_an_l(9))
     assert list(find_captures([str(captures)], False)) == ["day 1", "day 2"]

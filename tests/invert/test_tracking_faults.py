@@ -63,7 +63,7 @@ def test_speckle_of_any_shape_has_no_uneven_lines(rng):
 @pytest.mark.parametrize("light", [0.05, 1.0])
 @pytest.mark.parametrize("strange", ["blank", "saturated", "faint lamp", "lamp", "other speckle"])
 def test_a_frame_that_shows_something_else_is_interpolated_and_named(rng, light, strange):
-    """Such a frame was off by up to 120 pixels at a stated error of 0.3; most were by two grains."""
+    """It was off by up to 120 pixels at a stated error of 0.3."""
     frames = np.array(drifting(rng, PATH, light))
     levels = {"blank": 0.0, "faint lamp": light / 5.0, "lamp": 10.0 * light}
     if strange in levels:
