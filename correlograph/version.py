@@ -25,8 +25,10 @@ def version() -> str:
 
 @cache
 def code_sha256(root: Path = ROOT) -> str:
-    """Return the SHA-256 of the code that a reconstruction depends on: results of other code are not taken for those of this one."""
+    """Return the SHA-256 of the code and weights that a reconstruction depends on: results of others are not taken for those of these."""
     content = hashlib.sha256()
-    for file in sorted(file for package in PACKAGES for file in (root / package).rglob("*.py")):
+    for file in sorted(
+        file for package in PACKAGES for kind in ("*.py", "*.safetensors") for file in (root / package).rglob(kind)
+    ):
         content.update(file.relative_to(root).as_posix().encode() + file.read_bytes())
     return content.hexdigest()

@@ -119,7 +119,10 @@ def open_complete(address: str, schema: Schema) -> zarr.Group:
 
 def read_array(group: zarr.Group, address: str, name: str, schema: Schema) -> np.ndarray:
     """Read a whole array and verify its checksums."""
-    return np.concatenate([read_part(group, address, name, part, schema) for part in range(group["complete"].shape[0])])
+    values = np.empty(group[name].shape, group[name].dtype)
+    for part in range(group["complete"].shape[0]):
+        values[part * schema.part : (part + 1) * schema.part] = read_part(group, address, name, part, schema)
+    return values
 
 
 def read_part(group: zarr.Group, address: str, name: str, part: int, schema: Schema) -> np.ndarray:

@@ -14,6 +14,7 @@ register.py  frames registered to those around them
 numbers.py   numbers of frames, by the names of their files
 smoothing.py paths without noise
 follow.py    exact path of a single object, frame by frame
+strange.py   frames that show something else
 shutter.py   steps that an open shutter shortens
 boundaries.py  likeness of the frames on both sides of a boundary
 breaks.py    jumps of a path, and paths across them

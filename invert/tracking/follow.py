@@ -10,23 +10,18 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline, interp1d
+from scipy.interpolate import interp1d
 
 from invert.tracking.band import Band
-from invert.tracking.boundaries import boundaries_along
-from invert.tracking.light import at_even_power, light_of_frames
-from invert.tracking.register import Registration, register
+from invert.tracking.light import light_of_frames
+from invert.tracking.register import register
 from invert.tracking.shifts import MIN_SIGNIFICANCE, move_back
 from invert.tracking.smoothing import PathNoise
 from invert.tracking.start import Start
+from invert.tracking.strange import are_strange
 
 MIN_GROUP_SIGNIFICANCE = 5.0
 """Median significance of a group of frames in its surroundings from which it is registered on its own."""
-
-
-STRANGE_SIGMA, CLEAR_SIGMA, MIN_KNOWN = 4.5, 12.0, 4
-"""Significance below which a frame shares nothing with those around it, that of most frames beside which this is no noise, and the least
-number of others from which a position is interpolated. The best of the positions nearby has up to 2.5 by chance in 36 strange frames."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +39,7 @@ class Followed:
             is not measured.
         in_common: share of all power that frames 1, 2, ... apart have in common by one of several objects.
         shortened: largest part by which an open shutter shortens a step.
-        interpolated: numbers of the frames whose positions are interpolated.
+        interpolated: frames that share nothing with those beside them, whose positions are interpolated.
     """
 
     path: np.ndarray
@@ -103,18 +98,14 @@ def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: in
         sums = np.stack([move_back(spectra[group], band, path[group] - path[group].mean(0)).sum(0) for group in groups])
     of_group = replace(band, signal=band.signal * length**2, floor=band.floor * length)
     registered = register(sums, of_group, means, light_of_frames(sums, of_group))
-    strange = are_strange(sums, of_group, registered) if length == 1 else np.zeros(len(groups), bool)
+    numbers = np.arange(len(path))
+    strange = are_strange(sums, of_group, registered.places) if length == 1 else np.zeros(len(groups), bool)
     if strange.any():
         sums, middles, means = sums[~strange], middles[~strange], means[~strange]
         registered = register(sums, of_group, means, light_of_frames(sums, of_group))
-        path = interp1d(middles, means, axis=0, fill_value="extrapolate")(np.arange(len(path)))
-    numbers = np.arange(len(path))
+        path = interp1d(middles, means, axis=0, fill_value="extrapolate")(numbers)
     found = path + interp1d(middles, registered.places - means, axis=0, fill_value="extrapolate")(numbers)
     errors = np.stack([np.interp(numbers, middles, error) for error in registered.error.T], 1)
-    if strange.any():
-        bent = CubicSpline(middles, registered.places)(numbers[strange])
-        errors[strange] = np.hypot(errors[strange], bent - found[strange])
-        found[strange] = bent
     from_first = np.hypot(errors, errors[0])
     from_first[0] = 0.0
     noise = PathNoise(registered.of_pair, registered.reach, length)
@@ -127,21 +118,3 @@ def _follow_groups(spectra: np.ndarray, band: Band, path: np.ndarray, length: in
         noise,
         interpolated=tuple(np.flatnonzero(strange).tolist()),
     )
-
-
-def are_strange(spectra: np.ndarray, band: Band, registered: Registration) -> np.ndarray:
-    """Return whether each frame shares nothing with those around it, although the others clearly do, bool (n,): nothing lit the object, or
-    something else was in the frame.
-
-    The weight of all frames is that of the bright ones. Dim frames are therefore compared with the next ones, too, at even power and with
-    the weight of noisy frames.
-    """
-    strange = registered.in_common < STRANGE_SIGMA
-    if not strange.any() or float(np.median(registered.in_common)) < CLEAR_SIGMA:
-        return np.zeros(len(spectra), bool)
-    noisy = replace(band, floor=band.floor + band.signal.max())
-    even = at_even_power(spectra, noisy)
-    beside = boundaries_along(even, noisy, np.ones(len(even)), registered.places, 1)
-    shared = beside.alike * beside.scale
-    strange &= np.maximum(np.append(shared, -np.inf), np.append(-np.inf, shared)) < STRANGE_SIGMA
-    return strange & (int((~strange).sum()) >= MIN_KNOWN)

@@ -163,6 +163,6 @@ def _drawn_by_windows(path: np.ndarray, band: Band, fading: float) -> np.ndarray
     """Return by how much the windows draw the path (frames, 2) of one of several objects, (frames, 2), to first order."""
     likeness = np.exp(-fading * np.arange(1.0, min(MAX_REACH, len(path) - 1) + 1.0) ** 2)
     reach = reach_of(likeness)
-    weight = weight_of(band, float(likeness[0]), reach)
+    weight = weight_of(band, float(likeness[0]), min(2 * reach, len(path) - 1))
     inverse = np.linalg.inv(float(likeness[:reach].mean()) * weight.curvature)
     return drawn_by_windows(path, band, weight, likeness[:reach], np.ones(len(path)), inverse)

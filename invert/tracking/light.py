@@ -56,15 +56,10 @@ def at_even_power(spectra: np.ndarray, band: Band) -> np.ndarray:
 
     What two frames share then is as significant as its height, however bright they are.
     """
-    power = np.maximum(powers_of_frames(spectra, band), 1e-30)
+    power = np.maximum(_powers(spectra, band.whitening)[0] / band.counts.sum(), 1e-30)
     if power.max() < MAX_POWER_RATIO * power.min():
         return spectra
     return spectra / np.sqrt(power).astype(np.float32)[:, None, None]
-
-
-def powers_of_frames(spectra: np.ndarray, band: Band) -> np.ndarray:
-    """Return the power of speckle and noise in each of the spectra (n, R, C), over that of the band, (n,)."""
-    return _powers(spectra, band.whitening)[0] / band.counts.sum()
 
 
 def _powers(spectra: np.ndarray, weights: np.ndarray) -> np.ndarray:

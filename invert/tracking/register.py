@@ -9,7 +9,6 @@ from scipy.linalg import solveh_banded
 from scipy.special import erf
 
 from invert.tracking.band import Band
-from invert.tracking.light import powers_of_frames
 from invert.tracking.parts import sum_over_rows
 from invert.tracking.shifts import Weight, derivatives, moments, move_back, weight_of, window_slopes
 
@@ -42,8 +41,6 @@ class Registration(NamedTuple):
         reach: largest distance of the pairs.
         of_pair: variance of the displacement of a pair of usual light, (2,).
         significance: median height of the cross-correlations, in standard deviations of noise.
-        in_common: height of each in standard deviations of what another pattern of its power would have in common with those around it,
-            (n,).
     """
 
     places: np.ndarray
@@ -51,7 +48,6 @@ class Registration(NamedTuple):
     reach: int
     of_pair: np.ndarray
     significance: float
-    in_common: np.ndarray
 
 
 def register(sums: np.ndarray, band: Band, places: np.ndarray, light: np.ndarray) -> Registration:
@@ -90,17 +86,8 @@ def register(sums: np.ndarray, band: Band, places: np.ndarray, light: np.ndarray
     # Where grains are large in a frame, this pull is known to first order only, and would grow with each round.
     drawn = drawn_by_windows(places, band, weight, alike[:reach], light, inverse)
     error = np.sqrt(variance + walked + (WINDOW_ERROR * drawn) ** 2)
-    power = powers_of_frames(sums, band)
-    deviation = _deviation_of_others(band, weight) * np.sqrt(np.maximum(power * _around(power, reach) / usual, 1e-30))
     significance = float(np.median(height)) / weight.deviation
-    return Registration(places - drawn, error, reach, of_pair, significance, height / deviation)
-
-
-def _deviation_of_others(band: Band, weight: Weight) -> float:
-    """Return the standard deviation of the cross-correlation of a group with a sum of others that share their speckle, but none with it."""
-    signal, total = band.signal, band.signal + band.floor
-    of_sum = weight.frames * (weight.frames - 1.0) * weight.common * signal + weight.frames * total
-    return float((weight.values**2 / np.maximum(band.counts, 1.0) * total * of_sum).sum() * band.noise_gain) ** 0.5
+    return Registration(places - drawn, error, reach, of_pair, significance)
 
 
 def _pull_of_surroundings(sums: np.ndarray, band: Band, places: np.ndarray, reach: int, weight: Weight) -> np.ndarray:

@@ -98,6 +98,8 @@ class Stabilised:
         notes = [self.travel.describe()]
         if len(self.travel.steps_pixels) > 1 and self.obstacle:
             notes.append(f"all objects are shown together, because their paths were not found ({self.obstacle})")
+        if self.track is not None and self.track.interpolated:
+            notes.append(self.track.of_strange_frames)
         return notes + ([pooled] if len(self.objects) < 2 else [])
 
 

@@ -47,7 +47,7 @@ class Track:
             if it leaves no room for another object, or three standard errors do.
         shortened: largest part by which the open shutter shortens a step; corrected, but not well if large.
         numbers: number of each frame from the first, (frames,), of which files may be missing; None if frames are counted.
-        interpolated: frames that share nothing with those around them, whose positions are interpolated.
+        interpolated: frames that share nothing with those beside them, whose positions are interpolated.
     """
 
     path_pixels: np.ndarray
@@ -76,10 +76,7 @@ class Track:
         """Doubts about the path, in words."""
         doubts = missing_frames(self.frame_numbers)
         if self.interpolated:
-            named = ", ".join(str(number) for number in self.interpolated[:10]) + (
-                ", ..." if len(self.interpolated) > 10 else ""
-            )
-            doubts.append(f"what the other frames show is not in these frames, whose positions are interpolated: {named}")
+            doubts.append(self.of_strange_frames)
         if self.shortened > MAX_SHORTENED:
             doubts.append(
                 f"the open shutter shortens steps by up to {100.0 * self.shortened:.0f} %; such steps are corrected by a rough estimate: "
@@ -92,6 +89,13 @@ class Track:
                 "or several objects have not moved apart by a grain of their speckle, and this path lies between theirs"
             )
         return tuple(doubts)
+
+    @property
+    def of_strange_frames(self) -> str:
+        """The frames whose positions are interpolated, in words."""
+        numbers = self.frame_numbers[list(self.interpolated)]
+        named = ", ".join(map(str, numbers[:10])) + (", ..." if len(numbers) > 10 else "")
+        return f"frames that share nothing with those beside them, whose positions are interpolated: {named}"
 
     @property
     def bend_error_pixels(self) -> np.ndarray:
@@ -219,6 +223,7 @@ class Track:
             "velocity_m_s": None if speed is None else speed.tolist(),
             "velocity_error_m_s": None if speed_error is None else speed_error.tolist(),
             "vibrations": self.vibrations,
+            "interpolated": self.frame_numbers[list(self.interpolated)].tolist() if self.interpolated else [],
             "warnings": list(self.warnings),
             "others": [one.as_dict() for one in self.others],
         }

@@ -19,6 +19,7 @@ from invert.tracking.numbers import frame_numbers
 from invert.tracking.pursuit import fading_along, find_objects, is_alone
 from invert.tracking.shutter import fading_along_steps, for_open_shutter
 from invert.tracking.spectra import Reader, frames_in_memory
+from invert.tracking.strange import interpolate
 from invert.tracking.tables import check_frames, exposure_of
 from invert.tracking.to_object import metres_per_pixel, stretch_by_illumination
 from invert.tracking.track import Track
@@ -69,6 +70,9 @@ def track(
     open_share, tracks = _open_share(capture, interval_s), []
     for start, one in zip(starts, followed, strict=True):
         its_band = replace(band, signal=one.power)
+        if one.interpolated:
+            path, error = interpolate(one.path, one.error, numbers, one.interpolated)
+            one = replace(one, path=path, error=error)
         if alone and open_share and one.significance:
             one = replace(one, fading=fading_along_steps(spectra, band, one.path, open_share))
         opened = for_open_shutter(one, its_band, open_share, np.diff(numbers))

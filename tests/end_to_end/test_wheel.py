@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[2]
 INDEX = os.environ.get("TORCH_INDEX", "https://download.pytorch.org/whl/cpu")
 
 
-INSTALLATION_S = 900.0
+INSTALLATION_S = 600.0
 """Longest time for the packages that the program needs; a package index may be slow or out of reach."""
 
 

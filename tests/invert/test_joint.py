@@ -234,7 +234,8 @@ def test_paths_of_two_objects_with_large_grains_are_within_their_errors():
         frames = [rng.poisson(0.5 * (first + second)).astype(np.float32) for first, second in zip(one, other, strict=True)]
         found = track(cg.Capture(frames))
         assert len(found.others) == 1
-        for each in (found, *found.others):
-            away = min((each.path_pixels - path for path in paths), key=lambda left: np.abs(left).max())
-            worst.append(np.abs(away[1:] / each.error_pixels[1:]).max())
+        both = (found, *found.others)
+        for path in paths:
+            one = min(both, key=lambda each: np.abs(each.path_pixels - path).max())
+            worst.append(np.abs((one.path_pixels - path)[1:] / one.error_pixels[1:]).max())
     assert max(worst) < 4.0

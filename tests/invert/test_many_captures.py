@@ -9,7 +9,8 @@ from PIL import Image
 from correlograph.errors import InputError
 from correlograph.version import code_sha256
 from invert.__main__ import main
-from invert.batch.captures import find_captures, skipped_folders
+from invert.batch.captures import Job, find_captures, skipped_folders
+from invert.request import Request
 from tests.light import speckle
 
 
@@ -65,7 +66,7 @@ def test_any_number_of_workers_and_a_second_run(captures, tmp_path):
     assert (tmp_path / "1" / "day 1" / "result.json").stat().st_mtime_ns in times
 
 
-def test_results_of_other_code_are_not_kept(tmp_path):
+def test_results_of_other_code_are_not_kept(tmp_path, monkeypatch):
     for package in ("correlograph", "invert", "radiometry"):
         (tmp_path / package / "part").mkdir(parents=True)
         (tmp_path / package / "part" / "one.py").write_text("value = 1\n")
@@ -76,6 +77,10 @@ def test_results_of_other_code_are_not_kept(tmp_path):
     (tmp_path / "invert" / "part" / "one.py").write_text("value = 2\n")
     code_sha256.cache_clear()
     assert code_sha256(tmp_path) != before
+    np.save(tmp_path / "0.npy", frame_of_an_l(1))
+    job = Job(Request()).sha256([tmp_path / "0.npy"])
+    monkeypatch.setattr("invert.batch.captures.code_sha256", lambda: "other")
+    assert Job(Request()).sha256([tmp_path / "0.npy"]) != job
 
 
 @pytest.mark.slow

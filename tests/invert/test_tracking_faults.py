@@ -71,7 +71,7 @@ def test_a_frame_that_shows_something_else_is_interpolated_and_named(rng, light,
     else:
         frames[10] = 65535.0 if strange == "saturated" else drifting(rng, np.zeros((1, 2)), light)[0]
     found = check(frames, interpolated=(10,))
-    assert found.warnings == ("what the other frames show is not in these frames, whose positions are interpolated: 10",)
+    assert found.warnings == ("frames that share nothing with those beside them, whose positions are interpolated: 10",)
     assert np.abs(found.path_pixels[10] - PATH[10]).max() < 0.5
 
 
@@ -87,3 +87,33 @@ def test_strange_frames_at_the_ends_and_beside_each_other(rng):
     deviations -= deviations[10]  # the first frame is strange
     assert np.abs(deviations[1:47]).max() < 0.3
     assert np.abs(deviations[47] / found.error_pixels[47]).max() < 3.0
+
+
+@pytest.mark.parametrize("light", [0.1, 3.0])
+def test_interpolated_positions_are_within_their_errors(light):
+    """A random walk, a vibration and missing files: the frame before the gap is strange, another, and the last one."""
+    strange, kept = (5, 12, 23), np.delete(np.arange(FRAMES + 2), (6, 7))
+    missed = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        walk = np.cumsum(rng.standard_normal((FRAMES + 2, 2)), 0) + np.outer(np.sin(2.5 * np.arange(FRAMES + 2)), [1.0, 0.0])
+        path = walk[kept] - walk[0]
+        frames = drifting(rng, path, light)
+        for number in strange:
+            frames[number] = rng.poisson(light, frames[0].shape).astype(np.float32)
+        found = track(cg.Capture(tuple(frames), names=tuple(f"f{number:02}.tif" for number in kept)))
+        assert found.interpolated == strange
+        assert found.warnings[1].endswith(": 5, 14, 25")
+        missed.append((found.path_pixels - path)[list(strange)] / found.error_pixels[list(strange)])
+    assert 0.05 < np.mean(np.square(missed)) < 2.5
+    assert np.abs(missed).max() < 4.0
+
+
+def test_good_frames_are_not_strange():
+    """Of clear, faint and uneven light, on random walks."""
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        light = 10.0 ** rng.uniform(-1.5, 1.0) * rng.choice([0.1, 1.0], 12)
+        assert (
+            track(cg.Capture(tuple(drifting(rng, np.cumsum(2.0 * rng.standard_normal((12, 2)), 0), light)))).interpolated == ()
+        )

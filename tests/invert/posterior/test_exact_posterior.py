@@ -70,6 +70,7 @@ def test_samples_have_the_posteriors_probabilities(floor, dof, data_step, sample
     estimate = at_noise(toy(TRUTH)[None], floor, dof, torch.Generator().manual_seed(7)).seen.values[0]
     measurement = read_measurement(estimate.numpy())
     exact = ExactExpectation(measurement)
+    assert samples % BATCH == 0
     options = Annealing(BATCH, rounds=1, steps=24, first=16.0)
     chain = Chain(exact, make_observation([measurement]), 1.0, torch.Generator().manual_seed(8))
     batches = [run_annealing(chain, torch.zeros(BATCH, 64, 64), options, data_step) for _ in range(samples // BATCH)]
