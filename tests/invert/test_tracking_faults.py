@@ -110,7 +110,7 @@ def test_interpolated_positions_are_within_their_errors(light):
 
 
 def test_good_frames_are_not_strange():
-    """Of clear, faint and uneven light, on random walks."""
+    """Random walks in clear, faint and uneven light."""
     for seed in range(12):
         rng = np.random.default_rng(seed)
         light = 10.0 ** rng.uniform(-1.5, 1.0) * rng.choice([0.1, 1.0], 12)
