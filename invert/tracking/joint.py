@@ -164,5 +164,7 @@ def _drawn_by_windows(path: np.ndarray, band: Band, fading: float) -> np.ndarray
     likeness = np.exp(-fading * np.arange(1.0, min(MAX_REACH, len(path) - 1) + 1.0) ** 2)
     reach = reach_of(likeness)
     weight = weight_of(band, float(likeness[0]), min(2 * reach, len(path) - 1))
-    inverse = np.linalg.inv(float(likeness[:reach].mean()) * weight.curvature)
+    turns = [2.0 * np.pi * one for one in (band.rows[:, None], band.columns)]
+    curvature = np.array([[(weight.values * band.signal * one * other).sum() for other in turns] for one in turns])
+    inverse = np.linalg.inv(float(likeness[:reach].mean()) * curvature)
     return drawn_by_windows(path, band, weight, likeness[:reach], np.ones(len(path)), inverse)

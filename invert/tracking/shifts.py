@@ -37,7 +37,6 @@ class Weight:
         full: height of the maximum if the speckle is wholly common.
         tilt: slope of the cross-correlation at its maximum, over its height, if frames rather than this sum were multiplied by a function
             whose logarithm rises by one per pixel: along rows and columns (2,) of the slope, and of the function, (2, 2).
-        curvature: downward curvature at the maximum with one frame whose speckle is wholly common, (2, 2).
     """
 
     values: np.ndarray
@@ -47,7 +46,6 @@ class Weight:
     deviation: float
     full: float
     tilt: np.ndarray
-    curvature: np.ndarray
 
     def part(self, rows: slice) -> Weight:
         """Return the weight of some rows of a band."""
@@ -104,7 +102,6 @@ def weight_of(band: Band, common: float, frames: int = 1) -> Weight:
         float(null.sum() ** 0.5),
         height * frames,
         tilt / max(height, 1e-300),
-        np.array([[float((band.counts * values * signal * one * other).sum()) for other in turn] for one in turn]),
     )
 
 

@@ -55,7 +55,8 @@ STEPS = 8
 class Reader:
     """Reader of frames into spectra in one band.
 
-    It leaves out the last rows and columns, a few in a hundred at most, where that makes its Fourier transforms several times faster.
+    Once `band` has found uneven lines, all spectra are of frames without them. It leaves out the last rows and columns, a few in a hundred
+    at most, where that makes its Fourier transforms several times faster.
 
     Args:
         shape: pixels of a frame. binning: pixels that are added along each axis.
@@ -66,7 +67,7 @@ class Reader:
         self._levelled: tuple[int, ...] = ()
 
     def whole(self, frame: np.ndarray, taper: float = TAPER) -> np.ndarray:
-        """Return the spectrum (rows, columns // 2 + 1) of a frame without its mean, or where lines are uneven without theirs, complex64."""
+        """Return the spectrum (rows, columns // 2 + 1) of a frame less its mean and, where lines are uneven, theirs, complex64."""
         image = self._bin(frame)
         image = image - image.mean(dtype=np.float64).astype(np.float32)  # exactly zero for a blank frame
         for axis in self._levelled:
@@ -113,9 +114,7 @@ class Reader:
         is_slow = np.hypot(*periods) <= SLOW_PERIODS
         for axis in self._levelled:
             is_slow |= periods[axis] <= SLOW_PERIODS
-            near = np.arange(-SLOW_PERIODS if axis == 0 else 0, SLOW_PERIODS + 1)
-            mirrored = np.where(near < 0, -1, 1) * (2 * SLOW_PERIODS + 1 - np.abs(near))
-            np.moveaxis(power, axis, 0)[near] = np.moveaxis(power, axis, 0)[mirrored]
+            _fill_slow(power, axis)
         for side in SMOOTHING:
             smooth = uniform_filter(_full_plane(power, self.shape[1]), side, mode="wrap")[:, : power.shape[1]]
             floor = float(np.median(smooth[(radius > OUTER) & (radius <= 1.0)]))
@@ -201,6 +200,14 @@ def lines_are_uneven(power: np.ndarray, axis: int) -> bool:
     kept = slice(SLOW_PERIODS + 1, lines.shape[1] // 2 if axis == 1 else None)
     ratios = lines[0, kept] / np.maximum(expected[kept], 1e-300)
     return float(ratios.mean()) > gamma.isf(FALSE_ALARM, len(ratios)) / len(ratios)
+
+
+def _fill_slow(power: np.ndarray, axis: int) -> None:
+    """Give the slow frequencies of an axis of a power spectrum (H, W // 2 + 1) the power of those beyond them, because smoothing would mix
+    these with zeros."""
+    lines = np.moveaxis(power, axis, 0)
+    slow = np.arange(-SLOW_PERIODS if axis == 0 else 0, SLOW_PERIODS + 1)
+    lines[slow] = lines[np.where(slow < 0, -1, 1) * (2 * SLOW_PERIODS + 1 - np.abs(slow))]
 
 
 def _full_plane(power: np.ndarray, columns: int) -> np.ndarray:

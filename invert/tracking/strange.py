@@ -69,17 +69,18 @@ def interpolate(
     """
     known = np.setdiff1d(np.arange(len(path)), strange)
     at, places = numbers[known].astype(np.float64), path[known]
-    filled = interp1d(at, places, axis=0, fill_value="extrapolate")(numbers)
     inside = (numbers > at[0]) & (numbers < at[-1])
-    filled[inside] = CubicSpline(at, places)(numbers[inside])
+    line, curve = interp1d(at, places, axis=0, fill_value="extrapolate"), CubicSpline(at, places)
+    filled = np.where(inside[:, None], curve(numbers), line(numbers))
     filled[known] = places
     steps = np.diff(places, axis=0) / np.diff(at)[:, None]
     bend = np.sqrt(np.mean(np.diff(steps, axis=0) ** 2, 0))
     after = np.clip(np.searchsorted(at, numbers), 1, len(at) - 1)
     before, later = np.abs(numbers - at[after - 1]), np.abs(at[after] - numbers)
-    way = np.where(inside, 0.5 * before * later, 0.5 * np.minimum(before, later) * (np.minimum(before, later) + 1.0))
+    nearest = np.minimum(before, later)
+    bends = 0.5 * np.where(inside, before * later, nearest * (nearest + 1.0))
     errors = np.stack([np.interp(numbers, at, one) for one in error[known].T], 1)
-    errors = np.hypot(errors, way[:, None] * bend)
+    errors = np.hypot(errors, bends[:, None] * bend)
     errors[known] = np.hypot(error[known], errors[0] if 0 in strange else 0.0)
     errors[0] = 0.0
     return filled - filled[0], errors

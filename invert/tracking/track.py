@@ -91,9 +91,14 @@ class Track:
         return tuple(doubts)
 
     @property
+    def interpolated_numbers(self) -> list[int]:
+        """Numbers of the frames whose positions are interpolated."""
+        return [int(self.frame_numbers[index]) for index in self.interpolated]
+
+    @property
     def of_strange_frames(self) -> str:
         """The frames whose positions are interpolated, in words."""
-        numbers = self.frame_numbers[list(self.interpolated)]
+        numbers = self.interpolated_numbers
         named = ", ".join(map(str, numbers[:10])) + (", ..." if len(numbers) > 10 else "")
         return f"frames that share nothing with those beside them, whose positions are interpolated: {named}"
 
@@ -223,7 +228,7 @@ class Track:
             "velocity_m_s": None if speed is None else speed.tolist(),
             "velocity_error_m_s": None if speed_error is None else speed_error.tolist(),
             "vibrations": self.vibrations,
-            "interpolated": self.frame_numbers[list(self.interpolated)].tolist() if self.interpolated else [],
+            "interpolated": self.interpolated_numbers,
             "warnings": list(self.warnings),
             "others": [one.as_dict() for one in self.others],
         }

@@ -19,13 +19,13 @@ NUMBERS = np.arange(FRAMES)
 PATH = np.stack([1.7 * NUMBERS + 3.0 * np.sin(NUMBERS / 4.0), -0.9 * NUMBERS], 1)
 
 
-def check(frames, path=PATH, **expected):
+def check(frames, interpolated=()):
     """The only path is that of the object, within its stated errors."""
     found = track(cg.Capture(tuple(frames)))
     assert found.others == ()
-    deviations = found.path_pixels[1:] - path[1:]
+    deviations = found.path_pixels[1:] - PATH[1:]
     assert np.abs(deviations / found.error_pixels[1:]).max() < 4.0
-    assert found.interpolated == expected.get("interpolated", ())
+    assert found.interpolated == interpolated
     return found
 
 
