@@ -20,6 +20,7 @@ from scipy.stats import gamma
 from correlograph.errors import memory_bytes
 from invert.tracking.band import TAPER, Band
 from invert.tracking.parts import on_all_cores
+from radiometry.estimation.hot_pixels import HotPixels
 
 FRAMES_FOR_POWER, DIM_FRAMES_FOR_POWER = 32, 256
 """Number of frames from which the power spectrum is measured, and of those whose speckle is nowhere above the noise."""
@@ -55,8 +56,8 @@ STEPS = 8
 class Reader:
     """Reader of frames into spectra in one band.
 
-    Once `band` has found uneven lines, all spectra are of frames without them. It leaves out the last rows and columns, a few in a hundred
-    at most, where that makes its Fourier transforms several times faster.
+    Once `band` has found hot pixels and uneven lines, all spectra are of frames without them. It leaves out the last rows and columns, a
+    few in a hundred at most, where that makes its Fourier transforms several times faster.
 
     Args:
         shape: pixels of a frame. binning: pixels that are added along each axis.
@@ -65,10 +66,13 @@ class Reader:
     def __init__(self, shape: tuple[int, int], binning: int) -> None:
         self.shape, self._binning = (prev_fast_len(shape[0] // binning), prev_fast_len(shape[1] // binning)), binning
         self._levelled: tuple[int, ...] = ()
+        self._hot: HotPixels | None = None
 
     def whole(self, frame: np.ndarray, taper: float = TAPER) -> np.ndarray:
         """Return the spectrum (rows, columns // 2 + 1) of a frame less its mean and, where lines are uneven, theirs, complex64."""
         image = self._bin(frame)
+        if self._hot is not None:
+            image = self._hot.replaced_in(image)
         image = image - image.mean(dtype=np.float64).astype(np.float32)  # exactly zero for a blank frame
         for axis in self._levelled:
             image -= image.mean(axis, keepdims=True)
@@ -103,7 +107,8 @@ class Reader:
         return band and replace(band, contrast=self._contrast(band, first[:FRAMES_FOR_POWER]))
 
     def _band(self, first: Sequence[np.ndarray], taper: float) -> Band | None:
-        """Return the band of frames through a window. Uneven lines of these frames are levelled from then on."""
+        """Return the band of frames through a window. Hot pixels and uneven lines of these frames are taken out from then on."""
+        self._hot = HotPixels.of(map(self._bin, first))
         power = self._power(first, taper)
         if uneven := tuple(axis for axis in (0, 1) if axis not in self._levelled and lines_are_uneven(power, axis)):
             self._levelled += uneven

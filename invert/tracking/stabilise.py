@@ -22,9 +22,11 @@ from invert.measure.spectrum import read_measurement
 from invert.request import Request
 from invert.tracking.numbers import frame_numbers
 from invert.tracking.pursuit import HALF
+from invert.tracking.spectra import DIM_FRAMES_FOR_POWER
 from invert.tracking.track import Track
 from invert.tracking.tracker import track
 from invert.tracking.travel import Travel, find_travel, may_travel
+from radiometry.estimation.hot_pixels import HotPixels
 from radiometry.estimation.third_moment import FilteredFrames
 from radiometry.transfer import gaussian_transfer
 
@@ -36,9 +38,6 @@ FRAMES_FOR_SIZE = 64
 
 MIN_BLUR = 0.01
 """Largest part that the blur of a path takes from r*r at any lag, below which it is left out."""
-
-MIN_SIGMA = 3.0
-"""Standard errors by which a pattern must have moved to be moved back."""
 
 MIN_FRAMES_OF_PATH = 6
 """Number of frames from which the path of a camera that shakes looks different from that of an object."""
@@ -125,11 +124,10 @@ def mean_pattern(capture: Capture) -> Capture:
     the path is known, or if hardly any pixels would be left."""
     try:
         path = track(replace(capture, names=()))  # their order does not matter
-        moved = _add(capture, path.smooth_path_pixels, [range(len(capture.frames))])
+        moved = _Adder(capture).add(path.smooth_path_pixels, [range(len(capture.frames))])
     except InputError:
         return mean_frame(capture)
-    is_at_rest = (np.abs(path.smooth_path_pixels) <= np.maximum(0.5, MIN_SIGMA * path.error_pixels)).all()  # whole pixels
-    return mean_frame(capture) if is_at_rest or min(moved.frames[0].shape) < LAG_SIDE else moved
+    return mean_frame(capture) if path.is_at_rest or min(moved.frames[0].shape) < LAG_SIDE else moved
 
 
 def stabilise(capture: Capture, path: Track, least: int = MIN_GROUPS) -> Stabilised:
@@ -139,16 +137,16 @@ def stabilise(capture: Capture, path: Track, least: int = MIN_GROUPS) -> Stabili
     longest = path.fading[0] if path.fading and path.fading[1] < HALF else count
     first = max(0, (count - FRAMES_FOR_SIZE) // 2)
     some = range(first, min(count, first + FRAMES_FOR_SIZE))
-    best, clearest, size = 1, -np.inf, 1
+    best, clearest, size, adder = 1, -np.inf, 1, _Adder(capture)
     while len(some) // size >= MIN_GROUPS and count // size >= least and size <= longest:
-        found = _detection(capture, pixels, _groups(some, size))
+        found = _detection(adder, pixels, _groups(some, size))
         if found <= clearest:
             break
         best, clearest, size = size, found, 2 * size
     added = capture
     while best > 1:
         try:
-            added = _add(capture, pixels, _groups(range(count), best))
+            added = adder.add(pixels, _groups(range(count), best))
             break
         except InputError:  # the object is faster elsewhere
             best //= 2
@@ -165,10 +163,10 @@ def _rounding(path: np.ndarray, groups: Sequence[range]) -> np.ndarray:
     return np.sqrt(np.mean([(one - np.rint(one)).var(0) for one in moves], 0))
 
 
-def _detection(capture: Capture, path: np.ndarray, groups: Sequence[range]) -> float:
+def _detection(adder: _Adder, path: np.ndarray, groups: Sequence[range]) -> float:
     """Return the significance of r*r from groups of frames, in standard deviations."""
     try:
-        estimate = estimate_from_frames(_add(capture, path, groups), Request(mean_model="pooled"))
+        estimate = estimate_from_frames(adder.add(path, groups), Request(mean_model="pooled"))
     except InputError:  # too small after the edges were cut off
         return -np.inf
     return read_measurement(estimate.values, estimate.quantisation, estimate.transfer).detection
@@ -196,35 +194,47 @@ def _groups(numbers: Sequence[int], size: int) -> list[range]:
     return [range(start, start + size) for start in range(numbers[0], numbers[-1] + 2 - size, size)]
 
 
-def _add(capture: Capture, path: np.ndarray, groups: Sequence[range]) -> Capture:
-    """Return a capture of the sums of groups of frames, each moved back to the middle frame by whole pixels.
+class _Adder:
+    """Sums of the frames of a capture, without their hot pixels, which would be spread along the path."""
 
-    Photoelectrons stay integers. Pixels that a frame of a group does not hold are cut off from all.
-    Raises InputError if hardly any are left, and if the sums exceed the memory.
-    """
-    needed = 4.0 * len(groups) * capture.frames[0].size
-    if needed > memory_bytes():
-        raise InputError("frames", f"at most {memory_bytes():.2g} bytes", f"{needed:.2g}", "use fewer frames")
-    moves = [np.rint(path[group] - path[group[len(group) // 2]]).astype(int) for group in groups]
-    least, most = (np.array([function(one, 0) for one in moves]) for function in (np.min, np.max))
-    before, after = -least.min(0).clip(max=0), most.max(0).clip(min=0)
-    if any(side < start + end + 2 for side, start, end in zip(capture.frames[0].shape, before, after, strict=True)):
-        raise InputError("frames", "an object that stays in the frame", "a longer way", "take shorter groups")
-    rows, columns = (slice(start, side - end) for side, start, end in zip(capture.frames[0].shape, before, after, strict=True))
-    sums = [
-        sum(_part(capture.frames[number], rows, columns, move) for number, move in zip(group, ways, strict=True))
-        for group, ways in zip(groups, moves, strict=True)
-    ]
-    measured = capture.measured
-    if measured is not None:
-        alike = {tuple(move) for ways in moves for move in ways}
-        measured = np.logical_and.reduce([_part(measured, rows, columns, move) for move in alike])
-    written, size = capture.file_metadata, len(groups[0])
-    if written.exposure_s is not None:
-        written = replace(written, exposure_s=size * written.exposure_s)
-    return replace(capture, frames=sums, names=(), headers=(), measured=measured, file_metadata=written)
+    def __init__(self, capture: Capture) -> None:
+        self.capture = capture
+        some = capture.frames[:DIM_FRAMES_FOR_POWER]
+        self._hot = HotPixels.of(np.asarray(frame, np.float32) for frame in some)
+
+    def add(self, path: np.ndarray, groups: Sequence[range]) -> Capture:
+        """Return a capture of the sums of groups of frames, each moved back to the middle frame by whole pixels.
+
+        Photoelectrons stay integers. Pixels that a frame of a group does not hold are cut off from all.
+        Raises InputError if hardly any are left, and if the sums exceed the memory.
+        """
+        capture, shape = self.capture, self.capture.frames[0].shape
+        needed = 4.0 * len(groups) * capture.frames[0].size
+        if needed > memory_bytes():
+            raise InputError("frames", f"at most {memory_bytes():.2g} bytes", f"{needed:.2g}", "use fewer frames")
+        moves = [np.rint(path[group] - path[group[len(group) // 2]]).astype(int) for group in groups]
+        least, most = (np.array([function(one, 0) for one in moves]) for function in (np.min, np.max))
+        before, after = -least.min(0).clip(max=0), most.max(0).clip(min=0)
+        if any(side < start + end + 2 for side, start, end in zip(shape, before, after, strict=True)):
+            raise InputError("frames", "an object that stays in the frame", "a longer way", "take shorter groups")
+        kept = tuple(slice(start, side - end) for side, start, end in zip(shape, before, after, strict=True))
+        sums = [
+            sum(_part(self._clean(number), kept, move) for number, move in zip(group, ways, strict=True))
+            for group, ways in zip(groups, moves, strict=True)
+        ]
+        measured = capture.measured
+        if measured is not None:
+            alike = {tuple(move) for ways in moves for move in ways}
+            measured = np.logical_and.reduce([_part(measured, kept, move) for move in alike])
+        written, size = capture.file_metadata, len(groups[0])
+        if written.exposure_s is not None:
+            written = replace(written, exposure_s=size * written.exposure_s)
+        return replace(capture, frames=sums, names=(), headers=(), measured=measured, file_metadata=written)
+
+    def _clean(self, number: int) -> np.ndarray:
+        """Return a frame as float32, because sums of integers would overflow, without hot pixels."""
+        return self._hot.replaced_in(np.asarray(self.capture.frames[number], np.float32))
 
 
-def _part(frame: np.ndarray, rows: slice, columns: slice, move: np.ndarray) -> np.ndarray:
-    part = frame[rows.start + move[0] : rows.stop + move[0], columns.start + move[1] : columns.stop + move[1]]
-    return part if part.dtype == bool else part.astype(np.float32)  # sums of integers would overflow
+def _part(frame: np.ndarray, kept: tuple[slice, ...], move: Sequence[int]) -> np.ndarray:
+    return frame[tuple(slice(one.start + way, one.stop + way) for one, way in zip(kept, move, strict=True))]

@@ -23,6 +23,10 @@ MAX_SHORTENED = 0.2
 """Part by which an open shutter shortens a step, above which the path is doubtful: a change of the step then shows by 0.6 of it only."""
 
 
+STILL_SIGMA, STILL_PIXELS = 3.0, 0.5
+"""Standard errors, and whole pixels, that a pattern at rest does not exceed."""
+
+
 @dataclass(frozen=True)
 class Track:
     """Motion of the speckle of one object over the wall, and of the object if its geometry is known.
@@ -77,6 +81,11 @@ class Track:
         doubts = missing_frames(self.frame_numbers)
         if self.interpolated:
             doubts.append(self.of_strange_frames)
+        if self.is_at_rest:
+            doubts.append(
+                "this pattern stays at rest: static light, a texture of the wall or a pattern of the sensor does so, too, and may hide an "
+                "object that moves (--dark, --flat)"
+            )
         if self.shortened > MAX_SHORTENED:
             doubts.append(
                 f"the open shutter shortens steps by up to {100.0 * self.shortened:.0f} %; such steps are corrected by a rough estimate: "
@@ -89,6 +98,11 @@ class Track:
                 "or several objects have not moved apart by a grain of their speckle, and this path lies between theirs"
             )
         return tuple(doubts)
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the speckle stays at its place as far as its path is known."""
+        return bool((np.abs(self.smooth_path_pixels) <= np.maximum(STILL_PIXELS, STILL_SIGMA * self.error_pixels)).all())
 
     @property
     def interpolated_numbers(self) -> list[int]:

@@ -6,6 +6,7 @@ background.py       record of background and sensor faults
 illumination.py     smooth illumination: detection and correction
 fixed_pattern.py    static background patterns, camera shift
 spectral_lines.py   fringes, lamp flicker and other periodic light
-pixel_faults.py     hot pixels, defective rows and columns, saturation
+hot_pixels.py       hot pixels, cosmic rays and specular highlights
+pixel_faults.py     all faults of pixels, with defective rows and columns, and saturation
 third_moment.py     third moment of the frames, which distinguishes speckle from texture
 """

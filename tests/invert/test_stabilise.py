@@ -8,7 +8,7 @@ from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import read_measurement
 from invert.pipeline import fulfil
 from invert.request import Request
-from invert.tracking.stabilise import _add, estimate_along, follow_travel, stabilise
+from invert.tracking.stabilise import _Adder, estimate_along, follow_travel, stabilise
 from invert.tracking.track import Track
 from invert.tracking.travel import find_travel, may_travel
 from tests.invert.field.speckle import expected_frame, letter, travelling_frames
@@ -53,7 +53,9 @@ def test_sums_of_integers_do_not_overflow(rng):
     path = np.zeros((8, 2))
     frames = [np.full((300, 300), 200, np.uint8) + rng.integers(0, 50, (300, 300), np.uint8) for _ in range(8)]
     groups = [range(4), range(4, 8)]
-    np.testing.assert_array_equal(_add(cg.Capture(frames), path, groups).frames[1], np.sum(frames[4:], 0, dtype=np.float32))
+    np.testing.assert_array_equal(
+        _Adder(cg.Capture(frames)).add(path, groups).frames[1], np.sum(frames[4:], 0, dtype=np.float32)
+    )
 
 
 def test_a_way_that_leaves_the_frame_ends_the_search_for_larger_groups(rng):

@@ -46,6 +46,33 @@ def test_uneven_lines_move_no_path_and_are_no_object(rng, light, fault):
     check(frames)
 
 
+@pytest.mark.parametrize("light", [0.05, 1.0, 20.0])
+@pytest.mark.parametrize("fault", ["one hot pixel", "hot pixels", "weak hot pixels", "cosmic rays"])
+def test_hot_pixels_and_cosmic_rays_move_no_path_and_are_no_object(rng, light, fault):
+    """One hot pixel was an object at rest, twelve hid the object that moves, and one cosmic ray hid all."""
+    frames = np.array(drifting(rng, PATH, light), np.float32)
+    count, pixels = len(frames), frames[0].size
+    hot = {"one hot pixel": (1, 3000.0), "hot pixels": (pixels // 10_000, 1000.0), "weak hot pixels": (pixels // 1000, 50.0)}
+    if fault in hot:
+        number, level = hot[fault]
+        places = rng.choice(pixels, number, replace=False)
+        frames.reshape(count, -1)[:, places] += rng.poisson(light * level * rng.uniform(0.5, 1.5, number), (count, number))
+    else:
+        for frame in frames:
+            frame.flat[rng.choice(pixels, rng.poisson(pixels / 10_000), replace=False)] += rng.uniform(50.0, 2000.0)
+    check(frames)
+
+
+def test_a_pattern_at_rest_is_named(rng):
+    """A warning says that a pattern at rest may be one of the sensor; the object that moves has none."""
+    frames = np.array(drifting(rng, PATH, 1.0), np.float32)
+    pattern = rng.standard_normal(frames[0].shape)
+    found = track(cg.Capture(tuple(frames + 2.0 * pattern.astype(np.float32))))
+    named = [one for one in (found, *found.others) if any("stays at rest" in warning for warning in one.warnings)]
+    assert len(named) == 1
+    assert named[0].is_at_rest
+
+
 def test_speckle_of_any_shape_has_no_uneven_lines(rng):
     """Spectra of random objects, wide and narrow, are taken for uneven lines at most once in 400."""
     count = 0
