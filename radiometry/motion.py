@@ -12,7 +12,7 @@ intensity after a fraction t of the exposure, at the position to which the speck
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import j1
@@ -41,6 +41,8 @@ class Motion:
         grain_m: grain of this speckle, lambda d1 / D.
         fringes_per_m2: phase turns per metre of displacement and per metre of distance from the object's centre, both along these axes,
             (2, 2): (1 / d1 + 1 / z) / lambda times the unit matrix for light along the line of sight.
+        camera_turns_per_m: phase turns per metre of distance from the object's centre along these axes, (2,), by what the camera moves over
+            the wall: -1 / (lambda z) times its way for light along the line of sight.
     """
 
     spot_way: float
@@ -48,16 +50,33 @@ class Motion:
     lit_way_m: float
     grain_m: float
     fringes_per_m2: np.ndarray
+    camera_turns_per_m: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
     @property
     def moves(self) -> bool:
-        return bool(self.spot_way or self.lit_way_m or any(self.object_way_m))
+        return bool(self.spot_way or self.lit_way_m or any(self.object_way_m) or any(self.camera_turns_per_m))
+
+    @property
+    def turns_per_m(self) -> np.ndarray:
+        """Phase turns during the exposure per metre of distance from the object's centre along its axes, (2,)."""
+        return self.fringes_per_m2 @ self.object_way_m + self.camera_turns_per_m
+
+    @property
+    def with_fringes_at_rest(self) -> Motion:
+        """The motion as frames that follow the speckle see it."""
+        return replace(self, fringes_per_m2=np.zeros((2, 2)), camera_turns_per_m=np.zeros(2))
 
     def lasting(self, exposures: float) -> Motion:
         """Return the motion in an exposure of another duration, in units of this one."""
         rows, columns = self.object_way_m
-        way = (exposures * rows, exposures * columns)
-        return replace(self, spot_way=exposures * self.spot_way, object_way_m=way, lit_way_m=exposures * self.lit_way_m)
+        return Motion(
+            exposures * self.spot_way,
+            (exposures * rows, exposures * columns),
+            exposures * self.lit_way_m,
+            self.grain_m,
+            self.fringes_per_m2,
+            exposures * self.camera_turns_per_m,
+        )
 
     def correlation(self, share: float | np.ndarray) -> np.ndarray:
         """Return the correlation c of the speckle intensity with that after a fraction of the exposure, the shift of the
@@ -69,14 +88,19 @@ class Motion:
 
     def waves(self, row_m: np.ndarray, column_m: np.ndarray) -> np.ndarray:
         """Return the number of periods by which the fringes of lags (broadcast) move during the exposure."""
-        rows, columns = self.fringes_per_m2 @ self.object_way_m
+        rows, columns = self.turns_per_m
         return row_m * rows + column_m * columns
 
     @property
     def correlated_share(self) -> float:
         """Fraction of the exposure after which the speckle is no longer correlated with that of the start; at most 1."""
-        decay = max(self.spot_way, np.pi * self.lit_way_m / (self.grain_m * _LAST_RING), 1.0)
-        return 1.0 / decay
+        return min(self.correlated_exposures, 1.0)
+
+    @property
+    def correlated_exposures(self) -> float:
+        """Number of exposures after which the speckle is no longer correlated with that of the start; infinite for one that rests."""
+        decay = max(self.spot_way, np.pi * self.lit_way_m / (self.grain_m * _LAST_RING))
+        return 1.0 / decay if decay > 0.0 else float("inf")
 
     def transfer(self, row_m: np.ndarray, column_m: np.ndarray) -> np.ndarray:
         """Return the factor by which motion during the exposure lowers the estimate, at lags in metres on the object (broadcast)."""

@@ -8,7 +8,7 @@ group of frames is then an exposure in which only the illumination changes: by M
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,9 @@ MIN_GROUPS = 2
 """Minimum number of groups in which frames are added."""
 
 MAX_DOUBLINGS = 16
+
+MAX_POINTS = 10_000
+"""Number of distances between groups at which their likeness is computed; between these, it is interpolated."""
 
 MAX_ERROR = 10.0
 """Relative error of r*r beyond which a plan says that no object can be detected: a thousand lags have a significance of three then."""
@@ -77,9 +80,13 @@ def plan_motion(geometry: Any, lasts_s: float) -> MotionPlan:
         raise InputError("--moving", "an object with a velocity, and scan_step 0 for the laser", found, "remove --moving")
     if any(one.trajectory.turns for one in geometry.movements):
         raise InputError("--moving", "an object that does not turn", "a rotation", "plan it without, and expose for less time")
-    rest, way = predict(replace(geometry, movements=())), np.array(motion.object_way_m) / now_s
-    turns_per_s = np.abs(geometry.fringes_per_m2 @ way) @ np.array(geometry.hidden_object.extent_m)
-    exposure_s = min(MAX_TURNS / float(turns_per_s), lasts_s / MIN_GROUPS)
+    rest, way = predict(geometry.at_rest), np.array(motion.object_way_m) / now_s
+    extent_m = np.array(geometry.hidden_object.extent_m)
+    # What recedes by w spreads its speckle by w / z about the frame centre.
+    spread_m = 0.5 * abs(geometry.receding_m) / geometry.distance_m * np.array(geometry.camera.extent_m)
+    spread_turns = spread_m / (geometry.wavelength_m * geometry.distance_m)
+    turns_per_s = float((np.abs(motion.turns_per_m) + spread_turns) @ extent_m) / now_s
+    exposure_s = min(MAX_TURNS / turns_per_s, lasts_s / MIN_GROUPS)
     exposure_s = max(exposure_s, geometry.camera.electronics.gate)
     frames = int(lasts_s / exposure_s)
     if frames < MIN_GROUPS:
@@ -121,7 +128,7 @@ def _floor_over_peak(frame: Prediction) -> float:
 
 def kept_by_group(motion: Motion, size: int) -> float:
     """Return the contrast M that the speckle of a group of frames keeps."""
-    still = replace(motion.lasting(size), fringes_per_m2=np.zeros((2, 2)))
+    still = motion.lasting(size).with_fringes_at_rest
     return float(still.transfer(np.zeros(1), np.zeros(1))[0])
 
 
@@ -130,9 +137,10 @@ def effective_groups(motion: Motion, size: int, groups: int) -> float:
 
     Power spectra of groups correlate by the square of the correlation of their patterns, which is c over M.
     """
-    apart = np.arange(1, groups)
+    count = math.ceil(min(motion.correlated_exposures / size, groups - 1))
+    apart = np.linspace(1.0, max(count, 1), min(max(count, 1), MAX_POINTS))
     alike = np.minimum(motion.correlation(size * apart) / kept_by_group(motion, size), 1.0) ** 2
-    return groups / (1.0 + 2.0 * float(((1.0 - apart / groups) * alike).sum()))
+    return groups / (1.0 + 2.0 * count * float(((1.0 - apart / groups) * alike).mean()))
 
 
 def path_bound_m(frame: Prediction, size: int, travel: np.ndarray) -> tuple[float, float]:

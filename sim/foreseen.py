@@ -59,6 +59,13 @@ def speckle_ways(geometry: Geometry, times_s: np.ndarray) -> np.ndarray:
     return np.max(ways, axis=0) + np.ptp(view, axis=0) / camera.pixel_pitch_m
 
 
+def speckle_travels(geometry: Geometry) -> bool:
+    """Return whether the speckle moves by more than a grain within the time that is foreseen, or an object turns."""
+    if any(one.trajectory.turns for one in geometry.movements):
+        return True
+    return bool((speckle_ways(geometry, geometry.moments()) > np.array(geometry.grain_pixels)).any())
+
+
 def check_foreseen(geometry: Geometry, time_s: float) -> None:
     """Raise InputError if light or speckle would repeat because of the motion until a time."""
     times = geometry.moments()

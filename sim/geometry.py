@@ -170,6 +170,11 @@ class Geometry:
         movement = Movement(Trajectory(velocity_m_s=np.asarray(velocity_m_s, np.float64)), self.hidden_object.centre)
         return replace(self, movements=(movement,))
 
+    @property
+    def at_rest(self) -> Geometry:
+        """The same scene in which neither an object nor the camera moves."""
+        return replace(self, movements=(), camera=replace(self.camera, trajectory=Trajectory()))
+
     def exposure_time_s(self, number: int) -> float:
         """Return when an exposure begins."""
         return number * max(self.camera.frame_interval_s, self.camera.electronics.exposure_s)
@@ -241,6 +246,11 @@ class Geometry:
         return float(down), float(right)
 
     @property
+    def receding_m(self) -> float:
+        """Displacement along the line of sight in the exposure with the longest way; of the fastest object."""
+        return float(self._way_m()[2])
+
+    @property
     def motion(self) -> Motion:
         """Motion during the exposure with the longest way, as if it were uniform, without rotation."""
         return Motion(
@@ -249,19 +259,29 @@ class Geometry:
             float(np.linalg.norm(lit_place(self, self._way_m()))),
             grain_m(self),
             self.fringes_per_m2,
+            self._camera_turns_per_m(),
         )
+
+    def _camera_turns_per_m(self) -> np.ndarray:
+        """Return the phase turns of a sample per metre of its distance from the object's centre along its axes, (2,), by the motion of the
+        camera in the exposure with the longest way."""
+        begin_s = self.busiest_time_s()
+        end_s = begin_s + self.camera.electronics.exposure_s
+        way = self.camera.view_shift(end_s) - self.camera.view_shift(begin_s)
+        return -self._across_per_distance(self.camera.centre) @ way / self.wavelength_m
+
+    def _across_per_distance(self, end: np.ndarray) -> np.ndarray:
+        """Return the object's axes (rows, columns) across the ray to a point, over the length of that ray, (2, 3)."""
+        axes, way = np.stack([self.hidden_object.axes.down, self.hidden_object.axes.right]), end - self.hidden_object.centre
+        return (axes - np.outer(axes @ way, way) / (way @ way)) / np.linalg.norm(way)
 
     @property
     def fringes_per_m2(self) -> np.ndarray:
         """Phase turns of a sample per metre of its distance from the object's centre and per metre of displacement, (2, 2), along the
         object's axes (rows, columns): second derivatives of the way from spot to wall. Obliquely, only what lies across a ray counts."""
         axes = np.stack([self.hidden_object.axes.down, self.hidden_object.axes.right])
-        total = np.zeros((2, 2))
-        for end in (self.spot.centre, self.camera.centre):
-            way = end - self.hidden_object.centre
-            across = axes - np.outer(axes @ way, way) / (way @ way)
-            total += axes @ across.T / np.linalg.norm(way)
-        return total / self.wavelength_m
+        across = self._across_per_distance(self.spot.centre) + self._across_per_distance(self.camera.centre)
+        return axes @ across.T / self.wavelength_m
 
     @property
     def travel(self) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from radiometry.light_budget_rows import light_budget
 from radiometry.prediction import Prediction
 from radiometry.sensor.saturation import counting_fraction, saturated_fraction
+from sim.foreseen import speckle_travels
 from sim.geometry import Geometry
 from sim.light_paths import direct_light_per_frame
 from sim.optics.illumination import lost_over_spot, overlap, specular_part, specular_share
@@ -40,7 +41,7 @@ def scene_warnings(geometry: Geometry, pitches_m: tuple[float, float]) -> list[s
         )
     common = overlap(geometry)
     # With a laser at rest, a moving object is tracked by the speckle that its frames share.
-    if common > 0.0 and not (geometry.spot.scan_step_m == 0.0 and geometry.moves):
+    if common > 0.0 and not (geometry.spot.scan_step_m == 0.0 and speckle_travels(geometry)):
         warnings.append(
             f"scan_step: {100 * common:.3g} % of the spot is common to consecutive frames, whose speckle then "
             f"correlates by {common**2:.2g}, with fewer degrees of freedom than predicted; move it by "

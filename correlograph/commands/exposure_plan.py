@@ -107,8 +107,7 @@ def divide_exposure(options: Any, geometry: Any, folder: Path | None) -> None:
         f"error of the estimate {100 * chosen.error:.3g} %"
     )
     warnings = warnings_of(Plan.of(geometry.with_exposure(chosen.exposure_s)), chosen.frames)
-    for warning in warnings:
-        print(f"warning: {warning}", file=sys.stderr)
+    print_warnings(warnings)
     if chosen.fields is not None:
         print(f"--method field: {chosen.fields.describe()}")
     if folder is None:
@@ -125,15 +124,25 @@ def divide_exposure(options: Any, geometry: Any, folder: Path | None) -> None:
     print(folder / "plan.png")
 
 
+def print_warnings(warnings: Sequence[str]) -> None:
+    """Print warnings about a scene, one on a line."""
+    for warning in warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+
+
 def follow_object(options: Any, geometry: Any, folder: Path | None) -> None:
     """Plan the frames of a moving object, and write the plan."""
     from correlograph.files.output import save_json
     from radiometry.motion_plan import plan_motion
+    from radiometry.prediction import predict
+    from sim.scene_warnings import camera_warnings
 
     plan = plan_motion(geometry, options.budget_s)
     print(plan.describe())
+    warnings = camera_warnings(predict(geometry.at_rest).at_exposure(plan.exposure_s))
+    print_warnings(warnings)
     if folder is not None:
-        save_json(folder / "plan.json", asdict(plan))
+        save_json(folder / "plan.json", asdict(plan) | {"warnings": warnings})
         print(folder / "plan.json")
 
 

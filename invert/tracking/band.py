@@ -33,7 +33,8 @@ class Band:
         rows, columns: frequencies in cycles per pixel, (R,) and (C,); columns of zero or more only.
         counts: how often a coefficient stands for itself and its conjugate, (R, C); 0 outside the band.
         signal: power of the speckle, (R, C).
-        floor: power of the noise; (R, C) where other objects add to it.
+        noise: power of the noise.
+        floor: the same, and what the window leaks; (R, C) where other objects add to it.
         taper: fraction of each side over which the window falls, both ends together.
         contrast: standard deviation of the speckle over the mean light of the frames, at most 1.
     """
@@ -43,6 +44,7 @@ class Band:
     columns: np.ndarray
     counts: np.ndarray
     signal: np.ndarray
+    noise: float
     floor: float | np.ndarray
     taper: float = TAPER
     contrast: float = 1.0

@@ -9,8 +9,8 @@ import numpy as np
 
 from invert.tracking.band import Band
 from invert.tracking.parts import sum_over_rows
+from invert.tracking.shares import MIN_OVERLAP
 from invert.tracking.shifts import MIN_SIGNIFICANCE, Weight, move_back, overlap_share, weight_of
-from invert.tracking.start import MIN_OVERLAP
 
 MAX_LOW, MIN_HIGH = 0.3, 0.45
 """Likeness of frames, over the usual one, below which a jump is sought, and above which it is found. The interference of two objects

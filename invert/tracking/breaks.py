@@ -18,8 +18,9 @@ from invert.tracking.follow import Followed, follow
 from invert.tracking.light import light_of_frames
 from invert.tracking.maxima import highest
 from invert.tracking.parts import on_all_cores
+from invert.tracking.shares import MIN_OVERLAP
 from invert.tracking.shifts import MIN_SIGNIFICANCE, fold, move_back, overlap_share
-from invert.tracking.start import MIN_OVERLAP, Start, replace_path
+from invert.tracking.start import Start, replace_path
 
 USUAL_OF_SOME = 0.75
 """Quantile of the likeness at the best displacement at some boundaries that counts as usual."""

@@ -32,7 +32,7 @@ def light_of_frames(spectra: np.ndarray, band: Band) -> np.ndarray:
     full = float((weights * total).sum())
     if full <= 0.0:  # speckle that looks like the floor
         return np.ones(len(spectra))
-    found, variances = _powers(spectra, weights)
+    found, variances = weighted_powers(spectra, weights)
     found, own_noise = found / full, band.noise_gain * variances / full**2
     noise = 2.0 * band.noise_gain * (weights**2 / np.maximum(band.counts, 1.0) * total**2).sum() / full**2
     variance, noisy = float(found.var(ddof=1)), chi2.isf(FALSE_ALARM, len(found) - 1) / (len(found) - 1)
@@ -56,13 +56,13 @@ def at_even_power(spectra: np.ndarray, band: Band) -> np.ndarray:
 
     What two frames share then is as significant as its height, however bright they are.
     """
-    power = np.maximum(_powers(spectra, band.whitening)[0] / band.counts.sum(), 1e-30)
+    power = np.maximum(weighted_powers(spectra, band.whitening)[0] / band.counts.sum(), 1e-30)
     if power.max() < MAX_POWER_RATIO * power.min():
         return spectra
     return spectra / np.sqrt(power).astype(np.float32)[:, None, None]
 
 
-def _powers(spectra: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def weighted_powers(spectra: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Return the weighted sums of the powers of spectra (n, R, C), and their variances if the powers are exponential variables, (2, n)."""
 
     def sums(rows: slice) -> np.ndarray:

@@ -14,8 +14,9 @@ from scipy.fft import fftfreq
 
 from invert.tracking.band import Band
 from invert.tracking.maxima import correlate, grid_of
+from invert.tracking.shares import Shares, mean_overlap
 from invert.tracking.shifts import MIN_SIGNIFICANCE, fold, weight_of
-from invert.tracking.start import Start, mean_overlap, replace_path, share_along
+from invert.tracking.start import Start, replace_path
 
 LAGS = (1, 2, 3, 4)
 """Distances of the frames whose cross-correlations are evidence. A displacement that changes within is seen by the shorter ones."""
@@ -56,12 +57,10 @@ def refine_dim_path(spectra: np.ndarray, band: Band, start: Start) -> Start:
 def _in_common(spectra: np.ndarray, band: Band, path: np.ndarray) -> tuple[float, float]:
     """Return the share of the speckle that frames `OTHER_LAGS` apart have in common along a path, and its standard error by noise and, as
     the speckle of all these frames may be the same, by the cells of its object."""
-    weight, shares, variances = weight_of(band, 0.0), [], []
-    for lag in OTHER_LAGS:
-        overlap = mean_overlap(path[lag:] - path[:-lag], band)
-        shares.append(share_along(spectra, band, path, lag))
-        variances.append((weight.deviation / weight.full / overlap) ** 2 / (len(spectra) - lag))
-    return float(np.mean(shares)), float((sum(variances) / len(shares) ** 2 + 1.0 / band.cells) ** 0.5)
+    shares = Shares(spectra, band)
+    found = [shares.along(path, lag) for lag in OTHER_LAGS]
+    noise = [shares.noise(len(spectra) - lag) / mean_overlap(path[lag:] - path[:-lag], band) for lag in OTHER_LAGS]
+    return float(np.mean(found)), float((np.mean(np.square(noise)) / len(noise) + 1.0 / band.cells) ** 0.5)
 
 
 def most_likely_path(spectra: np.ndarray, band: Band) -> np.ndarray | None:

@@ -20,8 +20,8 @@ from invert.tracking.joint import follow_several
 from invert.tracking.light import light_of_frames
 from invert.tracking.likely_path import refine_dim_path
 from invert.tracking.separation import subtract_light
-from invert.tracking.shifts import weight_of
-from invert.tracking.start import Start, find_brightest, paths_at, share_along
+from invert.tracking.shares import Shares, mean_overlap
+from invert.tracking.start import Start, find_brightest, paths_at
 
 MAX_LAG, MAX_LAG_SHARE = 32, 0.6
 """Largest distance of the frames by which several objects are told apart, in frames and over their number. Halves of it follow."""
@@ -87,9 +87,9 @@ def _lags_for_others(path: np.ndarray, spectra: np.ndarray, band: Band) -> list[
     while lags[-1] > 3:
         lags.append(lags[-1] // 2)
     lags = [one for one in lags if one > 1]
-    light = light_of_frames(spectra, band)
+    shares = Shares(spectra, band, light_of_frames(spectra, band))
     for index, lag in enumerate(lags):
-        if share_along(spectra, band, path, lag, light) > ALONE_SHARE:
+        if shares.along(path, lag) > ALONE_SHARE:
             return lags[:index]
     return lags
 
@@ -102,25 +102,21 @@ def fading_along(spectra: np.ndarray, band: Band, path: np.ndarray) -> tuple[int
     """Return a distance of frames and the part of what consecutive ones share along the path (frames, 2) of a single object that frames so
     far apart still share: the first power of two at which this is clearly less than half, or else the largest distance. None if what is
     left there leaves no room for another object."""
-    weight = weight_of(band, 0.0)
     # The overlap of windows far apart is known less well.
     steps = np.abs(path[-1] - path[0]) / (len(path) - 1) / np.array(band.shape)
     lag = min(_largest_lag(len(spectra)), int(MAX_WAY_SHARE / max(steps.max(), 1e-9)))
     if lag < 2:
         return None
-    light = light_of_frames(spectra, band)
-
-    def share(apart: int) -> float:
-        return share_along(spectra, band, path, apart, light)
-
-    near = share(1)
+    shares = Shares(spectra, band, light_of_frames(spectra, band))
+    near = shares.along(path, 1)
     if near <= 0.0:
         return None
 
     def part_left(apart: int) -> tuple[float, float]:
-        noise = weight.deviation / (weight.full * (len(spectra) - apart) ** 0.5)
-        error = np.hypot(noise, near / band.cells**0.5)  # of bright speckle, each cell is seen once
-        return max(share(apart), 0.0) / near, FADING_SIGMA * float(error) / near
+        # Speckle that leaves the view and that which enters it have powers of their own, of cells that are seen once.
+        changed = 2.0 * (1.0 - mean_overlap(path[apart:] - path[:-apart], band)) / band.cells
+        error = np.hypot(shares.noise(len(spectra) - apart), near * changed**0.5)
+        return max(shares.along(path, apart), 0.0) / near, FADING_SIGMA * float(error) / near
 
     left, error = part_left(lag)
     if left + error >= ALONE_SHARE:
@@ -180,5 +176,6 @@ def _persists(alone: Start, spectra: np.ndarray, band: Band) -> bool:
     """Return whether frames two apart show a single object at its path, too."""
     if len(spectra) < 4:
         return True
-    near, far = (share_along(spectra, band, alone.path, lag) for lag in (1, 2))
+    shares = Shares(spectra, band)
+    near, far = (shares.along(alone.path, lag) for lag in (1, 2))
     return far > MIN_PERSISTENCE * near

@@ -131,7 +131,7 @@ class Reader:
             if middle := regions[len(rows) // 2, 0]:
                 inside = np.roll(regions == middle, -(len(rows) // 2), 0) & ~is_slow
                 if inside.any(1).sum() > 1 and inside.any(0).sum() > 1:
-                    return replace(self._crop(signal, inside, floor + leaked), taper=taper)
+                    return replace(self._crop(signal, inside, floor, leaked), taper=taper)
         return None
 
     def _power(self, frames: Sequence[np.ndarray], taper: float) -> np.ndarray:
@@ -151,7 +151,7 @@ class Reader:
         light = float(np.mean([frame.mean(dtype=np.float64) for frame in frames]))
         return min(1.0, variance**0.5 / max(light, 1e-300))
 
-    def _crop(self, signal: np.ndarray, inside: np.ndarray, floor: np.ndarray) -> Band:
+    def _crop(self, signal: np.ndarray, inside: np.ndarray, noise: float, leaked: np.ndarray) -> Band:
         rows, columns = np.fft.fftfreq(self.shape[0]), np.fft.rfftfreq(self.shape[1])
         highest = int(np.abs(np.round(rows[inside.any(1)] * self.shape[0])).max())
         kept = np.arange(-highest, min(highest, self.shape[0] - highest - 1) + 1)
@@ -164,7 +164,8 @@ class Reader:
             columns[:across],
             counts,
             np.where(inside, signal, 0.0)[kept][:, :across],
-            floor[kept][:, :across],
+            noise,
+            noise + leaked[kept][:, :across],
         )
 
     def spectra(self, frame: np.ndarray, band: Band) -> np.ndarray:

@@ -9,8 +9,9 @@ import numpy as np
 from correlograph.errors import InputError
 from invert.tracking.band import Band
 from invert.tracking.maxima import MIN_RELATIVE_HEIGHT, Crossed, correlate, maxima
-from invert.tracking.parts import on_all_cores, sum_over_rows
-from invert.tracking.shifts import MIN_SIGNIFICANCE, heights_at, overlap_share, weight_of
+from invert.tracking.parts import on_all_cores
+from invert.tracking.shares import Shares, mean_overlap, whole_height
+from invert.tracking.shifts import MIN_SIGNIFICANCE, weight_of
 
 MAX_BLOCKS = 32
 """Number of blocks of frames in which objects are sought first."""
@@ -27,9 +28,6 @@ MEAN_SCALE = sum(SCALES) / len(SCALES)
 
 MAX_JUMP_GRAINS = 4.0
 """Largest change of the displacement from one block to the next that still counts as one object."""
-
-MIN_OVERLAP = 0.1
-"""Least overlap of the windows of two frames that is corrected for."""
 
 MIN_PRESENCE = 0.7
 """Share of the time in which an object must appear, and be apart from others."""
@@ -80,32 +78,11 @@ def find_brightest(spectra: np.ndarray, band: Band) -> Start:
     raise InputError("frames", "speckle that moves as a whole", needed, remedy)
 
 
-def share_along(spectra: np.ndarray, band: Band, path: np.ndarray, lag: int, light: np.ndarray | None = None) -> float:
-    """Return the share of the speckle that frames `lag` apart have in common along a path (frames, 2).
-
-    Args:
-        light: amplitude of the speckle in each frame, (frames,), by whose products the share is divided; all are equal without it.
-    """
-    steps, weight = path[lag:] - path[:-lag], weight_of(band, 0.0)
-
-    def heights(rows: slice) -> np.ndarray:
-        cross = spectra[:-lag, rows].conj() * spectra[lag:, rows]
-        return heights_at(cross, band.part(rows), weight.part(rows), steps)
-
-    alike = sum_over_rows(heights, spectra)
-    seen = 1.0 if light is None else float((light[lag:] * light[:-lag]).mean())
-    return float(alike.mean() / (weight.full * seen * mean_overlap(steps, band)))
-
-
-def mean_overlap(steps: np.ndarray, band: Band) -> float:
-    """Return the mean overlap of the windows of two frames at displacements (n, 2), at least `MIN_OVERLAP`."""
-    return max(float(overlap_share(steps, band).mean()), MIN_OVERLAP)
-
-
 def replace_path(start: Start, spectra: np.ndarray, band: Band, path: np.ndarray) -> Start:
     """Return an object with another path (frames, 2), and the share and the significance of consecutive frames along it."""
-    share, weight = min(1.0, share_along(spectra, band, path, 1)), weight_of(band, 0.0)
-    return replace(start, path=path, share=share, significance=share * weight.full * (len(path) - 1) ** 0.5 / weight.deviation)
+    shares = Shares(spectra, band)
+    share = shares.along(path, 1)
+    return replace(start, path=path, share=min(1.0, share), significance=share / shares.noise(len(path) - 1))
 
 
 def distances(lag: int) -> np.ndarray:
@@ -139,7 +116,7 @@ def paths_at(
     lags = distances(lag)
     blocks = np.array_split(np.arange(pairs), max(1, pairs // length))
 
-    def peaks_of(block: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    def peaks_of(block: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, int, float]:
         cross = np.zeros((len(lags), *band.signal.shape), np.complex64)
         own = np.zeros(band.signal.shape, np.float32)
         for number in block:
@@ -147,8 +124,9 @@ def paths_at(
                 first = spectra[number + (lag - one) // 2]
                 total += first.conj() * spectra[number + (lag - one) // 2 + one]
             own += first.real**2 + first.imag**2
-        crossed = Crossed(cross / len(block), lags / lag, np.maximum(own / len(block) - band.floor, 0.0), len(block))
-        return *maxima(crossed, band, weight, MAX_PEAKS, min_height), len(block)
+        own /= len(block)
+        crossed = Crossed(cross / len(block), lags / lag, np.maximum(own - band.floor, 0.0), len(block))
+        return *maxima(crossed, band, weight, MAX_PEAKS, min_height), len(block), float((weight.values * own).sum())
 
     found = on_all_cores(peaks_of, blocks)
     middles = np.array([block.mean() + 0.5 * lag for block in blocks])
@@ -163,12 +141,14 @@ def paths_at(
         each = np.stack([np.interp(at, middles[known], steps[:, axis]) for axis in (0, 1)], 1) / lag
         path = np.concatenate([np.zeros((1, 2)), np.cumsum(each, 0)])
         used = sizes.sum()
-        share = float((heights * sizes).sum()) / (used * weight.full * mean_overlap(lag * each, band))
+        own = float(np.dot([found[block][4] for block in known], sizes)) / used
+        whole = used * whole_height(own, used, band, weight) * mean_overlap(lag * each, band)
+        share = float((heights * sizes).sum()) / whole
         starts.append(Start(path, float(clear.sum() / used**0.5), float(min(share, 1.0)), length, lag))
     return sorted(starts, key=lambda one: -one.share), bool(np.mean([len(places) > 0 for places, *_ in found]) > 0.9)
 
 
-def _chains(found: list[tuple[np.ndarray, np.ndarray, np.ndarray, int]], jump: float) -> list[dict[int, int]]:
+def _chains(found: list[tuple[np.ndarray, np.ndarray, np.ndarray, int, float]], jump: float) -> list[dict[int, int]]:
     """Return, for each object, the maximum that belongs to it in each block: {block: index}."""
     chains: list[dict[int, int]] = []
     for block, (places, *_) in enumerate(found):

@@ -24,7 +24,7 @@ MAX_SHORTENED = 0.2
 
 
 STILL_SIGMA, STILL_PIXELS = 3.0, 0.5
-"""Standard errors, and whole pixels, that a pattern at rest does not exceed."""
+"""Standard errors that the path of a pattern at rest exceeds in no frame, and pixels that it may have whatever its error."""
 
 
 @dataclass(frozen=True)
@@ -101,8 +101,11 @@ class Track:
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether the speckle stays at its place as far as its path is known."""
-        return bool((np.abs(self.smooth_path_pixels) <= np.maximum(STILL_PIXELS, STILL_SIGMA * self.error_pixels)).all())
+        """Whether the speckle stays at its place: by the error of its path in each frame, and by the mean square of all."""
+        path, error = np.abs(self.smooth_path_pixels), self.error_pixels
+        rms, rms_error = (np.sqrt((one**2).mean(0)) for one in (path, error))
+        is_near = (path <= np.maximum(STILL_PIXELS, STILL_SIGMA * error)).all()
+        return bool(is_near and (rms <= np.maximum(STILL_PIXELS, rms_error)).all())
 
     @property
     def interpolated_numbers(self) -> list[int]:

@@ -20,9 +20,10 @@ from invert.tracking.band import Band
 from invert.tracking.light import at_even_power, light_of_frames
 from invert.tracking.parts import on_all_cores
 from invert.tracking.pursuit import find_objects
+from invert.tracking.shares import Shares
 from invert.tracking.shifts import heights_at, weight_of
 from invert.tracking.spectra import DIM_FRAMES_FOR_POWER, FRAMES_FOR_POWER, Reader, frames_in_memory
-from invert.tracking.start import Start, find_brightest, share_along
+from invert.tracking.start import Start, find_brightest
 from radiometry.autocorrelation import PatchGrid
 from radiometry.estimation.third_moment import narrow
 
@@ -106,9 +107,9 @@ def find_travel(capture: Capture) -> Travel | None:
         return None
     if 3 * found[0].jumps > len(spectra) - 1:  # it shakes
         return None
-    light = light_of_frames(spectra, band)
-    shares = [share_along(spectra, band, one.path, 1, light) for one in found]
-    powers = np.linalg.solve(_overlap(found, band) + 1e-3 * np.eye(len(found)), shares)
+    shares = Shares(spectra, band, light_of_frames(spectra, band))
+    by_each = [shares.along(one.path, 1) for one in found]
+    powers = np.linalg.solve(_overlap(found, band) + 1e-3 * np.eye(len(found)), by_each)
     share = float(np.sqrt(powers.clip(0.0)).sum() ** 2)
     steps = np.array([one.path[-1] / (len(spectra) - 1) for one in found])
     far = max(float(np.linalg.norm(one.path, axis=1).max()) for one in found)

@@ -28,7 +28,7 @@ def band_of(powers: np.ndarray) -> Band:
     rows, columns = np.arange(-20, 21) / SHAPE[0], np.arange(31) / SHAPE[1]
     counts = np.where(np.arange(31) > 0, 2.0, 1.0) * np.ones((41, 1))
     counts[:20, 0] = 0.0  # conjugates of the rows below
-    return Band(SHAPE, rows, columns, counts, powers.sum(0), NOISE)
+    return Band(SHAPE, rows, columns, counts, powers.sum(0), NOISE, NOISE)
 
 
 def powers_of(ratio: float = 0.6) -> np.ndarray:

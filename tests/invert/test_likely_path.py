@@ -15,7 +15,7 @@ def band_of(side=(40, 52), signal=1.0, floor=1.0):
     counts = np.where(columns > 0.0, 2.0, 1.0) * np.ones((11, 7))
     counts[5, 0] = 0.0
     falls = np.exp(-0.5 * ((rows[:, None] / 0.08) ** 2 + (columns / 0.06) ** 2))
-    return Band(side, rows, columns, counts, signal * falls, floor * np.ones((11, 7)))
+    return Band(side, rows, columns, counts, signal * falls, floor, floor * np.ones((11, 7)))
 
 
 def spectra_along(path, band, rng):

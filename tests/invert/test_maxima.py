@@ -24,7 +24,7 @@ def band_of(albedo: np.ndarray) -> Band:
     power = np.fft.ifft2(np.abs(np.fft.fft2(spectrum)) ** 2).real[:, : SHAPE[1] // 2 + 1]
     rows = fftshift(fftfreq(SHAPE[0]))
     counts = np.where(np.arange(SHAPE[1] // 2 + 1) > 0, 2.0, 1.0) * np.ones((SHAPE[0], 1))
-    return Band(SHAPE, rows, rfftfreq(SHAPE[1]), counts, fftshift(power, 0), 1e-3 * power.max())
+    return Band(SHAPE, rows, rfftfreq(SHAPE[1]), counts, fftshift(power, 0), *(2 * [1e-3 * power.max()]))
 
 
 def moved(band: Band, pixels: np.ndarray) -> np.ndarray:

@@ -11,8 +11,9 @@ from invert.tracking.candidates import Candidates
 from invert.tracking.explained import Explained
 from invert.tracking.maxima import highest
 from invert.tracking.pursuit import find_objects
+from invert.tracking.shares import Shares
 from invert.tracking.shifts import weight_of
-from invert.tracking.start import Start, share_along
+from invert.tracking.start import Start
 from invert.tracking.tracker import _read_spectra
 from tests.invert.field.speckle import fading_frames
 
@@ -24,7 +25,8 @@ def test_a_maximum_of_noise_is_no_object():
     cross = (spectra[:-7].conj() * spectra[7:]).mean(0)
     place, _ = highest(cross, band, weight_of(band, 0.0))
     path, by_noise = (np.arange(16)[:, None] * one for one in (step, place / 7.0))
-    assert share_along(spectra, band, by_noise, 7) > 2.5 * share_along(spectra, band, path, 7)
+    shares = Shares(spectra, band)
+    assert shares.along(by_noise, 7) > 2.5 * shares.along(path, 7)
     explained = Explained(spectra, band, [7, 3])
     assert explained.by([explained.add(path)]) > explained.by([explained.add(by_noise)])
     (one,) = find_objects(spectra, band)

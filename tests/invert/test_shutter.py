@@ -14,7 +14,7 @@ from radiometry.motion import airy
 
 def narrow_band(frequency: float = 0.002) -> Band:
     """A band around one frequency along the rows, at which phases are small."""
-    return Band((64, 64), np.array([-frequency, frequency]), np.zeros(1), np.ones((2, 1)), np.ones((2, 1)), 1.0)
+    return Band((64, 64), np.array([-frequency, frequency]), np.zeros(1), np.ones((2, 1)), np.ones((2, 1)), 1.0, 1.0)
 
 
 def seen_path(steps: np.ndarray, factor: np.ndarray, fading: float) -> Followed:

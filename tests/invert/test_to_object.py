@@ -81,7 +81,7 @@ def test_the_spectrum_of_the_speckle_gives_the_stretch(binning):
     signal = np.where(seen, fine[np.ix_(lags[0] % 512, lags[1] % 512)], 0.0)
     counts = seen * np.where(np.arange(len(columns)) > 0, 2.0, 1.0)
     camera = CameraMetadata(WAVELENGTH_M, 6.5e-6, distance, row_pitch_m=pitches[0], column_pitch_m=pitches[1])
-    found = stretch_by_illumination(Band(shape, rows, columns, counts, signal, 1.0), camera, binning)
+    found = stretch_by_illumination(Band(shape, rows, columns, counts, signal, 1.0, 1.0), camera, binning)
     spread = np.cov(np.indices(albedo.shape).reshape(2, -1), aweights=albedo.ravel(), ddof=0)
     area = albedo.sum() ** 2 / (albedo**2).sum()
     slope = (ROUND_SPOT / area * np.linalg.inv(spread).diagonal()) ** 0.5 / PITCH_M**2

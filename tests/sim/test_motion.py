@@ -1,5 +1,7 @@
 """Motion while the shutter is open, and from frame to frame, against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from scenes import scene_path
 from sim.frame import Simulation
 from sim.optics.motion import correlation, sub_exposures, variance_lost_to_motion
 from sim.plan import Settings
+from sim.trajectory import Trajectory
 
 HALF_PLANE = lag_grid(LAGS).half_plane
 
@@ -92,6 +95,24 @@ def abs_travel(simulation: Simulation, seconds: float) -> float:
     power = samples.amplitude.astype(np.float64) ** 2
     waves = geometry.motion.waves(*samples.coordinates_m.T) * seconds / geometry.camera.electronics.exposure_s
     return float((abs((power * np.exp(2j * np.pi * waves)).sum()) / power.sum()) ** 2)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_camera_and_object_move_the_fringes_of_a_lag_together(scene, seed):
+    """The closed form of a random motion of both, from their ways alone, against the paths of all samples. Before, forecasts left the
+    camera out."""
+    rng, still = np.random.default_rng(seed), scene()
+    exposure, grain = still.camera.electronics.exposure_s, still.wavelength_m * still.distance_m / 0.01
+    ways = rng.normal(size=(2, 3)) * [[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]]  # that of an object along the line of sight is left out
+    camera, velocity = ways / np.linalg.norm(ways, axis=1)[:, None] * np.array([[0.4], [0.1]]) * grain / exposure
+    moving_camera = replace(still.camera, trajectory=Trajectory(velocity_m_s=camera))
+    geometry = replace(still.with_velocity(velocity), camera=moving_camera)
+    simulation = Simulation(geometry, BARE)
+    expected = abs_travel(simulation, exposure) * float(geometry.motion.correlation(1.0))
+    assert 0.05 < expected < 0.95
+    assert correlation(geometry, simulation.plan.samples, exposure) == pytest.approx(expected, rel=0.02)
+    assert abs(abs_travel(Simulation(still.with_velocity(velocity), BARE), exposure) / expected - 1.0) > 0.03
+    assert not geometry.at_rest.motion.moves
 
 
 @pytest.mark.slow
