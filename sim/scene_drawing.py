@@ -88,12 +88,17 @@ def _light_paths(laser: np.ndarray, centres: dict[str, np.ndarray], geometry: Ge
 
 
 def _surface_points(shape: mi.Shape) -> np.ndarray:
-    """Return points on a surface, (n, 3): the vertices of a mesh, else a grid over its parameters."""
+    """Return points on a surface, (n, 3): the vertices of a mesh, else a grid over its parameters, or the corners of its box where Mitsuba
+    draws no points, as on instances and curves."""
     if isinstance(shape, mi.Mesh):
         return np.asarray(shape.vertex_positions_buffer(), np.float64).reshape(-1, 3)
     side = np.linspace(0.0, 1.0, SURFACE_POINTS, dtype=np.float32)
     u, v = (mi.Float(values.ravel()) for values in np.meshgrid(side, side))
-    sampled = shape.sample_position(0.0, mi.Point2f(u, v)).p
+    try:
+        sampled = shape.sample_position(0.0, mi.Point2f(u, v)).p
+    except RuntimeError:
+        box = shape.bbox()
+        return np.array([box.corner(number) for number in range(8)], np.float64).reshape(-1, 3)
     points = np.asarray(dr.ravel(sampled), np.float64).reshape(-1, 3)
     return points[np.isfinite(points).all(1)]
 

@@ -118,6 +118,13 @@ def check_unmasked(frames: object) -> None:
         raise InputError("frames", "arrays without a mask", "masked pixels", "provide the mask as corrections")
 
 
+def _as_native(frames: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
+    """Return frames in the byte order of the machine, none of which is a reversed view; they are the same if they already are."""
+    if all(frame.dtype.isnative and min(frame.strides) >= 0 for frame in frames):
+        return frames
+    return [np.ascontiguousarray(frame, frame.dtype.newbyteorder("=")) for frame in frames]
+
+
 @dataclass(frozen=True)
 class Capture:
     """Frames of one capture.
@@ -167,6 +174,7 @@ class Capture:
         shapes = list(dict.fromkeys(np.shape(frame) for frame in self.frames))
         if len(shapes) > 1 or len(shapes[0]) != 2:
             raise InputError("frames", "frames (height, width) of one size", f"shapes {shapes}", "provide one camera setting")
+        object.__setattr__(self, "frames", _as_native(self.frames))
 
     def __repr__(self) -> str:
         height, width = np.shape(self.frames[0])

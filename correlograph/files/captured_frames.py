@@ -273,8 +273,8 @@ def check_finite(pixels: np.ndarray, file: Path) -> tuple[float, float]:
     return lowest, highest
 
 
-def check_frame(pixels: np.ndarray, file: Path) -> None:
-    """Refuse frames that cannot be speckle. Frames of zeros are legal, because a short exposure may be empty."""
+def check_range(pixels: np.ndarray, file: Path) -> tuple[float, float]:
+    """Return the lowest and the highest pixel. Raises InputError for values whose squares single precision does not hold."""
     lowest, highest = check_finite(pixels, file)
     largest = max(abs(lowest), abs(highest))
     if largest > MAX_PIXEL or 0.0 < largest < MIN_PIXEL:
@@ -284,6 +284,12 @@ def check_frame(pixels: np.ndarray, file: Path) -> None:
             f"{largest:.3g} in {file.name}",
             "scale the frames",
         )
+    return lowest, highest
+
+
+def check_frame(pixels: np.ndarray, file: Path) -> None:
+    """Refuse frames that cannot be speckle. Frames of zeros are legal, because a short exposure may be empty."""
+    lowest, highest = check_range(pixels, file)
     if pixels.shape in ((LAG_SIDE, LAG_SIDE), (LAG_SIDE, 2 * LAG_SIDE)):
         raise InputError("frame", "speckle", f"{file.name}, as large as a published autocorrelation", "add --autocorrelation")
     if lowest == highest != 0.0:

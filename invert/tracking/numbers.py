@@ -1,8 +1,10 @@
-"""Numbers of frames by the names of their files, which tell those that are missing."""
+"""Numbers and order of frames by the names of their files, which tell those that are missing."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,10 +22,9 @@ def frame_numbers(capture: Capture) -> np.ndarray:
     disagrees. Otherwise frames are counted. Raises InputError if the only number that differs falls and rises: names in the order of text.
     """
     counted = np.arange(len(capture.frames))
-    parts = [re.split("([0-9]+)", name) for name in capture.names]
-    if len({*capture.names}) < max(len(counted), 2) or any(one[::2] != parts[0][::2] for one in parts):
+    if len({*capture.names}) < max(len(counted), 2) or not _differ_by_numbers(capture.names):
         return counted
-    columns = [one for one in zip(*(name[1::2] for name in parts), strict=True) if len(set(one)) > 1]
+    columns = _varying_numbers(capture.names)
     if any(len(digits) > MAX_DIGITS for one in columns for digits in one):
         return counted
     varying = [np.diff(np.array(one, np.int64)) for one in columns]
@@ -35,6 +36,38 @@ def frame_numbers(capture: Capture) -> np.ndarray:
         )
     rising = {tuple(steps // steps.min()) for steps in varying if steps.min() > 0 and not (steps % steps.min()).any()}
     return counted if len(rising) != 1 else np.concatenate([[0], np.cumsum(rising.pop())])
+
+
+def doubts_of_order(names: Sequence[str]) -> list[str]:
+    """Return a warning if the order of files by name may not be that of time: names that differ in more than numbers, such as negative
+    ones or `f (1)` after `f`; decimals of different length; and a number that falls from file to file."""
+    if len({*names}) < max(len(names), 2):
+        return []
+    if _differ_by_numbers(names):
+        columns = _varying_numbers(names)
+        falls = len(columns) == 1 and all(int(one) > int(other) for one, other in pairwise(columns[0]))
+        if not falls and not _have_decimals(names):
+            return []
+    return [
+        f"the names of the files do not tell their order for certain: {names[0]}, {names[1]}, ..., {names[-1]}; if this is not that of "
+        "time, steps and velocities are wrong: rename them, or name them in order"
+    ]
+
+
+def _differ_by_numbers(names: Sequence[str]) -> bool:
+    """Return whether names differ in nothing but whole numbers."""
+    return len({tuple(re.split("[0-9]+", name)) for name in names}) == 1
+
+
+def _varying_numbers(names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return the digits of each number that is not the same in all names, which differ in nothing else."""
+    return [one for one in zip(*(re.findall("[0-9]+", name) for name in names), strict=True) if len(set(one)) > 1]
+
+
+def _have_decimals(names: Sequence[str]) -> bool:
+    """Return whether digits after a point differ in number, so that 0.5 could be before or after 0.25."""
+    found = [[len(one) for one in re.findall(r"(?<=[0-9]\.)[0-9]+", name)] for name in names]
+    return any(one != found[0] for one in found)
 
 
 def missing_frames(numbers: np.ndarray) -> list[str]:

@@ -19,7 +19,7 @@ from correlograph.lags import LAGS
 from invert.measure.estimate import estimate_from_frames
 from invert.measure.spectrum import read_measurement
 from invert.request import Request
-from invert.tracking.numbers import frame_numbers, missing_frames
+from invert.tracking.numbers import doubts_of_order, frame_numbers, missing_frames
 from invert.tracking.pursuit import MIN_SHARE
 from invert.tracking.rings import Turns, find_turns, group_means
 from invert.tracking.tables import check_frames, save_table
@@ -62,6 +62,7 @@ class Rotation:
         interval_s: time between frames; None if unknown.
         common: share of the power of the speckle that consecutive frames have in common, because the laser is at rest.
         numbers: number of each frame from the first, (frames,), of which files may be missing; None if frames are counted.
+        order: doubts about the order of the frames.
     """
 
     angle_deg: np.ndarray
@@ -72,11 +73,12 @@ class Rotation:
     interval_s: float | None = None
     common: float = 0.0
     numbers: np.ndarray | None = None
+    order: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Doubts about angles and distances, in words."""
-        doubts = [] if self.numbers is None else missing_frames(self.numbers)
+        doubts = [*([] if self.numbers is None else missing_frames(self.numbers)), *self.order]
         if self.common >= MIN_SHARE:
             doubts.append(
                 f"consecutive frames share {100.0 * self.common:.0f} % of their speckle, as if the laser were at rest: its light does not "
@@ -180,7 +182,7 @@ def track_rotation(capture: Capture, *, interval_s: float | None = None) -> Rota
     check_frames(capture, interval_s, 2 * MIN_ANGLES, "rotation")
     numbers = frame_numbers(capture)
     found = rotation_of(*_signals(capture), interval_s)
-    return replace(found, common=common_share(capture.frames), numbers=numbers)
+    return replace(found, common=common_share(capture.frames), numbers=numbers, order=tuple(doubts_of_order(capture.names)))
 
 
 def rotation_of(signals: Sequence[np.ndarray], aspect: float, weights: np.ndarray, interval_s: float | None = None) -> Rotation:

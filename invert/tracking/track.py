@@ -23,6 +23,10 @@ MAX_SHORTENED = 0.2
 """Part by which an open shutter shortens a step, above which the path is doubtful: a change of the step then shows by 0.6 of it only."""
 
 
+MIN_GRAINS = 700.0
+"""Grains in a frame of the speckle of one of several objects, below which interference makes paths unreliable. Evidence:
+docs/tracking.md."""
+
 STILL_SIGMA, STILL_PIXELS = 3.0, 0.5
 """Standard errors that the path of a pattern at rest exceeds in no frame, and pixels that it may have whatever its error."""
 
@@ -51,7 +55,9 @@ class Track:
             if it leaves no room for another object, or three standard errors do.
         shortened: largest part by which the open shutter shortens a step; corrected, but not well if large.
         numbers: number of each frame from the first, (frames,), of which files may be missing; None if frames are counted.
+        order: doubts about the order of the frames.
         interpolated: frames that share nothing with those beside them, whose positions are interpolated.
+        grains: number of grains of its speckle in a frame.
     """
 
     path_pixels: np.ndarray
@@ -69,6 +75,8 @@ class Track:
     shortened: float = 0.0
     numbers: np.ndarray | None = None
     interpolated: tuple[int, ...] = ()
+    order: tuple[str, ...] = ()
+    grains: float = np.inf
 
     @property
     def frame_numbers(self) -> np.ndarray:
@@ -78,13 +86,18 @@ class Track:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Doubts about the path, in words."""
-        doubts = missing_frames(self.frame_numbers)
+        doubts = [*missing_frames(self.frame_numbers), *self.order]
         if self.interpolated:
             doubts.append(self.of_strange_frames)
         if self.is_at_rest:
             doubts.append(
                 "this pattern stays at rest: static light, a texture of the wall or a pattern of the sensor does so, too, and may hide an "
                 "object that moves (--dark, --flat)"
+            )
+        if len(self.in_common) and self.grains < MIN_GRAINS:
+            doubts.append(
+                f"several objects interfere, and a frame holds only {self.grains:.0f} grains of the speckle of this one: one in four of such "
+                "paths is wrong by more than four stated errors (docs/tracking.md); take larger frames"
             )
         if self.shortened > MAX_SHORTENED:
             doubts.append(

@@ -10,12 +10,12 @@ from tqdm import tqdm
 
 from correlograph.errors import InputError, check_positive
 from correlograph.files.capture import Capture
-from correlograph.files.captured_frames import check_copies, check_finite, check_frames_in_memory
+from correlograph.files.captured_frames import check_copies, check_frames_in_memory, check_range
 from invert.tracking.band import Band
 from invert.tracking.breaks import check_continuity, follow_over_jumps
 from invert.tracking.joint import follow_several
 from invert.tracking.light import at_even_power
-from invert.tracking.numbers import frame_numbers
+from invert.tracking.numbers import doubts_of_order, frame_numbers
 from invert.tracking.pursuit import fading_along, find_objects, is_alone
 from invert.tracking.shutter import fading_along_steps, for_open_shutter
 from invert.tracking.spectra import Reader, frames_in_memory
@@ -92,6 +92,8 @@ def track(
             shortened=opened.shortened,
             numbers=numbers,
             interpolated=one.interpolated,
+            order=tuple(doubts_of_order(capture.names)),
+            grains=its_band.cells,
         )
         tracks.append(found)
     return replace(tracks[0], others=tuple(tracks[1:]))
@@ -116,7 +118,7 @@ def _read_spectra(capture: Capture, binning: int) -> tuple[np.ndarray, Band]:
     if not isinstance(binning, Integral) or not 1 <= binning <= most:
         expected = f"a whole number from 1 to {most} for frames of {rows} x {columns} pixels"
         raise InputError("binning", expected, binning, "bin less, or use larger frames")
-    check_frames_in_memory(capture.frames, check_finite)
+    check_frames_in_memory(capture.frames, check_range)
     reader = Reader((rows, columns), binning)
     band = reader.band(capture.frames)
     if band is None:

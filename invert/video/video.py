@@ -22,7 +22,7 @@ from invert.output.result import Result
 from invert.pipeline import ONE_PATTERN, choose_object, estimate_following, fulfil, may_be_one_pattern, read_prepared
 from invert.request import Request
 from invert.sources import Source, read_source
-from invert.tracking.numbers import frame_numbers, missing_frames
+from invert.tracking.numbers import doubts_of_order, frame_numbers, missing_frames
 from invert.tracking.rotation import rotation_of, signal_of
 from invert.tracking.tables import check_frames
 from invert.tracking.track import Track
@@ -62,7 +62,7 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
     capture, notes = _read(request, source)
     check_frames(capture, interval_s, MIN_FRAMES, "film")
     counted = frame_numbers(capture)
-    notes += missing_frames(counted)
+    notes += [*missing_frames(counted), *doubts_of_order(capture.names)]
     whole, followed = estimate_following(request, capture, MIN_FRAMES)
     chosen, _, of_objects = choose_object(request, whole, followed)
     path = followed.path_of(request.object_number)

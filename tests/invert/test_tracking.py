@@ -14,7 +14,7 @@ pytest.importorskip("mitsuba")
 
 import correlograph as cg
 from invert.track import main
-from invert.tracking.numbers import frame_numbers
+from invert.tracking.numbers import doubts_of_order, frame_numbers
 from invert.tracking.smoothing import PathNoise
 from invert.tracking.track import Track
 from invert.tracking.tracker import track
@@ -392,6 +392,25 @@ def test_missing_frames_are_counted_by_their_numbers(rng, tmp_path):
 def test_numbers_of_frames_come_from_names_that_tell_them(names, expected):
     capture = cg.Capture(list(np.zeros((3, 70, 70), np.float32)), names=names)
     np.testing.assert_array_equal(frame_numbers(capture), expected)
+
+
+@pytest.mark.parametrize(
+    ("names", "is_certain"),
+    [
+        (("f_08.tif", "f_09.tif", "f_10.tif"), True),
+        (("a1_7.tif", "a1_9.tif", "a2_13.tif"), True),
+        (("t_0.00.tif", "t_0.25.tif", "t_0.50.tif"), True),
+        (("stack.tif",), True),
+        (("run-0002.tif", "run-0001.tif", "run0000.tif"), False),  # negative numbers
+        (("f (1).tif", "f (2).tif", "f.tif"), False),
+        (("t_0.5.tif", "t_0.25.tif", "t_0.75.tif"), False),
+        (("F_00.tif", "f_01.tif", "f_02.tif"), False),
+        (("f_09.tif", "f_0a.tif", "f_0b.tif"), False),
+        (("f_3.tif", "f_2.tif", "f_1.tif"), False),
+    ],
+)
+def test_names_that_do_not_tell_their_order_are_doubted(names, is_certain):
+    assert (doubts_of_order(names) == []) == is_certain
 
 
 def test_names_in_the_order_of_text_are_refused():

@@ -63,6 +63,24 @@ def test_hot_pixels_and_cosmic_rays_move_no_path_and_are_no_object(rng, light, f
     check(frames)
 
 
+def test_reversed_views_and_other_byte_orders_are_the_frames_that_they_show(rng):
+    """Either ended reconstructions and rotations with a traceback."""
+    frames = np.array(drifting(rng, PATH, 1.0), np.float32)
+    for changed in (frames[:, ::-1], frames.astype(">u2")):
+        held = cg.Capture(changed).frames
+        assert all(one.dtype.isnative and min(one.strides) > 0 for one in held)
+        np.testing.assert_array_equal(held, changed)
+    same = tuple(frames)
+    assert cg.Capture(same).frames is same
+
+
+@pytest.mark.parametrize("factor", [1e-15, 1e12])
+def test_values_beyond_single_precision_are_refused(rng, factor):
+    frames = np.array(drifting(rng, PATH[:6], 1.0), np.float32)
+    with pytest.raises(cg.InputError, match="scale the frames"):
+        track(cg.Capture(tuple(frames * np.float32(factor))))
+
+
 def test_a_pattern_at_rest_is_named(rng):
     """A warning says that a pattern at rest may be one of the sensor; the object that moves has none."""
     frames = np.array(drifting(rng, PATH, 1.0), np.float32)

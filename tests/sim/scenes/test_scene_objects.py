@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("mitsuba")
 
 import correlograph as cg
+from scenes import scene_path
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +35,17 @@ def test_copies_and_pickles_are_the_same_scene(scene):
     (swept,) = scene.sweep("exposure", [0.5])
     for other in (copy.copy(swept), copy.deepcopy(swept), pickle.loads(pickle.dumps(swept))):
         assert other.geometry.camera.electronics.exposure_s == 0.5
+
+
+def test_instances_are_drawn_by_their_box(tmp_path):
+    """Mitsuba draws no points on an instance, which ended rendering with a traceback."""
+    group = '<shape type="shapegroup" id="group"><shape type="rectangle"><bsdf type="diffuse"/></shape></shape>'
+    place = '<transform name="to_world"><scale value="0.003"/><translate x="0.05" y="0.02" z="0.5"/></transform>'
+    instance = f'<shape type="instance" id="clutter">{place}<ref id="group"/></shape>'
+    text = scene_path("corner_letter").read_text().replace("</scene>", f"{group}{instance}</scene>")
+    (tmp_path / "scene.xml").write_text(text.replace("F.png", str(scene_path("corner_letter").with_name("F.png"))))
+    above, _ = cg.load(tmp_path / "scene.xml").draw().axes
+    assert "clutter" in {text.get_text() for text in above.texts}
 
 
 def test_the_drawing_shows_every_shape_to_scale(scene):
