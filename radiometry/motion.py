@@ -62,8 +62,8 @@ class Motion:
         return self.fringes_per_m2 @ self.object_way_m + self.camera_turns_per_m
 
     @property
-    def with_fringes_at_rest(self) -> Motion:
-        """The motion as frames that follow the speckle see it."""
+    def of_followed_speckle(self) -> Motion:
+        """The motion as seen by frames that move along with the speckle."""
         return replace(self, fringes_per_m2=np.zeros((2, 2)), camera_turns_per_m=np.zeros(2))
 
     def lasting(self, exposures: float) -> Motion:

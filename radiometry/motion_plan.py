@@ -128,7 +128,7 @@ def _floor_over_peak(frame: Prediction) -> float:
 
 def kept_by_group(motion: Motion, size: int) -> float:
     """Return the contrast M that the speckle of a group of frames keeps."""
-    still = motion.lasting(size).with_fringes_at_rest
+    still = motion.lasting(size).of_followed_speckle
     return float(still.transfer(np.zeros(1), np.zeros(1))[0])
 
 

@@ -96,8 +96,8 @@ class Track:
             )
         if len(self.in_common) and self.grains < MIN_GRAINS:
             doubts.append(
-                f"several objects interfere, and a frame holds only {self.grains:.0f} grains of the speckle of this one: one in four of such "
-                "paths is wrong by more than four stated errors (docs/tracking.md); take larger frames"
+                f"several objects interfere, and a frame holds only {self.grains:.0f} grains of the speckle of this one: one in four of "
+                "such paths is wrong by more than four stated errors (docs/tracking.md); take larger frames"
             )
         if self.shortened > MAX_SHORTENED:
             doubts.append(
