@@ -10,9 +10,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from scipy.constants import speed_of_light
 from scipy.spatial.transform import Rotation, Slerp
 
-from correlograph.errors import InputError
+from correlograph.errors import SI_MAX, InputError
 
 COLUMNS = ("time_s", "x_m", "y_m", "z_m")
 TURNS = ("rx_deg", "ry_deg", "rz_deg")
@@ -74,13 +75,21 @@ class Trajectory:
         return all(np.array_equal(mine, theirs) for mine, theirs in zip(vars(self).values(), vars(other).values(), strict=True))
 
 
+def check_speed(name: str, speed_m_s: float) -> None:
+    """Raise InputError for a speed that is not below that of light."""
+    if speed_m_s >= speed_of_light:
+        raise InputError(
+            name, f"speeds below that of light, {speed_of_light:.3g} m/s", f"{speed_m_s:.3g}", "correct the motion"
+        )
+
+
 def read_trajectory(file: str | Path, name: str) -> Trajectory:
     """Read a CSV file with the columns time_s, x_m, y_m, z_m and, for rotations, rx_deg, ry_deg, rz_deg.
 
     Args:
         name: parameter that an error names.
 
-    Raises InputError for a file that is missing or malformed, and for times that do not ascend.
+    Raises InputError for a file that is missing or malformed, for times that do not ascend, and for speeds beyond that of light.
     """
     expected = f"a CSV file with the columns {', '.join(COLUMNS)} and, if it turns, {', '.join(TURNS)}"
     try:
@@ -90,12 +99,20 @@ def read_trajectory(file: str | Path, name: str) -> Trajectory:
             if names not in (COLUMNS, COLUMNS + TURNS) or not 1 <= len(rows) <= MAX_ROWS:
                 raise ValueError(f"columns {', '.join(names)} and {len(rows)} rows")
             values = np.array([[float(cell) for cell in row] for row in rows if row])
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise InputError(name, expected, f"{file} ({error})", "write one row of numbers for each time") from None
-    if values.ndim != 2 or values.shape[1] != len(names) or not np.isfinite(values).all():
-        raise InputError(name, "finite numbers in every column", str(file), "remove or complete such rows")
-    if (np.diff(values[:, 0]) <= 0.0).any():
-        raise InputError(name, "times that ascend", str(file), "sort its rows by time, and remove repeated times")
+    if (
+        values.ndim != 2
+        or values.shape[1] != len(names)
+        or not np.isfinite(values).all()
+        or np.abs(values[:, :4]).max() > SI_MAX
+    ):
+        raise InputError(name, f"finite numbers in every column, up to {SI_MAX:g}", str(file), "remove or complete such rows")
+    if (falls := np.diff(values[:, 0]) <= 0.0).any():
+        found = f"{values[int(np.argmax(falls)) + 1, 0]:g} s after {values[int(np.argmax(falls)), 0]:g} s in {file}"
+        raise InputError(name, "times that ascend", found, "sort its rows by time, and remove repeated times")
+    speeds = np.linalg.norm(np.diff(values[:, 1:4], axis=0), axis=1) / np.diff(values[:, 0])
+    check_speed(name, speeds.max(initial=0.0))
     turns = values[:, 4:] if len(names) > len(COLUMNS) else np.zeros((len(values), 3))
     if np.abs(turns).max() > MAX_TURN_DEG:
         raise InputError(

@@ -8,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 
 from correlograph.errors import InputError
-from sim.trajectory import Trajectory, read_trajectory
+from sim.trajectory import Trajectory, check_speed, read_trajectory
 
 MOTION = ("velocity", "angular_velocity", "trajectory")
 
@@ -17,8 +17,8 @@ MAX_TURN_DEG_S = 1e9
 
 
 def read_motion(plugin: str, props: mi.Properties) -> Trajectory:
-    """Return the motion that a plugin's parameters describe. Raises InputError for numbers that are not finite and for a file that cannot
-    be read."""
+    """Return the motion that a plugin's parameters describe. Raises InputError for numbers that are not finite, for speeds beyond that
+    of light, and for a file that cannot be read."""
     listed = Trajectory()
     if "trajectory" in props:
         listed = read_trajectory(str(mi.file_resolver().resolve(str(props["trajectory"]))), f"{plugin}.trajectory")
@@ -27,6 +27,8 @@ def read_motion(plugin: str, props: mi.Properties) -> Trajectory:
         raise InputError(
             f"{plugin}.angular_velocity", f"at most {MAX_TURN_DEG_S:g} degrees/s", turn.tolist(), "correct the value"
         )
+    with np.errstate(over="ignore"):
+        check_speed(f"{plugin}.velocity", float(np.linalg.norm(velocity)))
     return replace(listed, velocity_m_s=velocity, turn_deg_s=turn)
 
 

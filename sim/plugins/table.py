@@ -17,7 +17,7 @@ OTHERS = (
         line
         for plugin in ("phase_screen", "speckle_camera")
         for line in (
-            f"| `{plugin}` | `velocity` | metres per second, vector | 0, 0, 0 | finite |",
+            f"| `{plugin}` | `velocity` | metres per second, vector | 0, 0, 0 | below the speed of light |",
             f"| `{plugin}` | `trajectory` | CSV file of positions over time | none | |",
         )
     ),

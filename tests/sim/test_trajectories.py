@@ -194,8 +194,11 @@ def test_turned_and_receding_samples_are_where_the_trajectory_says(still):
     [
         ("time_s,x_m,y_m\n0,0,0\n", "columns"),
         ("time_s,x_m,y_m,z_m\n", "rows"),
-        ("time_s,x_m,y_m,z_m\n0,0,0,0\n0,1,0,0\n", "ascend"),
+        ("time_s,x_m,y_m,z_m\n0,0,0,0\n2,1,0,0\n1,2,0,0\n", "1 s after 2 s"),
         ("time_s,x_m,y_m,z_m\n0,nan,0,0\n", "finite"),
+        ("time_s,x_m,y_m,z_m\n0,1e300,0,0\n", "up to"),
+        ("time_s,x_m,y_m,z_m\n0,0,0,0\n1e-3,1e6,0,0\n", "that of light"),
+        ("time_s,x_m,y_m,z_m\n0," + 200_000 * "9" + ",0,0\n", "field"),
         ("time_s,x_m,y_m,z_m\n0,0,0\n", "finite"),
         ("time_s,x_m,y_m,z_m\n0,0,zero,0\n", "zero"),
         ("", "CSV"),
