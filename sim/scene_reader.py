@@ -123,6 +123,9 @@ def _find_parts(
             sorted(shapes),
             "add one, and pass optimize=False to mi.load_file",
         )
+    for shape in (source, detector, *hidden_shapes):
+        if shape.class_name() == "Instance":  # rays meet the shapes of its group, which have other names
+            raise InputError(shape.id(), "a shape", "an instance of a shapegroup", "write the shape itself in its place")
     check_phase_screens(scene, hidden_shapes)
     return source, detector, hidden_shapes, laser, camera
 
