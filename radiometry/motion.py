@@ -12,7 +12,7 @@ intensity after a fraction t of the exposure, at the position to which the speck
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import j1
@@ -39,43 +39,34 @@ class Motion:
         object_way_m: displacement of the object along its axes (rows, columns), across the line of sight.
         lit_way_m: way of the object through the laser's speckle: what of its displacement lies across the ray from the spot.
         grain_m: grain of this speckle, lambda d1 / D.
-        fringes_per_m2: phase turns per metre of displacement and per metre of distance from the object's centre, both along these axes,
-            (2, 2): (1 / d1 + 1 / z) / lambda times the unit matrix for light along the line of sight.
-        camera_turns_per_m: phase turns per metre of distance from the object's centre along these axes, (2,), by what the camera moves over
-            the wall: -1 / (lambda z) times its way for light along the line of sight.
+        turns_per_m: phase turns during the exposure per metre of distance from the object's centre along its axes, (2,): for light along
+            the line of sight (1 / d1 + 1 / z) / lambda times the way of the object, less 1 / (lambda z) times that of the camera.
     """
 
     spot_way: float
     object_way_m: tuple[float, float]
     lit_way_m: float
     grain_m: float
-    fringes_per_m2: np.ndarray
-    camera_turns_per_m: np.ndarray = field(default_factory=lambda: np.zeros(2))
+    turns_per_m: np.ndarray
 
     @property
     def moves(self) -> bool:
-        return bool(self.spot_way or self.lit_way_m or any(self.object_way_m) or any(self.camera_turns_per_m))
-
-    @property
-    def turns_per_m(self) -> np.ndarray:
-        """Phase turns during the exposure per metre of distance from the object's centre along its axes, (2,)."""
-        return self.fringes_per_m2 @ self.object_way_m + self.camera_turns_per_m
+        return bool(self.spot_way or self.lit_way_m or any(self.object_way_m) or any(self.turns_per_m))
 
     @property
     def of_followed_speckle(self) -> Motion:
         """The motion as seen by frames that move along with the speckle."""
-        return replace(self, fringes_per_m2=np.zeros((2, 2)), camera_turns_per_m=np.zeros(2))
+        return replace(self, turns_per_m=np.zeros(2))
 
     def lasting(self, exposures: float) -> Motion:
         """Return the motion in an exposure of another duration, in units of this one."""
         rows, columns = self.object_way_m
-        return Motion(
-            exposures * self.spot_way,
-            (exposures * rows, exposures * columns),
-            exposures * self.lit_way_m,
-            self.grain_m,
-            self.fringes_per_m2,
-            exposures * self.camera_turns_per_m,
+        return replace(
+            self,
+            spot_way=exposures * self.spot_way,
+            object_way_m=(exposures * rows, exposures * columns),
+            lit_way_m=exposures * self.lit_way_m,
+            turns_per_m=exposures * self.turns_per_m,
         )
 
     def correlation(self, share: float | np.ndarray) -> np.ndarray:

@@ -24,7 +24,7 @@ MIN_GROUPS = 2
 MAX_DOUBLINGS = 16
 
 MAX_POINTS = 10_000
-"""Number of distances between groups at which their likeness is computed; between these, it is interpolated."""
+"""Number of distances between groups at which their likeness is computed; of more, the mean of these stands for all."""
 
 MAX_ERROR = 10.0
 """Relative error of r*r beyond which a plan says that no object can be detected: a thousand lags have a significance of three then."""
@@ -86,7 +86,7 @@ def plan_motion(geometry: Any, lasts_s: float) -> MotionPlan:
     spread_m = 0.5 * abs(geometry.receding_m) / geometry.distance_m * np.array(geometry.camera.extent_m)
     spread_turns = spread_m / (geometry.wavelength_m * geometry.distance_m)
     turns_per_s = float((np.abs(motion.turns_per_m) + spread_turns) @ extent_m) / now_s
-    exposure_s = min(MAX_TURNS / turns_per_s, lasts_s / MIN_GROUPS)
+    exposure_s = min(MAX_TURNS / max(turns_per_s, 1e-300), lasts_s / MIN_GROUPS)
     exposure_s = max(exposure_s, geometry.camera.electronics.gate)
     frames = int(lasts_s / exposure_s)
     if frames < MIN_GROUPS:
@@ -137,8 +137,8 @@ def effective_groups(motion: Motion, size: int, groups: int) -> float:
 
     Power spectra of groups correlate by the square of the correlation of their patterns, which is c over M.
     """
-    count = math.ceil(min(motion.correlated_exposures / size, groups - 1))
-    apart = np.linspace(1.0, max(count, 1), min(max(count, 1), MAX_POINTS))
+    count = max(1, math.ceil(min(motion.correlated_exposures / size, groups - 1)))
+    apart = np.linspace(1.0, count, min(count, MAX_POINTS))
     alike = np.minimum(motion.correlation(size * apart) / kept_by_group(motion, size), 1.0) ** 2
     return groups / (1.0 + 2.0 * count * float(((1.0 - apart / groups) * alike).mean()))
 

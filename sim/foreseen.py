@@ -63,7 +63,12 @@ def speckle_travels(geometry: Geometry) -> bool:
     """Return whether the speckle moves by more than a grain within the time that is foreseen, or an object turns."""
     if any(one.trajectory.turns for one in geometry.movements):
         return True
-    return bool((speckle_ways(geometry, geometry.moments()) > np.array(geometry.grain_pixels)).any())
+    times = geometry.moments()
+    along = [one.trajectory.displacement(times) @ geometry.hidden_object.line_of_sight for one in geometry.movements]
+    # What recedes by w spreads its speckle by w / z about the frame centre.
+    spread = max((float(np.ptp(way)) for way in along), default=0.0) / geometry.distance_m
+    ways = speckle_ways(geometry, times) + 0.5 * spread * np.array(geometry.camera.frame_shape)
+    return bool((ways > np.array(geometry.grain_pixels)).any())
 
 
 def check_foreseen(geometry: Geometry, time_s: float) -> None:

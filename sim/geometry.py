@@ -230,25 +230,28 @@ class Geometry:
         ways = np.interp(begins + exposure_s, times, travelled) - np.interp(begins, times, travelled)
         return float(begins[int(np.argmax(ways))]) if ways.max() > ways[0] * (1.0 + 1e-9) else 0.0
 
-    def _way_m(self) -> np.ndarray:
-        """Return the displacement along the object's axes (rows, columns, line of sight) in the exposure with the longest way; of the
-        fastest object."""
+    def _longest_exposure_s(self) -> tuple[float, float]:
+        """Return the beginning and the end of the exposure with the longest way."""
         begin_s = self.busiest_time_s()
-        end_s = begin_s + self.camera.electronics.exposure_s
+        return begin_s, begin_s + self.camera.electronics.exposure_s
+
+    def _way_m(self) -> np.ndarray:
+        """Return the displacement in world axes (3,) in the exposure with the longest way; of the fastest object."""
+        begin_s, end_s = self._longest_exposure_s()
         ways = [one.trajectory.displacement(end_s) - one.trajectory.displacement(begin_s) for one in self.movements]
-        return along_axes(self, max(ways, key=np.linalg.norm, default=np.zeros(3)))
+        return max(ways, key=np.linalg.norm, default=np.zeros(3))
 
     @property
     def object_way_m(self) -> tuple[float, float]:
         """Displacement along the object's axes (rows, columns) across the line of sight in the exposure with the longest way; of the
         fastest object."""
-        down, right, _ = self._way_m()
+        down, right, _ = along_axes(self, self._way_m())
         return float(down), float(right)
 
     @property
     def receding_m(self) -> float:
         """Displacement along the line of sight in the exposure with the longest way; of the fastest object."""
-        return float(self._way_m()[2])
+        return float(along_axes(self, self._way_m())[2])
 
     @property
     def motion(self) -> Motion:
@@ -256,19 +259,18 @@ class Geometry:
         return Motion(
             self.spot.scan_speed_m_s * self.camera.electronics.exposure_s / self.spot.diameter_m,
             self.object_way_m,
-            float(np.linalg.norm(lit_place(self, self._way_m()))),
+            float(np.linalg.norm(lit_place(self, along_axes(self, self._way_m())))),
             grain_m(self),
-            self.fringes_per_m2,
-            self._camera_turns_per_m(),
+            self._turns_per_m(),
         )
 
-    def _camera_turns_per_m(self) -> np.ndarray:
-        """Return the phase turns of a sample per metre of its distance from the object's centre along its axes, (2,), by the motion of the
-        camera in the exposure with the longest way."""
-        begin_s = self.busiest_time_s()
-        end_s = begin_s + self.camera.electronics.exposure_s
-        way = self.camera.view_shift(end_s) - self.camera.view_shift(begin_s)
-        return -self._across_per_distance(self.camera.centre) @ way / self.wavelength_m
+    def _turns_per_m(self) -> np.ndarray:
+        """Return the phase turns of a sample per metre of its distance from the object's centre along its axes, (2,), in the exposure with
+        the longest way: by the object, and by the camera, which sees another point of the wall."""
+        seen, (begin_s, end_s) = self._across_per_distance(self.camera.centre), self._longest_exposure_s()
+        camera_way = self.camera.view_shift(end_s) - self.camera.view_shift(begin_s)
+        by_object = (self._across_per_distance(self.spot.centre) + seen) @ self._way_m()
+        return (by_object - seen @ camera_way) / self.wavelength_m
 
     def _across_per_distance(self, end: np.ndarray) -> np.ndarray:
         """Return the object's axes (rows, columns) across the ray to a point, over the length of that ray, (2, 3)."""

@@ -119,7 +119,7 @@ def check_unmasked(frames: object) -> None:
 
 
 def _as_native(frames: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
-    """Return frames in the byte order of the machine, none of which is a reversed view; they are the same if they already are."""
+    """Return frames in the byte order of the machine and without reversed axes; the same object if all are so already."""
     if all(frame.dtype.isnative and min(frame.strides) >= 0 for frame in frames):
         return frames
     return [np.ascontiguousarray(frame, frame.dtype.newbyteorder("=")) for frame in frames]

@@ -34,7 +34,7 @@ class Band:
         counts: how often a coefficient stands for itself and its conjugate, (R, C); 0 outside the band.
         signal: power of the speckle, (R, C).
         noise: power of the noise.
-        floor: the same, and what the window leaks; (R, C) where other objects add to it.
+        floor: power of the noise, of what the window leaks, and of other objects where they are known; a number or (R, C).
         taper: fraction of each side over which the window falls, both ends together.
         contrast: standard deviation of the speckle over the mean light of the frames, at most 1.
     """

@@ -50,7 +50,7 @@ def doubts_of_order(names: Sequence[str]) -> list[str]:
             return []
     return [
         f"the names of the files do not tell their order for certain: {names[0]}, {names[1]}, ..., {names[-1]}; if this is not that of "
-        "time, steps and velocities are wrong: rename them, or name them in order"
+        "time, steps and velocities are wrong: rename them, with numbers that rise"
     ]
 
 

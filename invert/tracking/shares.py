@@ -14,7 +14,7 @@ MIN_OVERLAP = 0.1
 
 
 class Shares:
-    """Shares of the speckle of some spectra (frames, R, C), by consecutive frames or others.
+    """Shares of the speckle that frames have in common, from their spectra (frames, R, C).
 
     Args:
         light: amplitude of the speckle in each frame, (frames,), by whose products shares are divided; all are equal without it.
@@ -47,7 +47,8 @@ def whole_height(own: float, frames: int, band: Band, weight: Weight) -> float:
     """Return the height of the cross-correlation of frames whose speckle is wholly common, from their mean power, summed with a weight; at
     least its noise.
 
-    The power of a band is smoothed: it is up to three times as wide as that of a few large grains.
+    The power of a band is smoothed: it is up to three times as wide as that of a few large grains. What the window leaks is not subtracted,
+    because it is speckle that frames have in common, too.
     """
     noise = 2.0**0.5 * weight.deviation / frames**0.5
     return max(own - float(weight.values.sum()) * band.noise, noise, 1e-300)

@@ -70,14 +70,17 @@ class Reader:
 
     def whole(self, frame: np.ndarray, taper: float = TAPER) -> np.ndarray:
         """Return the spectrum (rows, columns // 2 + 1) of a frame less its mean and, where lines are uneven, theirs, complex64."""
-        image = self._bin(frame)
-        if self._hot is not None:
-            image = self._hot.replaced_in(image)
+        image = self._image(frame)
         image = image - image.mean(dtype=np.float64).astype(np.float32)  # exactly zero for a blank frame
         for axis in self._levelled:
             image -= image.mean(axis, keepdims=True)
         rows, columns = (tukey(side, taper).astype(np.float32) for side in self.shape)
         return rfft2(image * rows[:, None] * columns)
+
+    def _image(self, frame: np.ndarray) -> np.ndarray:
+        """Return a frame after binning, without hot pixels, float32."""
+        binned = self._bin(frame)
+        return binned if self._hot is None else self._hot.replaced_in(binned)
 
     def _bin(self, frame: np.ndarray) -> np.ndarray:
         """Return means of blocks of pixels, float32. Sums of strided views take a fifth of the time of a library's pooling."""
@@ -96,19 +99,21 @@ class Reader:
     def band(self, frames: Sequence[np.ndarray]) -> Band | None:
         """Return the band of the speckle, from the first frames; None if they show none."""
         first, taper = frames[:FRAMES_FOR_POWER], TAPER
+        self._hot = HotPixels.of(map(self._bin, first))
         band = self._band(first, taper)
         if band is None or band.is_dim:
             more = frames[:DIM_FRAMES_FOR_POWER]
-            if len(more) > len(first) and (found := self._band(more, taper)) is not None:
-                first, band = more, found
+            if len(more) > len(first):
+                self._hot = HotPixels.of(map(self._bin, more))
+                if (found := self._band(more, taper)) is not None:
+                    first, band = more, found
         while band is not None and band.needs_wider_taper:
             taper = 2.0 * taper
             band = self._band(first, taper)
         return band and replace(band, contrast=self._contrast(band, first[:FRAMES_FOR_POWER]))
 
     def _band(self, first: Sequence[np.ndarray], taper: float) -> Band | None:
-        """Return the band of frames through a window. Hot pixels and uneven lines of these frames are taken out from then on."""
-        self._hot = HotPixels.of(map(self._bin, first))
+        """Return the band of frames through a window. Uneven lines of these frames are levelled from then on."""
         power = self._power(first, taper)
         if uneven := tuple(axis for axis in (0, 1) if axis not in self._levelled and lines_are_uneven(power, axis)):
             self._levelled += uneven
@@ -148,7 +153,7 @@ class Reader:
         """Return the standard deviation of the speckle in a band over the mean light, at most 1."""
         window = np.prod([(tukey(side, band.taper) ** 2).sum() for side in self.shape])
         variance = float((band.counts * band.signal).sum()) / (np.prod(self.shape) * window)
-        light = float(np.mean([frame.mean(dtype=np.float64) for frame in frames]))
+        light = float(np.mean([self._image(frame).mean(dtype=np.float64) for frame in frames]))
         return min(1.0, variance**0.5 / max(light, 1e-300))
 
     def _crop(self, signal: np.ndarray, inside: np.ndarray, noise: float, leaked: np.ndarray) -> Band:

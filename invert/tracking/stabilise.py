@@ -205,7 +205,7 @@ class _Adder:
     def add(self, path: np.ndarray, groups: Sequence[range]) -> Capture:
         """Return a capture of the sums of groups of frames, each moved back to the middle frame by whole pixels.
 
-        Photoelectrons stay integers. Pixels that a frame of a group does not hold are cut off from all.
+        Photoelectrons stay integers, but for pixels that are replaced. Pixels that a frame of a group does not hold are cut off from all.
         Raises InputError if hardly any are left, and if the sums exceed the memory.
         """
         capture, shape = self.capture, self.capture.frames[0].shape

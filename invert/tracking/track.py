@@ -28,7 +28,8 @@ MIN_GRAINS = 700.0
 docs/tracking.md."""
 
 STILL_SIGMA, STILL_PIXELS = 3.0, 0.5
-"""Standard errors that the path of a pattern at rest exceeds in no frame, and pixels that it may have whatever its error."""
+"""Standard errors that the path of a pattern at rest exceeds in no frame, and pixels that it may have whatever its error. The rms of its
+path does not exceed that of its errors, either, so that a path that is not well known is not one at rest."""
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,15 @@ MIN_PHOTONS, PHOTON_SPREAD = 20, 0.3
 """Minimum number of bright pixels that may be single photons, and maximum distance of the quartiles of their values relative to
 their median above the dark level."""
 
-MAX_SAMPLED_PIXELS = 200_000
-"""Number of pixels from which the tail and the saturation are read."""
+MAX_SAMPLED_PIXELS, FEW_SAMPLED_PIXELS = 200_000, 20_000
+"""Number of pixels from which the tail and the saturation are read, and from which a frame is seen to have no hot pixels."""
+
+MIN_SINGLE = 10
+"""Minimum number of pixels above the median from which the tail of the histogram is read if they are fewer than one in a thousand."""
 
 SHARES, SHARES_OF_MEAN = (0.5, 0.99, 0.999), (0.5, 0.9, 0.99)
-"""Fractions of the pixels below the values from which the tail is extrapolated, in a frame and in the mean of several: up to one pixel in a
-few hundred may be warm for long, but not in one frame alone."""
+"""Fractions of the pixels below the values from which the tail is extrapolated, in a frame and in the mean of several: one pixel in a few
+hundred may be warm in all frames."""
 
 REACH = 2
 """Distance in pixels of the neighbours whose median replaces a hot pixel."""
@@ -41,12 +44,14 @@ class _Tail:
     limit: float
 
     @classmethod
-    def of(cls, image: torch.Tensor, shares: tuple[float, float, float] = SHARES) -> _Tail:
+    def of(cls, image: torch.Tensor, shares: tuple[float, float, float] = SHARES, samples: int = MAX_SAMPLED_PIXELS) -> _Tail:
         """Extrapolate the exponential tail of the histogram from the values below which some shares of the pixels are."""
-        sampled = np.sort(subsample(image))
+        sampled = np.sort(subsample(image, samples))
         middle, bright, brightest = (float(sampled[int(share * len(sampled))]) for share in shares)
-        if brightest == middle and sampled[-1] > middle:  # a few single photons
-            brightest = float(sampled[np.searchsorted(sampled, middle, "right")])
+        if brightest == middle:
+            photons = sampled[np.searchsorted(sampled, middle, "right") :]
+            if len(photons) >= MIN_SINGLE:
+                bright, brightest = (float(photons[int(share * len(photons))]) for share in (0.5, 0.9))
         # Counts of a few photons have few values, so the fraction that reaches one of them is not that of the quantile.
         decades = [-math.log10(1.0 - np.searchsorted(sampled, value) / len(sampled)) for value in (middle, bright, brightest)]
         rises = [
@@ -76,39 +81,36 @@ def replace_hot_pixels(image: torch.Tensor) -> tuple[torch.Tensor, int]:
 
 @dataclass(frozen=True, eq=False)
 class HotPixels:
-    """Pixels that are hot in the mean of several frames, (H, W), and the brightest value that a frame of some mean light can have."""
+    """Pixels that are hot in the mean of several frames, bool (H, W). Many side by side, as in a small bright place, are not."""
 
     hot: torch.Tensor
-    limit: float
-    light: float
 
     @classmethod
     def of(cls, images: Iterable[np.ndarray]) -> HotPixels:
         """Find the hot pixels of frames (H, W), at least one."""
-        mean, count, tail, light = np.zeros(()), 0, None, 0.0
+        total, count = np.zeros(()), 0
         for image in images:
-            mean, count = mean + image, count + 1
-            if tail is None:
-                tail, light = _Tail.of(torch.from_numpy(image)), float(image.mean(dtype=np.float64))
-        assert tail is not None
-        whole = torch.from_numpy(mean / count)
-        return cls(whole > _Tail.of(whole, SHARES_OF_MEAN).limit, tail.limit, light)
+            total, count = total + image, count + 1
+        mean = torch.from_numpy(np.asarray(total / count))
+        hot = (mean > _Tail.of(mean, SHARES_OF_MEAN).limit).numpy()
+        groups, _ = label(hot)
+        return cls(torch.from_numpy(hot & (np.bincount(groups.ravel())[groups] < GLINT_PIXELS)))
 
     def replaced_in(self, image: np.ndarray) -> np.ndarray:
         """Return a frame (H, W), float32, without these pixels, and without others that are brighter than speckle can be in it."""
-        light = float(image.mean(dtype=np.float64))
-        frame = torch.from_numpy(image)
+        frame = torch.from_numpy(image if image.flags.writeable else image.copy())
         if self.hot.any():
             frame = frame.clone()
-            frame[self.hot] = _medians_around(frame, self.hot, self.hot, light)
-        if float(frame.max()) > self.limit * max(light / max(self.light, 1e-300), 0.0):
+            frame[self.hot] = _medians_around(frame, self.hot, self.hot, float(image.mean()))
+        limit = _Tail.of(frame, samples=FEW_SAMPLED_PIXELS).limit
+        if math.isinf(limit) or float(frame.max()) > limit:
             frame, _ = replace_hot_pixels(frame)
         return frame.numpy()
 
 
-def subsample(image: torch.Tensor) -> np.ndarray:
-    """Return pixels at equal steps, about `MAX_SAMPLED_PIXELS` of them."""
-    return image.flatten()[:: max(1, image.numel() // MAX_SAMPLED_PIXELS)].cpu().numpy()
+def subsample(image: torch.Tensor, count: int = MAX_SAMPLED_PIXELS) -> np.ndarray:
+    """Return pixels at equal steps, about `count` of them."""
+    return image.flatten()[:: max(1, image.numel() // count)].cpu().numpy()
 
 
 def _medians_around(image: torch.Tensor, pixels: torch.Tensor, hot: torch.Tensor, otherwise: float) -> torch.Tensor:

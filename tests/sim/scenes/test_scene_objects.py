@@ -48,7 +48,7 @@ def test_instances_are_drawn_by_their_box(tmp_path):
     assert "clutter" in {text.get_text() for text in above.texts}
     (tmp_path / "scene.xml").write_text((tmp_path / "scene.xml").read_text().replace('id="clutter"', 'id="hidden_object_2"'))
     with pytest.raises(cg.InputError, match="hidden_object_2: expected a shape, found an instance"):
-        cg.load(tmp_path / "scene.xml")
+        assert cg.load(tmp_path / "scene.xml").geometry
 
 
 def test_the_drawing_shows_every_shape_to_scale(scene):
