@@ -3,6 +3,7 @@
 band.py      frequencies at which frames show speckle
 spectra.py   spectra of frames in this band
 shifts.py    displacements from cross-spectra, with standard errors
+shares.py    share of the speckle that frames have in common along a path
 parts.py     work on spectra in parts, on all cores
 start.py     objects and their approximate paths
 likely_path.py  most likely path where pairs of frames are dim
@@ -11,7 +12,7 @@ candidates.py candidates for objects, compared by what they explain
 pursuit.py   all objects of a capture
 separation.py  frames without the light of objects that were found
 register.py  frames registered to those around them
-numbers.py   numbers of frames, by the names of their files
+numbers.py   numbers and order of frames, by the names of their files
 smoothing.py paths without noise
 follow.py    exact path of a single object, frame by frame
 strange.py   frames that show something else
