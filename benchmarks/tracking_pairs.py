@@ -97,6 +97,7 @@ def measure(number: int, objects: int) -> dict[str, Any]:
     return row | {
         "warnings": track.warnings,
         "steps": steps,
+        "shares": [round(one.share, 3) for one in tracks],
         "rms_pixels": [one if np.isfinite(one) else None for one in missed],
         "found": found,
         "of_none": len(tracks) - found,
