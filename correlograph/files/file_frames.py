@@ -37,7 +37,7 @@ class FrameCheck(Protocol):
 
 
 class FileFrames(Sequence[np.ndarray]):
-    """Frames of several files in order, read when they are needed; iteration reads one ahead.
+    """Frames of several files in order, read when they are needed; iteration reads one ahead. Those of a part keep their numbers.
 
     Args:
         check: called with each frame that is read.
@@ -51,7 +51,8 @@ class FileFrames(Sequence[np.ndarray]):
         change: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> None:
         self.check, self._change, self._lock = check, change, Lock()
-        self._places = [(stack, number) for stack in stacks for number in range(stack.count)]
+        places = [(stack, place) for stack in stacks for place in range(stack.count)]
+        self._places = [(number, *one) for number, one in enumerate(places)]
 
     def __len__(self) -> int:
         return len(self._places)
@@ -78,10 +79,10 @@ class FileFrames(Sequence[np.ndarray]):
 
     def read(self, number: int) -> Frame:
         """Return a frame after checks and correction, and its header."""
-        stack, place = self._places[number]
+        of_all, stack, place = self._places[number]
         with self._lock:  # not every decoder serves several threads
             pixels, header = stack.read(place)
-        self.check(pixels, header, number, stack.path)
+        self.check(pixels, header, of_all, stack.path)
         return (pixels if self._change is None else self._change(pixels)), header
 
     def map(self, change: Callable[[np.ndarray], np.ndarray]) -> FileFrames:

@@ -13,7 +13,10 @@ import correlograph as cg
 from correlograph.errors import InputError
 from correlograph.files import captured_frames as capture_module
 from correlograph.files.captured_frames import read_capture
+from correlograph.files.file_frames import FileFrames
 from correlograph.files.stacks import open_stack
+from invert.tracking.tracker import track
+from tests.invert.test_tracking import drifting
 
 COUNT, SHAPE = 3, (131, 170)
 KINDS = ("uint8", "uint16", "uint32", "int16", "float32", "float64")
@@ -157,6 +160,18 @@ def test_a_large_capture_gives_the_same_estimate_in_the_memory_of_a_few_frames(t
     np.testing.assert_array_equal(streamed.estimate.values, kept.estimate.values)
     assert streamed.estimate.record.frames == 60
     assert peak < 120e6, peak
+
+
+def test_a_dim_capture_that_is_read_again_has_the_path_of_one_that_is_kept(tmp_path, monkeypatch, rng):
+    """The band of dim frames is measured in parts of more than 32 of them, the second of which was refused as a copy."""
+    path = np.arange(48)[:, None] * np.array([1.3, -0.8])
+    np.save(tmp_path / "a.npy", np.array(drifting(rng, path, 0.02)).astype(np.uint8))
+    kept = track(read_capture([tmp_path / "a.npy"], cg.CameraMetadata()))
+    monkeypatch.setattr(capture_module, "MAX_KEPT_BYTES", 0)
+    again = read_capture([tmp_path / "a.npy"], cg.CameraMetadata())
+    assert isinstance(again.frames, FileFrames)
+    np.testing.assert_array_equal(track(again).path_pixels, kept.path_pixels)
+    assert [one.tobytes() for one in again.frames[40:]] == [again.frames[number].tobytes() for number in range(40, 48)]
 
 
 def test_a_copy_in_a_stack_is_named(tmp_path):
