@@ -256,20 +256,22 @@ class Geometry:
     @property
     def motion(self) -> Motion:
         """Motion during the exposure with the longest way, as if it were uniform, without rotation."""
+        way = self._way_m()
+        along = along_axes(self, way)
         return Motion(
             self.spot.scan_speed_m_s * self.camera.electronics.exposure_s / self.spot.diameter_m,
-            self.object_way_m,
-            float(np.linalg.norm(lit_place(self, along_axes(self, self._way_m())))),
+            (float(along[0]), float(along[1])),
+            float(np.linalg.norm(lit_place(self, along))),
             grain_m(self),
-            self._turns_per_m(),
+            self._turns_per_m(way),
         )
 
-    def _turns_per_m(self) -> np.ndarray:
+    def _turns_per_m(self, way: np.ndarray) -> np.ndarray:
         """Return the phase turns of a sample per metre of its distance from the object's centre along its axes, (2,), in the exposure with
-        the longest way: by the object, and by the camera, which sees another point of the wall."""
+        the longest way (3,): by the object, and by the camera, which sees another point of the wall."""
         seen, (begin_s, end_s) = self._across_per_distance(self.camera.centre), self._longest_exposure_s()
         camera_way = self.camera.view_shift(end_s) - self.camera.view_shift(begin_s)
-        by_object = (self._across_per_distance(self.spot.centre) + seen) @ self._way_m()
+        by_object = (self._across_per_distance(self.spot.centre) + seen) @ way
         return (by_object - seen @ camera_way) / self.wavelength_m
 
     def _across_per_distance(self, end: np.ndarray) -> np.ndarray:

@@ -265,17 +265,12 @@ def check_copies(frames: Iterable[np.ndarray]) -> None:
         others.append((number, one))
 
 
-def check_finite(pixels: np.ndarray, file: Path) -> tuple[float, float]:
-    """Return the lowest and the highest pixel. Raises InputError for NaN and infinity."""
+def check_range(pixels: np.ndarray, file: Path) -> tuple[float, float]:
+    """Return the lowest and the highest pixel. Raises InputError for NaN, infinity, and values whose squares single precision does not
+    hold."""
     lowest, highest = (float(pixels.min()), float(pixels.max())) if pixels.size else (0.0, 0.0)
     if not (math.isfinite(lowest) and math.isfinite(highest)):  # NaN anywhere makes both NaN
         raise InputError("frame", "finite pixels", f"NaN or infinity in {file.name}", "leave the frame out")
-    return lowest, highest
-
-
-def check_range(pixels: np.ndarray, file: Path) -> tuple[float, float]:
-    """Return the lowest and the highest pixel. Raises InputError for values whose squares single precision does not hold."""
-    lowest, highest = check_finite(pixels, file)
     largest = max(abs(lowest), abs(highest))
     if largest > MAX_PIXEL or 0.0 < largest < MIN_PIXEL:
         raise InputError(
