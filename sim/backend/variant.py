@@ -16,6 +16,11 @@ with silence_output():  # `activate_variant` reports a missing libLLVM on one li
     import mitsuba as mi
 
 
+MIN_THREADS = 2
+"""Least number of threads of Dr.Jit. On one, which a process that may use one core has, Mitsuba waits without end for the threads that read
+and write images (mitsuba3, issue 21)."""
+
+
 def activate_variant() -> str:
     """Keep the variant that is set; otherwise set `cuda_ad_mono` if a GPU works, else `llvm_ad_mono`.
 
@@ -41,6 +46,7 @@ def activate_variant() -> str:
         raise InputError(
             "Mitsuba variant", "an llvm_* or cuda_* variant", current, "call mi.set_variant('llvm_ad_mono') before 'import sim'"
         )
+    dr.set_thread_count(max(MIN_THREADS, dr.thread_count()))
     return mi.variant()
 
 
