@@ -92,7 +92,7 @@ def components_of(geometry: Geometry, samples: ObjectSamples, band: Band, truths
         return np.where(is_inside, lags[np.ix_(rows % shape[0], columns % shape[1])], 0.0).clip(0.0)
 
     together = power(np.sum(spectra, 0))
-    scale = (band.signal * band.counts).sum() / (together * band.counts).sum()
+    scale = band.power / (together * band.counts).sum()
     powers = scale * np.stack([power(one) for one in spectra])
     steps = np.array([np.mean(np.diff(truth, axis=0) ** 2) * 2.0 for truth in truths])
     v_squared = steps * (np.pi * geometry.spot.diameter_m / (geometry.wavelength_m * geometry.source_distance_m)) ** 2

@@ -54,9 +54,9 @@ def albedo_at(albedo: np.ndarray, places: np.ndarray) -> np.ndarray:
     return map_coordinates(albedo.astype(np.float64), np.moveaxis(places + 0.5, -1, 0) * len(albedo), order=0, mode="constant")
 
 
-def draw(number: int, objects: int) -> tuple[list[np.ndarray], np.ndarray, float]:
+def draw(number: int, objects: int, vibrating: bool = False) -> tuple[list[np.ndarray], np.ndarray, float]:
     """Return the frames of random scene `number`, the velocities of its objects in pixels of speckle per frame, (n, 2), and the width of a
-    grain of all of them together."""
+    grain of all of them together. The phase of vibrating objects is new in every frame."""
     rng = np.random.default_rng([number, objects, 4648])
     shape = rng.integers(*((260, 400) if number % 2 else (420, 700)), 2)
     grain, light, count = rng.uniform(2.2, 5.0), 10.0 ** rng.uniform(-0.3, 1.0), int(rng.integers(24, 64))
@@ -67,19 +67,20 @@ def draw(number: int, objects: int) -> tuple[list[np.ndarray], np.ndarray, float
         field = np.sqrt(albedo) * (rng.normal(size=sides) + 1j * rng.normal(size=sides))
         fields.append(field / np.linalg.norm(field) * np.sqrt(rng.uniform(0.35, 1.0)))
     velocities = rng.normal(size=(objects, 2)) * rng.uniform(0.1, 1.2, (objects, 1))
-    frames = []
-    for when in np.arange(count) - 0.5 * count:
+    frames, phases = [], np.random.default_rng(number).random((count, objects)) * vibrating
+    for when, turns in zip(np.arange(count) - 0.5 * count, phases, strict=True):
         moved = sum(
-            field * np.exp(-2j * np.pi * when * (frequencies @ one)) for field, one in zip(fields, velocities, strict=True)
+            field * np.exp(-2j * np.pi * (when * (frequencies @ one) + turn))
+            for field, one, turn in zip(fields, velocities, turns, strict=True)
         )
         frames.append(np.abs(ifft2(moved)[: shape[0], : shape[1]]) ** 2)
     scale = light / np.mean(frames)
     return [rng.poisson(scale * one).astype(np.float32) for one in frames], velocities, float(grain)
 
 
-def measure(number: int, objects: int) -> dict[str, Any]:
+def measure(number: int, objects: int, vibrating: bool) -> dict[str, Any]:
     """Draw and track one scene."""
-    frames, velocities, grain = draw(number, objects)
+    frames, velocities, grain = draw(number, objects, vibrating)
     row = {"number": number, "shape": frames[0].shape, "frames": len(frames), "velocities": velocities.round(3).tolist()}
     try:
         track = cg.track(cg.Capture(frames))
@@ -109,9 +110,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--objects", type=int, default=2, help="objects in each scene, 1 to 3 (2)")
     parser.add_argument("--count", type=int, default=40, help="scenes (40)")
     parser.add_argument("--first", type=int, default=0, help="number of the first scene, which sets all random numbers (0)")
+    parser.add_argument("--vibrating", action="store_true", help="the phase of each object is new in every frame")
     options, rows = parser.parse_args(argv), []
     for number in range(options.first, options.first + options.count):
-        rows.append(measure(number, options.objects))
+        rows.append(measure(number, options.objects, options.vibrating))
         print(json.dumps(rows[-1]), flush=True)
     found, of_none = (sum(row[key] for row in rows) for key in ("found", "of_none"))
     if options.objects == 1:

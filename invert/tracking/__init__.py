@@ -2,15 +2,16 @@
 
 band.py      frequencies at which frames show speckle
 spectra.py   spectra of frames in this band
+central_lobe.py  those of the speckle of objects, without their interference
 shifts.py    displacements from cross-spectra, with standard errors
 shares.py    share of the speckle that frames have in common along a path
 parts.py     work on spectra in parts, on all cores
 start.py     objects and their approximate paths
 likely_path.py  most likely path where pairs of frames are dim
+likelihood.py  likelihood that the patterns of some objects are all that frames show
 explained.py what paths explain of the light that frames have in common
-candidates.py candidates for objects, compared by what they explain
+several.py   several objects, by the likelihood of their paths together
 pursuit.py   all objects of a capture
-separation.py  frames without the light of objects that were found
 register.py  frames registered to those around them
 numbers.py   numbers and order of frames, by the names of their files
 smoothing.py paths without noise

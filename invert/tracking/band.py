@@ -82,9 +82,14 @@ class Band:
         return squares / max(power.sum(), 1e-300)
 
     @cached_property
+    def power(self) -> float:
+        """Power of the speckle, summed over the band."""
+        return float((self.counts * self.signal).sum())
+
+    @cached_property
     def cells(self) -> float:
         """Area of the object, int(w)^2 / int(w^2) of its albedo w, in coefficients of the spectrum."""
-        return max(1.0, float((self.counts * self.signal).sum() / max(float(self.signal.max()), 1e-300)))
+        return max(1.0, self.power / max(float(self.signal.max()), 1e-300))
 
     @cached_property
     def noise_gain(self) -> float:
@@ -115,19 +120,26 @@ class Band:
         Parts of the scene beside each other make fringes within a grain. The autocorrelation halfway between the two is therefore the
         largest one from there on in about this direction.
         """
+        return self.likeness_beyond(0.5 * np.asarray(differences)) < MAX_LIKENESS
+
+    def likeness_beyond(self, differences: np.ndarray) -> np.ndarray:
+        """Return the largest autocorrelation of the speckle over its maximum at displacements (..., 2) in pixels or beyond, in about this
+        direction, (...)."""
         directions = np.arctan2(differences[..., 1], differences[..., 0]) / np.pi * DIRECTIONS
-        return 0.5 * np.linalg.norm(differences, axis=-1) > self._halfway[np.round(directions).astype(int) % DIRECTIONS]
+        place = np.linalg.norm(differences, axis=-1) / (0.5 * self.grain_pixels)
+        chosen = np.round(directions).astype(int) % DIRECTIONS
+        found = map_coordinates(self._beyond, [np.ravel(chosen), np.ravel(place)], order=1, mode="nearest")
+        return found.reshape(np.shape(place))
 
     @cached_property
-    def _halfway(self) -> np.ndarray:
-        """Radii in pixels beyond which the autocorrelation of the speckle stays below `MAX_LIKENESS`, (`DIRECTIONS`,)."""
+    def _beyond(self) -> np.ndarray:
+        """Largest autocorrelation of the speckle from radii on that are half a grain apart, in some directions, (`DIRECTIONS`, n)."""
         likeness = self.image(self.signal)
         radii = np.arange(0.0, 0.5 * min(self.shape), 0.5 * self.grain_pixels)
         angles = np.pi * np.arange(DIRECTIONS)[:, None] / DIRECTIONS
         polar = map_coordinates(likeness, [radii * np.cos(angles), radii * np.sin(angles)], order=1, mode="grid-wrap")
         polar = maximum_filter1d(polar, 2 * CONE + 1, axis=0, mode="wrap")
-        beyond = np.maximum.accumulate(polar[:, ::-1], axis=1)[:, ::-1] / likeness[0, 0]
-        return np.array([np.interp(-MAX_LIKENESS, -one, radii, right=np.inf) for one in beyond])
+        return np.maximum.accumulate(polar[:, ::-1], axis=1)[:, ::-1] / likeness[0, 0]
 
     @cached_property
     def overlap_slopes(self) -> list[np.ndarray]:

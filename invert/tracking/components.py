@@ -42,7 +42,7 @@ class Components:
 
     def in_common(self, band: Band, frames: int) -> np.ndarray:
         """Return the share of the power of all speckle that frames 1, 2, ... apart have in common by each object, (n, at most 16)."""
-        shares = (self.powers * band.counts).sum((1, 2)) / (band.signal * band.counts).sum()
+        shares = (self.powers * band.counts).sum((1, 2)) / band.power
         return shares[:, None] * np.exp(-np.nan_to_num(self.fading)[:, None] * np.arange(1, min(MAX_LAG + 1, frames)) ** 2.0)
 
 

@@ -29,67 +29,52 @@ RIDGE = 1e-3
 
 
 class Explained:
-    """Fits of the powers of objects that move along known paths.
+    """Fits of the powers of objects that move along paths.
 
     Attributes:
-        lags: distances of frames.
         cells: number of cells of frequencies.
     """
 
     def __init__(self, spectra: np.ndarray, band: Band, lags: Sequence[int]) -> None:
-        """Take spectra (frames, R, C) of more frames than the largest distance."""
-        self.lags = tuple(lags)
+        """Take spectra (frames, R, C) of more frames than the largest of some distances."""
         self.cells = float((band.counts > 0.0).sum()) / CELL**2
-        self._spectra, self._band = spectra, band
+        self._spectra, self._band, self._lags = spectra, band, tuple(lags)
         self._weight = band.counts / np.maximum(band.signal + band.floor, 1e-300) ** 2
         whole = _in_cells(self._weight)
         self._most = MAX_POWER * _in_cells(self._weight * band.signal) / np.maximum(whole, 1e-300)
         self._counts = _in_cells(band.counts)
-        self._paths: list[np.ndarray] = []
-        self._seen: list[np.ndarray] = []
-        self._shared: dict[tuple[int, int], np.ndarray] = {}
 
-    def add(self, path: np.ndarray) -> int:
-        """Take a path (frames, 2), and return its number."""
-
-        def seen(rows: slice) -> np.ndarray:
-            moved, weight = move_back(self._spectra[:, rows], self._band.part(rows), path), self._weight[rows]
-            return np.stack([_in_cells(weight * np.vecdot(moved[:-lag], moved[lag:], axis=0).real) for lag in self.lags])
-
-        self._paths.append(path)
-        self._seen.append(np.concatenate(on_all_cores(seen, parts_of_rows(self._spectra, CELL)), 1))
-        return len(self._paths) - 1
-
-    def by(self, numbers: Sequence[int]) -> float:
-        """Return what paths explain together, as the mean over the distances of frames."""
-        return self._fit(numbers)[1] if numbers else 0.0
-
-    def powers(self, numbers: Sequence[int]) -> np.ndarray:
-        """Return the fitted power of each object as a share of that of all speckle, the mean over the distances of frames, (n,)."""
-        return (self._fit(numbers)[0] * self._counts[:, None]).sum(1).mean(0) * MAX_POWER / (self._most * self._counts).sum()
-
-    def _fit(self, numbers: Sequence[int]) -> tuple[np.ndarray, float]:
-        """Return the powers in each cell, (distances, cells, n), and what they explain."""
-        seen = np.stack([self._seen[one] for one in numbers], -1)
-        shared = np.stack([np.stack([self._shared_by(one, other) for other in numbers], -1) for one in numbers], -2)
-        trace = np.trace(shared, axis1=-2, axis2=-1)[..., None, None] / len(numbers)
-        solved = np.linalg.solve(shared + (RIDGE * trace + 1e-300) * np.eye(len(numbers)), seen[..., None])[..., 0]
+    def fit(self, paths: Sequence[np.ndarray]) -> tuple[np.ndarray, float]:
+        """Return the power of the speckle along each path (frames, 2) as a share of that of all speckle, (n,), and what the paths explain
+        together, both as the mean over the distances of frames."""
+        seen = np.stack([self._seen(one) for one in paths], -1)
+        shared = np.empty((*seen.shape, len(paths)))
+        for one, path in enumerate(paths):
+            for other in range(one + 1):
+                shared[..., one, other] = shared[..., other, one] = self._shared(path - paths[other])
+        trace = np.trace(shared, axis1=-2, axis2=-1)[..., None, None] / len(paths)
+        solved = np.linalg.solve(shared + (RIDGE * trace + 1e-300) * np.eye(len(paths)), seen[..., None])[..., 0]
         powers = np.clip(solved, 0.0, self._most[:, None])
         left = 2.0 * (powers * seen).sum() - np.einsum("lci,lcij,lcj->", powers, shared, powers)
-        return powers, float(left) / len(self.lags)
+        shares = (powers * self._counts[:, None]).sum(1).mean(0) * MAX_POWER / (self._most * self._counts).sum()
+        return shares, float(left) / len(self._lags)
 
-    def _shared_by(self, one: int, other: int) -> np.ndarray:
-        """Return the normal equations' element of two paths, (distances, cells)."""
-        key = (min(one, other), max(one, other))
-        if key not in self._shared:
-            relative = 2j * np.pi * (self._paths[one] - self._paths[other])
-            steps = (relative[lag:] - relative[:-lag] for lag in self.lags)
-            turned = (
-                np.exp(np.outer(self._band.rows, step[:, 0])) @ np.exp(np.outer(step[:, 1], self._band.columns))
-                for step in steps
-            )
-            self._shared[key] = np.stack([_in_cells(self._weight * each.real) for each in turned])
-        return self._shared[key]
+    def _seen(self, path: np.ndarray) -> np.ndarray:
+        """Return the weighted cross-spectra along a path, (distances, cells)."""
+
+        def in_rows(rows: slice) -> np.ndarray:
+            moved, weight = move_back(self._spectra[:, rows], self._band.part(rows), path), self._weight[rows]
+            return np.stack([_in_cells(weight * np.vecdot(moved[:-lag], moved[lag:], axis=0).real) for lag in self._lags])
+
+        return np.concatenate(on_all_cores(in_rows, parts_of_rows(self._spectra, CELL)), 1)
+
+    def _shared(self, relative: np.ndarray) -> np.ndarray:
+        """Return the normal equations' element of two paths that differ by `relative` (frames, 2), (distances, cells)."""
+        steps = (2j * np.pi * (relative[lag:] - relative[:-lag]) for lag in self._lags)
+        turned = (
+            np.exp(np.outer(self._band.rows, step[:, 0])) @ np.exp(np.outer(step[:, 1], self._band.columns)) for step in steps
+        )
+        return np.stack([_in_cells(self._weight * each.real) for each in turned])
 
 
 def _in_cells(values: np.ndarray) -> np.ndarray:

@@ -18,9 +18,11 @@ from itertools import combinations
 import numpy as np
 
 from invert.tracking.band import Band
+from invert.tracking.central_lobe import central_lobe
 from invert.tracking.components import MAX_LAG, Components, unmix
 from invert.tracking.follow import Followed, approximate
 from invert.tracking.light import at_equal_light
+from invert.tracking.likelihood import WHOLE, Likelihood
 from invert.tracking.normal_equations import NormalEquations
 from invert.tracking.register import MAX_REACH, drawn_by_windows, phase_walk, reach_of
 from invert.tracking.shifts import weight_of
@@ -62,33 +64,55 @@ class Fit:
 def follow_several(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> list[Followed]:
     """Return the paths of several objects near approximate ones, from spectra (frames, R, C).
 
-    An object keeps its approximate path if the light does not suffice, if the path leaves its surroundings, and if interference would draw
-    it; its light then counts as noise for the others.
+    Where the interference of objects is parted from the central lobe of their power, paths follow from this lobe. An object keeps its
+    approximate path if the light does not suffice, if the path leaves its surroundings, and if interference would draw it; its light then
+    counts as noise for the others. If frames are less likely with the exact paths, the differences are part of the errors, and all objects
+    keep their approximate paths where they interfere.
     """
-    spectra = at_equal_light(spectra, band)
+    spectra, central = at_equal_light(spectra, band), central_lobe(band)
     begun = np.stack([one.path for one in starts]).astype(np.float64)
-    components = unmix(spectra, band, begun)
-    shares = components.in_common(band, len(spectra))
+    components = unmix(spectra, central, begun)
     found = [
-        replace(approximate(one, band), power=power, in_common=share)
-        for one, power, share in zip(starts, components.powers, shares, strict=True)
+        replace(approximate(one, central), power=power, in_common=share)
+        for one, power, share in zip(starts, components.powers, components.in_common(band, len(spectra)), strict=True)
     ]
-    kept = list(range(len(starts)))
-    while kept:
-        fit = _fit(spectra, band, begun[kept], components)
-        if isinstance(fit, Fit):
-            for number, one in zip(kept, _describe(band, fit), strict=True):
-                found[number] = one
-            break
-        kept = [number for index, number in enumerate(kept) if index not in fit]
-        components = unmix(spectra, band, begun[kept]) if kept else components
+    may_interfere = central is band
+    kept, fit = _fit_clear(spectra, central, begun, components, may_interfere)
+    if fit:
+        is_doubtful = _is_less_likely(spectra, central, fit.paths, begun[kept])
+        shares = fit.components.in_common(band, len(spectra))
+        for number, one, share in zip(kept, _describe(central, fit), shares, strict=True):
+            if is_doubtful:
+                path = begun[number] - begun[number, 0]
+                one = replace(one, path=path if may_interfere else one.path, error=np.hypot(one.error, path - one.path))
+            found[number] = replace(one, in_common=share)
     return found
+
+
+def _fit_clear(
+    spectra: np.ndarray, band: Band, begun: np.ndarray, components: Components, may_interfere: bool
+) -> tuple[list[int], Fit | None]:
+    """Fit the paths near approximate ones (n, frames, 2) of as many objects as allow it; return their numbers, too."""
+    kept = list(range(len(begun)))
+    while True:
+        lost = _unclear(components) or (_interfering(band, begun[kept], components) if may_interfere else None)
+        fit = lost or _fit(spectra, band, begun[kept], components)
+        if isinstance(fit, Fit):
+            return kept, fit
+        kept = [number for index, number in enumerate(kept) if index not in fit]
+        if not kept:
+            return kept, None
+        components = unmix(spectra, band, begun[kept])
+
+
+def _is_less_likely(spectra: np.ndarray, band: Band, paths: np.ndarray, others: np.ndarray) -> bool:
+    """Return whether frames are less likely with paths than with others, (n, frames, 2) each."""
+    likelihood = Likelihood(spectra, band, WHOLE)
+    return likelihood.rise(list(paths)) < likelihood.rise(list(others))
 
 
 def _fit(spectra: np.ndarray, band: Band, begun: np.ndarray, components: Components) -> Fit | frozenset[int]:
     """Fit paths near approximate ones (n, frames, 2), or name the objects without which the others may be fitted."""
-    if lost := _unclear(components) or _interfering(band, begun, components):
-        return lost
     places = np.argwhere(band.counts > 0.0)
     few = places[np.random.default_rng(0).permutation(len(places))[:FIRST_FREQUENCIES]]
     equations = NormalEquations.of(spectra, band, components, few).add_information(begun)
@@ -146,8 +170,8 @@ def _describe(band: Band, fit: Fit) -> list[Followed]:
     """Return the paths with their errors: those of the noise, and by the change of the illumination."""
     variances, bends = fit.equations.errors()
     found, components = [], fit.components
-    for number, share in enumerate(components.in_common(band, fit.paths.shape[1])):
-        path, power = fit.paths[number] - fit.paths[number, 0], components.powers[number]
+    for number, power in enumerate(components.powers):
+        path = fit.paths[number] - fit.paths[number, 0]
         fading, its_band = float(components.fading[number]), replace(band, signal=power, floor=components.noise)
         drawn = _drawn_by_windows(path, its_band, fading)
         walked = phase_walk(path, fading, its_band)
@@ -155,7 +179,7 @@ def _describe(band: Band, fit: Fit) -> list[Followed]:
         path = path - drawn
         length = fit.equations.length
         noise = PathNoise(0.5 * band.noise_gain * bends[number])  # white
-        found.append(Followed(path, error, length, power, noise=noise, fading=fading, in_common=share))
+        found.append(Followed(path, error, length, power, noise=noise, fading=fading))
     return found
 
 

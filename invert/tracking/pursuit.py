@@ -1,7 +1,7 @@
-"""Objects of a capture: the paths that together explain what frames far apart have in common.
+"""Objects of a capture: the paths that together make all frames most likely.
 
-Candidates are the maxima of the cross-correlation of frames at several distances, also without the light of the objects that are known.
-Each time, the one that adds most to what is explained becomes an object, and the others are exchanged where a candidate explains more.
+Candidates are the maxima of the cross-correlation of frames at several distances. Objects are added one by one, each with the paths of all
+at the maximum of their likelihood.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 from correlograph.errors import InputError
 from invert.tracking.band import Band
 from invert.tracking.breaks import follow_over_jumps, mend
-from invert.tracking.candidates import MIN_RELATIVE_POWER, Candidates
+from invert.tracking.central_lobe import central_lobe
 from invert.tracking.joint import follow_several
 from invert.tracking.light import light_of_frames
 from invert.tracking.likely_path import refine_dim_path
-from invert.tracking.separation import subtract_light
+from invert.tracking.several import MIN_RELATIVE_POWER, Several
 from invert.tracking.shares import Shares, mean_overlap
 from invert.tracking.start import Start, find_brightest, paths_at
 
@@ -65,7 +65,7 @@ def find_objects(spectra: np.ndarray, band: Band) -> list[Start]:
     alone = mend(spectra, band, refine_dim_path(spectra, band, find_brightest(spectra, band)))
     middle = max(0, len(spectra) - FRAMES_FOR_NUMBER) // 2
     some = np.s_[middle : middle + FRAMES_FOR_NUMBER]
-    lags = _lags_for_others(alone.path[some], spectra[some], band)
+    lags = _lags_for_others(alone.path[some], spectra[some], central_lobe(band))
     found = _pursue(spectra[some], band, lags, replace(alone, path=alone.path[some])) if lags else [alone]
     if len(spectra) > FRAMES_FOR_NUMBER and not is_alone(found):
         found = _pursue(spectra, band, lags, alone)
@@ -130,35 +130,37 @@ def fading_along(spectra: np.ndarray, band: Band, path: np.ndarray) -> tuple[int
 
 
 def _pursue(spectra: np.ndarray, band: Band, lags: Sequence[int], alone: Start) -> list[Start]:
-    """Return the objects whose paths explain most of what frames at some distances have in common, the brightest first.
+    """Return the objects whose paths together make all frames most likely, the brightest first.
 
     The path of a single object by consecutive frames is one of the candidates, and so is the exact one, with jumps that single frames do
-    not show. They stand for the only object unless another path explains more than twice as much: consecutive frames have then shown the
+    not show. It stands for the only object unless another path explains more than twice as much: consecutive frames have then shown the
     interference of two.
     """
-    candidates = Candidates(spectra, band, lags)
-    candidates.add([alone])
+    several = Several(spectra, central_lobe(band), lags, alone.path)
+    candidates = [alone.path]
     with suppress(InputError):  # nothing in common across a boundary, which several objects can show as well
-        candidates.add([replace(alone, path=follow_over_jumps(spectra, band, alone).path)])
-    of_one = max(map(candidates.explained_by, range(len(candidates))))
-    for lag in lags:
-        candidates.add(_sought(spectra, band, lag))
-    known: list[int] = []
-    while (best := candidates.best_beside(known)) is not None:
-        known = candidates.exchange([*known, best])
-        objects = candidates.objects(known)
-        if not is_alone(objects):  # the exact path of a single object by consecutive frames is known
-            followed = follow_several(spectra, band, objects)
-            candidates.add(replace(one, path=exact.path) for one, exact in zip(objects, followed, strict=True))
-            known = candidates.exchange(known)
-            objects = candidates.objects(known)
-        for lag in lags:
-            for size in {lag, lags[0]}:
-                candidates.add(_sought(subtract_light(spectra, band, objects, size), band, lag))
-        known = candidates.exchange(known)
-    if len(known) > 1 or (known and of_one < LITTLE * candidates.explained_by(known[0])):
-        return candidates.objects(known)
-    return [alone]
+        candidates.append(follow_over_jumps(spectra, band, alone).path)
+    of_one = max(several.rise([path]) for path in candidates)
+    candidates += [one.path for lag in lags for one in _sought(spectra, several.band, lag)]
+    known = several.settle([max(candidates, key=lambda path: several.rise([path]))])
+    while (more := several.add_object(known, candidates)) is not None:
+        objects = _objects_at(several, spectra, band, lags, more)
+        known = [one.path for one in follow_several(spectra, band, objects)]
+    together = several.rise(known)
+    if len(known) == 1 and of_one >= min(LITTLE * together, together - several.cells):
+        return [alone]
+    return sorted(_objects_at(several, spectra, band, lags, known), key=lambda one: -one.share)
+
+
+def _objects_at(
+    several: Several, spectra: np.ndarray, band: Band, lags: Sequence[int], paths: Sequence[np.ndarray]
+) -> list[Start]:
+    """Return objects with their paths, powers as a share of that of all speckle, and significance."""
+    shares, found = Shares(spectra, several.band), []
+    for path, power in zip(paths, several.powers(paths) * several.band.power / band.power, strict=True):
+        clear = max(shares.along(path, lag) / shares.noise(len(spectra) - lag) for lag in lags)
+        found.append(Start(path, clear, float(power), max(1, (len(spectra) - lags[0]) // BLOCKS[0]), lags[0]))
+    return found
 
 
 def _sought(spectra: np.ndarray, band: Band, lag: int) -> list[Start]:

@@ -91,7 +91,7 @@ def weight_of(band: Band, common: float, frames: int = 1) -> Weight:
     ]
     null = counted * frames * total**2
     # The correlation times its argument has the derivative of the spectrum as its spectrum.
-    falls = [-np.gradient(signal, part, axis=axis) for axis, part in enumerate((band.rows, band.columns))]
+    falls = [-_slopes(signal, band.counts > 0.0, part, axis) for axis, part in enumerate((band.rows, band.columns))]
     tilt = np.array([[float((band.counts * values * one * fall).sum()) / (2.0 * np.pi) for fall in falls] for one in turn])
     height = float((band.counts * values * signal).sum())
     return Weight(
@@ -103,6 +103,15 @@ def weight_of(band: Band, common: float, frames: int = 1) -> Weight:
         height * frames,
         tilt / max(height, 1e-300),
     )
+
+
+def _slopes(values: np.ndarray, inside: np.ndarray, places: np.ndarray, axis: int) -> np.ndarray:
+    """Return the slopes of values (R, C) over places along an axis: the mean of those to the neighbours that are inside."""
+    values, inside = np.moveaxis(values, axis, 0), np.moveaxis(inside, axis, 0)
+    known = (inside[1:] & inside[:-1]).astype(np.float64)
+    steps = known * np.diff(values, axis=0) / np.diff(places)[:, None]
+    slopes, neighbours = (np.pad(one, ((0, 1), (0, 0))) + np.pad(one, ((1, 0), (0, 0))) for one in (steps, known))
+    return np.moveaxis(slopes / np.maximum(neighbours, 1.0), 0, axis)
 
 
 def move_back(spectra: np.ndarray, band: Band, pixels: np.ndarray) -> np.ndarray:

@@ -152,7 +152,7 @@ class Reader:
     def _contrast(self, band: Band, frames: Sequence[np.ndarray]) -> float:
         """Return the standard deviation of the speckle in a band over the mean light, at most 1."""
         window = np.prod([(tukey(side, band.taper) ** 2).sum() for side in self.shape])
-        variance = float((band.counts * band.signal).sum()) / (np.prod(self.shape) * window)
+        variance = band.power / (np.prod(self.shape) * window)
         light = float(np.mean([self._image(frame).mean(dtype=np.float64) for frame in frames]))
         return min(1.0, variance**0.5 / max(light, 1e-300))
 

@@ -29,6 +29,9 @@ MEAN_SCALE = sum(SCALES) / len(SCALES)
 MAX_JUMP_GRAINS = 4.0
 """Largest change of the displacement from one block to the next that still counts as one object."""
 
+MAX_LIKENESS_OF_WAYS = 0.25
+"""Largest autocorrelation of the speckle at the difference of the ways of two objects."""
+
 MIN_PRESENCE = 0.7
 """Share of the time in which an object must appear, and be apart from others."""
 
@@ -105,6 +108,13 @@ def are_apart(one: np.ndarray, other: np.ndarray, lag: int, band: Band) -> bool:
     relative = one - other
     steps = MEAN_SCALE * (relative[lag:] - relative[:-lag])
     return bool(band.are_apart(np.median(steps, axis=0)) and band.are_apart(steps).mean() >= MIN_PRESENCE)
+
+
+def are_distinct(one: np.ndarray, other: np.ndarray, lag: int, band: Band) -> bool:
+    """Return whether the speckle that moves along two paths (frames, 2) parts within `lag` frames: at the full difference of their ways and
+    beyond, its autocorrelation is low."""
+    relative = one - other
+    return bool(band.likeness_beyond(np.median(relative[lag:] - relative[:-lag], axis=0)) < MAX_LIKENESS_OF_WAYS)
 
 
 def paths_at(

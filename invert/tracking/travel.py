@@ -17,6 +17,7 @@ import torch
 from correlograph.errors import InputError
 from correlograph.files.capture import Capture
 from invert.tracking.band import Band
+from invert.tracking.central_lobe import central_lobe
 from invert.tracking.light import at_even_power, light_of_frames
 from invert.tracking.parts import on_all_cores
 from invert.tracking.pursuit import find_objects
@@ -107,9 +108,10 @@ def find_travel(capture: Capture) -> Travel | None:
         return None
     if 3 * found[0].jumps > len(spectra) - 1:  # it shakes
         return None
-    shares = Shares(spectra, band, light_of_frames(spectra, band))
+    central = central_lobe(band) if len(found) > 1 else band
+    shares = Shares(spectra, central, light_of_frames(spectra, central))
     by_each = [shares.along(one.path, 1) for one in found]
-    powers = np.linalg.solve(_overlap(found, band) + 1e-3 * np.eye(len(found)), by_each)
+    powers = np.linalg.solve(_overlap(found, central) + 1e-3 * np.eye(len(found)), by_each) * central.power / band.power
     share = float(np.sqrt(powers.clip(0.0)).sum() ** 2)
     steps = np.array([one.path[-1] / (len(spectra) - 1) for one in found])
     far = max(float(np.linalg.norm(one.path, axis=1).max()) for one in found)

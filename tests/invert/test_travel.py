@@ -57,16 +57,30 @@ def test_independent_speckle_does_not_travel(seed):
     assert find_travel(cg.Capture(frames)) is None
 
 
-def test_objects_whose_interference_changes_travel(rng):
-    """Two objects of equal light have a quarter of the power each; their interference, the other half, is new in every frame."""
-    numbers = np.arange(24.0)[:, None]
-    paths = [numbers * np.array([1.6, -0.4]), numbers * np.array([-0.9, 1.2])]
-    pair = [
-        travelling_fields(one, (420, 500), PATCH, rng, path, 60.0)
-        for one, path in zip((letter(size=22), letter(size=16).T), paths, strict=True)
+PARTS = np.roll(letter(size=22), (-8, -14), (0, 1)), np.roll(letter(size=16).T, (10, 14), (0, 1))
+
+
+def test_two_parts_of_one_object_travel_together(rng):
+    """Their interference is part of its pattern, and travels with it."""
+    numbers, step = np.arange(12.0)[:, None], np.array([1.6, -0.4])
+    fields = travelling_fields(sum(PARTS), SHAPE, PATCH, rng, numbers * step, 1e6)
+    found = find_travel(cg.Capture([rng.poisson(0.4 * np.abs(one) ** 2).astype(np.float32) for one in fields]))
+    assert found.steps_pixels == pytest.approx(step[None], abs=0.02)
+    assert found.share == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
+def test_objects_beside_each_other_travel(seed):
+    """Half of the power of two objects of equal light is their interference, whose phase is new in every frame."""
+    rng, numbers = np.random.default_rng(seed), np.arange(24.0)[:, None]
+    steps = np.array([[1.6, -0.4], [-0.9, 1.2]])
+    fields = [
+        travelling_fields(one, (420, 500), PATCH, rng, numbers * step, 60.0) for one, step in zip(PARTS, steps, strict=True)
     ]
     turns = np.exp(2j * np.pi * rng.random(24))
-    frames = [0.2 * np.abs(a + turn * b) ** 2 for a, b, turn in zip(*pair, turns, strict=True)]
+    frames = [0.2 * np.abs(a + turn * b) ** 2 for a, b, turn in zip(*fields, turns, strict=True)]
     found = find_travel(cg.Capture([rng.poisson(one).astype(np.float32) for one in frames]))
     assert len(found.steps_pixels) == 2
+    for step in steps:
+        assert np.linalg.norm(found.steps_pixels - step, axis=1).min() < 0.1
     assert 0.8 < found.share < 1.2

@@ -8,6 +8,7 @@ import pytest
 import correlograph as cg
 from benchmarks.tracking_pairs import draw
 from invert.tracking.band import TAPER
+from invert.tracking.shifts import _slopes
 from invert.tracking.spectra import Reader, _leakage
 from invert.tracking.tracker import track
 
@@ -66,3 +67,13 @@ def test_a_path_between_those_of_two_objects_is_doubted():
     assert not found.others
     assert "several objects have not moved apart" in " ".join(found.warnings)
     assert found.as_dict()["warnings"] == list(found.warnings)
+
+
+def test_slopes_at_edges_of_a_band_are_those_inside():
+    """A plane, of which a hole and a side are missing: its slope is the same everywhere."""
+    places = np.array([0.0, 0.1, 0.3, 0.4, 0.7, 0.8, 0.9])
+    inside = np.ones((7, 5), bool)
+    inside[3, 2], inside[6] = False, False
+    plane = np.where(inside, 3.0 * places[:, None] - 2.0 * np.arange(5.0), 0.0)
+    assert _slopes(plane, inside, places, 0)[inside] == pytest.approx(3.0)
+    assert _slopes(plane, inside, np.arange(5.0), 1)[inside] == pytest.approx(-2.0)

@@ -1,0 +1,119 @@
+"""Several objects, by the likelihood of their paths together.
+
+An object is added where the frames are most likely with it: at a candidate, or beside an object that is known, along a path that differs
+from its own by a constant velocity. All paths are then moved by constant velocities to the maximum of their likelihood: what was one path
+between two objects becomes that of one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations, product
+
+import numpy as np
+from scipy.optimize import minimize
+
+from invert.tracking.band import Band
+from invert.tracking.explained import Explained
+from invert.tracking.likelihood import WHOLE, Likelihood
+from invert.tracking.start import are_distinct
+
+MIN_RELATIVE_POWER = 0.12
+"""Least power of the speckle of an object over that of the brightest."""
+
+MODES, MIN_GAIN = 3, 0.05
+"""Largest number of modes of patterns that change, and least part by which a further object must raise what is explained: two patterns
+explain the change of a single one, too. It may therefore have one mode more. Steady patterns must explain more than those that change."""
+
+QUICK, QUICK_FREQUENCIES = 1e4, 1300
+"""Paths are sought at as few frequencies as raise the logarithm of the likelihood by this along the path of a single object, and at no
+fewer than a number of them, or half of it, because they are evenly spaced."""
+
+PITCH, REACH = 1.5, 4
+"""Pitch of the velocities at which an object is sought beside another, and their greatest difference in pitches."""
+
+STARTS = 2
+"""Numbers of paths from the candidates, and from beside other objects, that are moved to their maxima."""
+
+PRECISION, RISE, TRIALS = 0.05, 1.0, 100
+"""Change of the velocities and of the logarithm of the likelihood at which the search for a maximum ends, and its steps per object at most.
+Velocities here are in half grains over the largest distance of frames."""
+
+
+class Several:
+    """Objects in spectra (frames, R, C), with paths (frames, 2), by the frequencies of a band."""
+
+    def __init__(self, spectra: np.ndarray, band: Band, lags: Sequence[int], alone: np.ndarray) -> None:
+        """Take distances of frames, the largest first, and the path of a single object, (frames, 2)."""
+        self._shared = Explained(spectra, band, lags)
+        self._whole = Likelihood(spectra, band, WHOLE)
+        whole = self._whole.frequencies
+        wanted = max(QUICK_FREQUENCIES, whole * QUICK / max(self.rise([alone]), 1.0))
+        self._quick = Likelihood(spectra, band, len(spectra) * int(wanted)) if wanted < whole else self._whole
+        self.band, self._lag, self._step = band, lags[0], 0.5 * band.grain_pixels / lags[0]
+        self._numbers = np.arange(len(spectra))[:, None]
+
+    @property
+    def cells(self) -> int:
+        """Twice what a path explains of noise."""
+        return self._whole.cells
+
+    def rise(self, paths: Sequence[np.ndarray]) -> float:
+        """Return by how much steady patterns along paths, each (frames, 2), raise the logarithm of the likelihood of all frames."""
+        return self._whole.rise(paths)
+
+    def powers(self, paths: Sequence[np.ndarray]) -> np.ndarray:
+        """Return the power of the speckle along each path as a share of that of all speckle in the band, (n,)."""
+        return self._shared.fit(paths)[0]
+
+    def settle(self, paths: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Return paths moved by constant velocities to the maximum of their likelihood."""
+
+        def paths_at(velocities: np.ndarray) -> list[np.ndarray]:
+            return [path + self._step * self._numbers * one for path, one in zip(paths, velocities.reshape(-1, 2), strict=True)]
+
+        sides = 2 * len(paths)
+        found = minimize(
+            lambda velocities: -self._quick.of([self._quick.pattern(one) for one in paths_at(velocities)]),
+            np.zeros(sides),
+            method="Nelder-Mead",
+            options={
+                "initial_simplex": np.vstack([np.zeros(sides), np.eye(sides)]),
+                "xatol": PRECISION,
+                "fatol": RISE,
+                "maxfev": TRIALS * len(paths),
+            },
+        )
+        best = paths_at(found.x)
+        return best if self.rise(best) > self.rise(paths) else list(paths)
+
+    def add_object(self, known: Sequence[np.ndarray], candidates: Sequence[np.ndarray]) -> list[np.ndarray] | None:
+        """Return the paths of known objects and of a further one, the most likely; None if there is none."""
+        settled = [self.settle(one) for one in self._begun(known, candidates)]
+        for paths in sorted(settled, key=self.rise, reverse=True):
+            if self._are_objects(known, paths) and self._are_likely(known, paths):
+                return paths
+        return None
+
+    def _are_likely(self, known: Sequence[np.ndarray], paths: Sequence[np.ndarray]) -> bool:
+        """Return whether paths explain more than patterns of known objects that change."""
+        before = [self._whole.rise(known, modes) for modes in range(1, MODES + 2)]
+        after = [self._whole.rise(paths, modes) for modes in range(1, MODES + 1)]
+        return after[0] > max(before[:MODES]) + self.cells or max(after) > (1.0 + MIN_GAIN) * max(before)
+
+    def _begun(self, known: Sequence[np.ndarray], candidates: Sequence[np.ndarray]) -> Iterator[list[np.ndarray]]:
+        """Yield paths of known objects and of a further one, near the maximum of their likelihood."""
+        patterns = [self._quick.pattern(one) for one in known]
+        places = [PITCH * np.array(one) for one in product(range(-REACH, REACH + 1), repeat=2) if 0 < np.hypot(*one) <= REACH]
+        beside = [path + self._step * self._numbers * place for path in known for place in places]
+        for paths in (candidates, beside):
+            likely = [self._quick.of([*patterns, self._quick.pattern(one)]) for one in paths]
+            for index in np.argsort(likely)[: -STARTS - 1 : -1]:
+                yield [*known, paths[index]]
+
+    def _are_objects(self, known: Sequence[np.ndarray], paths: Sequence[np.ndarray]) -> bool:
+        """Return whether paths are apart, and those of bright objects that explain more than known ones of what distant frames share."""
+        (_, before), (powers, after) = self._shared.fit(known), self._shared.fit(paths)
+        explains = after > before + self._shared.cells  # twice what noise would
+        apart = (are_distinct(*pair, self._lag, self.band) for pair in combinations(paths, 2))
+        return bool(explains and powers.min() > MIN_RELATIVE_POWER * powers.max() and all(apart))
