@@ -21,6 +21,7 @@ from invert.tracking.band import Band
 from invert.tracking.central_lobe import central_lobe
 from invert.tracking.components import MAX_LAG, Components, unmix
 from invert.tracking.follow import Followed, approximate
+from invert.tracking.interference import apart, find_interference
 from invert.tracking.light import at_equal_light
 from invert.tracking.likelihood import WHOLE, Likelihood
 from invert.tracking.normal_equations import NormalEquations
@@ -46,6 +47,9 @@ MAX_CORRECTION = 6.0
 MIN_APART_GRAINS = 4.0
 """Radii of a grain by which objects must move apart within `MAX_LAG` frames. Between two equally bright objects of the radius g that are D
 apart, interference draws the displacement by up to D exp(-D^2 / (8 g^2)), half a radius there."""
+
+FOR_INTERFERENCE = 2**16
+"""Number of values of the spectra by which interference is sought."""
 
 DRAWN_ERROR = 2.0
 """Error of what the windows draw paths by, over its first order, which is corrected. Paths of several objects are drawn by up to four times
@@ -79,7 +83,7 @@ def follow_several(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> 
     may_interfere = central is band
     kept, fit = _fit_clear(spectra, central, begun, components, may_interfere)
     if fit:
-        is_doubtful = _is_less_likely(spectra, central, fit.paths, begun[kept])
+        is_doubtful = _is_less_likely(spectra, central, fit.paths, begun[kept], may_interfere)
         shares = fit.components.in_common(band, len(spectra))
         for number, one, share in zip(kept, _describe(central, fit), shares, strict=True):
             if is_doubtful:
@@ -105,10 +109,11 @@ def _fit_clear(
         components = unmix(spectra, band, begun[kept])
 
 
-def _is_less_likely(spectra: np.ndarray, band: Band, paths: np.ndarray, others: np.ndarray) -> bool:
-    """Return whether frames are less likely with paths than with others, (n, frames, 2) each."""
-    likelihood = Likelihood(spectra, band, WHOLE)
-    return likelihood.rise(list(paths)) < likelihood.rise(list(others))
+def _is_less_likely(spectra: np.ndarray, band: Band, paths: np.ndarray, others: np.ndarray, may_interfere: bool) -> bool:
+    """Return whether frames are less likely with paths than with others, (n, frames, 2) each, and the interference of their objects."""
+    quick, whole = Likelihood(spectra, band, FOR_INTERFERENCE), Likelihood(spectra, band, WHOLE)
+    one, other = (find_interference(quick, list(each)) if may_interfere else apart(list(each)) for each in (paths, others))
+    return whole.rise(one.tracks) < whole.rise(other.tracks)
 
 
 def _fit(spectra: np.ndarray, band: Band, begun: np.ndarray, components: Components) -> Fit | frozenset[int]:

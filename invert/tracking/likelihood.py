@@ -6,7 +6,8 @@ the noise, is Gaussian and has a variance of its own in cells of neighbouring fr
 logarithm of the likelihood is therefore minus the sum of the logarithms of these means, each times the number of its coefficients. Blocks
 are as long as makes the frames most likely. A pattern that changes with its illumination is a_k + b_k t + c_k t^2, of up to three modes.
 
-Frequencies at which objects do not interfere decide: there, the true paths leave nothing but the noise of the camera.
+The interference of two objects is two more patterns (`interference.py`), whose phases turn: a track is a path with phases as a third
+column.
 """
 
 from __future__ import annotations
@@ -36,10 +37,10 @@ FLOOR = 1e-6
 
 @dataclass(frozen=True)
 class Pattern:
-    """Spectra moved back along a path (frames, 2): sums over the blocks of each length, times each mode, (modes, blocks,
+    """Spectra moved back along a track (frames, 3): sums over the blocks of each length, times each mode, (modes, blocks,
     frequencies)."""
 
-    path: np.ndarray
+    track: np.ndarray
     sums: list[np.ndarray]
 
 
@@ -89,20 +90,21 @@ class Likelihood:
         self._none = self.of([])
 
     def pattern(self, path: np.ndarray, modes: int = 1) -> Pattern:
-        """Return what moves along a path (frames, 2), of some modes."""
-        moved = self._phases(path)
+        """Return what moves along a path (frames, 2) or a track (frames, 3), of some modes."""
+        track = np.pad(path, ((0, 0), (0, 3 - path.shape[1])))
+        moved = self._phases(track)
         moved *= self._spectra
         sums = []
         for blocks in self._blocks:
             sums.append(np.stack([_sums(moved * one[:, None], blocks) for one in _weights(blocks, modes)]))
-        return Pattern(path, sums)
+        return Pattern(track, sums)
 
     def of(self, patterns: Sequence[Pattern]) -> float:
         """Return the logarithm of the likelihood of patterns, all of the same number of modes."""
         return max(self._at_lengths(patterns))
 
     def rise(self, paths: Sequence[np.ndarray], modes: int = 1) -> float:
-        """Return by how much patterns along paths, each (frames, 2) in pixels, raise the logarithm of the likelihood of all frames."""
+        """Return by how much patterns along paths (frames, 2) or tracks (frames, 3) raise the logarithm of the likelihood of all frames."""
         return self.of([self.pattern(one, modes) for one in paths]) - self._none
 
     def _at_lengths(self, patterns: Sequence[Pattern]) -> list[float]:
@@ -152,7 +154,7 @@ class Likelihood:
         frequencies)."""
         found = {}
         for (first, one), (second, other) in combinations(enumerate(patterns), 2):
-            turned, by_length = self._phases(other.path - one.path), []
+            turned, by_length = self._phases(other.track - one.track), []
             for blocks, sums in zip(self._blocks, one.sums, strict=True):
                 weights = _weights(blocks, len(sums))
                 products = weights[:, None] * weights
@@ -160,11 +162,14 @@ class Likelihood:
             found[second, first] = by_length
         return found
 
-    def _phases(self, path: np.ndarray) -> np.ndarray:
-        """Return the phases that move frames back along a path (frames, 2), (frames, frequencies)."""
+    def _phases(self, track: np.ndarray) -> np.ndarray:
+        """Return the phases that move frames back along a track (frames, 3), (frames, frequencies)."""
         rows, columns = (
-            np.exp(2j * np.pi * np.outer(along, frequencies)).astype(np.complex64)
-            for along, frequencies in zip(path.T, (self._band.rows, self._band.columns), strict=True)
+            np.exp(2j * np.pi * (np.outer(along, frequencies) + phases)).astype(np.complex64)
+            for along, frequencies, phases in (
+                (track[:, 0], self._band.rows, track[:, 2:]),
+                (track[:, 1], self._band.columns, 0.0),
+            )
         )
         turned = rows[:, self._rows]
         turned *= columns[:, self._columns]

@@ -136,7 +136,7 @@ def _pursue(spectra: np.ndarray, band: Band, lags: Sequence[int], alone: Start) 
     not show. It stands for the only object unless another path explains more than twice as much: consecutive frames have then shown the
     interference of two.
     """
-    several = Several(spectra, central_lobe(band), lags, alone.path)
+    several = Several(spectra, band, lags, alone.path)
     candidates = [alone.path]
     with suppress(InputError):  # nothing in common across a boundary, which several objects can show as well
         candidates.append(follow_over_jumps(spectra, band, alone).path)

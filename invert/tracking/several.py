@@ -1,8 +1,8 @@
 """Several objects, by the likelihood of their paths together.
 
 An object is added where the frames are most likely with it: at a candidate, or beside an object that is known, along a path that differs
-from its own by a constant velocity. All paths are then moved by constant velocities to the maximum of their likelihood: what was one path
-between two objects becomes that of one of them.
+from its own by a constant velocity. All paths are then moved by constant velocities, together with their interference, to the maximum of
+their likelihood: what was one path between two objects becomes that of one of them.
 """
 
 from __future__ import annotations
@@ -11,14 +11,15 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations, product
 
 import numpy as np
-from scipy.optimize import minimize
 
 from invert.tracking.band import Band
+from invert.tracking.central_lobe import central_lobe
 from invert.tracking.explained import Explained
+from invert.tracking.interference import Together, apart, begin_interference, find_interference, maximise
 from invert.tracking.likelihood import WHOLE, Likelihood
 from invert.tracking.start import are_distinct
 
-MIN_RELATIVE_POWER = 0.12
+MIN_RELATIVE_POWER = 0.1
 """Least power of the speckle of an object over that of the brightest."""
 
 MODES, MIN_GAIN = 3, 0.05
@@ -33,11 +34,8 @@ PITCH, REACH = 1.5, 4
 """Pitch of the velocities at which an object is sought beside another, and their greatest difference in pitches."""
 
 STARTS = 2
-"""Numbers of paths from the candidates, and from beside other objects, that are moved to their maxima."""
-
-PRECISION, RISE, TRIALS = 0.05, 1.0, 100
-"""Change of the velocities and of the logarithm of the likelihood at which the search for a maximum ends, and its steps per object at most.
-Velocities here are in half grains over the largest distance of frames."""
+"""Numbers of paths from the candidates, and from beside other objects, that are moved to their maxima; and how many of these, one fewer for
+each further object, are moved together with their interference."""
 
 
 class Several:
@@ -45,6 +43,8 @@ class Several:
 
     def __init__(self, spectra: np.ndarray, band: Band, lags: Sequence[int], alone: np.ndarray) -> None:
         """Take distances of frames, the largest first, and the path of a single object, (frames, 2)."""
+        whole_band, band = band, central_lobe(band)
+        self._may_interfere = band is whole_band
         self._shared = Explained(spectra, band, lags)
         self._whole = Likelihood(spectra, band, WHOLE)
         whole = self._whole.frequencies
@@ -58,48 +58,48 @@ class Several:
         """Twice what a path explains of noise."""
         return self._whole.cells
 
-    def rise(self, paths: Sequence[np.ndarray]) -> float:
-        """Return by how much steady patterns along paths, each (frames, 2), raise the logarithm of the likelihood of all frames."""
-        return self._whole.rise(paths)
+    def rise(self, tracks: Sequence[np.ndarray]) -> float:
+        """Return by how much steady patterns along paths (frames, 2) or tracks (frames, 3) raise the logarithm of the likelihood of all
+        frames."""
+        return self._whole.rise(tracks)
 
     def powers(self, paths: Sequence[np.ndarray]) -> np.ndarray:
         """Return the power of the speckle along each path as a share of that of all speckle in the band, (n,)."""
         return self._shared.fit(paths)[0]
 
     def settle(self, paths: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Return paths moved by constant velocities to the maximum of their likelihood."""
-
-        def paths_at(velocities: np.ndarray) -> list[np.ndarray]:
-            return [path + self._step * self._numbers * one for path, one in zip(paths, velocities.reshape(-1, 2), strict=True)]
-
-        sides = 2 * len(paths)
-        found = minimize(
-            lambda velocities: -self._quick.of([self._quick.pattern(one) for one in paths_at(velocities)]),
-            np.zeros(sides),
-            method="Nelder-Mead",
-            options={
-                "initial_simplex": np.vstack([np.zeros(sides), np.eye(sides)]),
-                "xatol": PRECISION,
-                "fatol": RISE,
-                "maxfev": TRIALS * len(paths),
-            },
-        )
-        best = paths_at(found.x)
-        return best if self.rise(best) > self.rise(paths) else list(paths)
+        """Return paths moved by constant velocities to the maximum of their likelihood, as if they did not interfere."""
+        return self._maximise(apart(paths)).paths
 
     def add_object(self, known: Sequence[np.ndarray], candidates: Sequence[np.ndarray]) -> list[np.ndarray] | None:
         """Return the paths of known objects and of a further one, the most likely; None if there is none."""
-        settled = [self.settle(one) for one in self._begun(known, candidates)]
-        for paths in sorted(settled, key=self.rise, reverse=True):
-            if self._are_objects(known, paths) and self._are_likely(known, paths):
-                return paths
-        return None
+        settled = sorted((self.settle(one) for one in self._begun(known, candidates)), key=self.rise, reverse=True)
+        objects = [paths for paths in settled if self._are_objects(known, paths)]
+        before, found = apart(known), [apart(paths) for paths in objects]
+        if self._may_interfere and objects:
+            before = find_interference(self._quick, known)
+            found = self._interfering(known, objects[: max(1, STARTS + 1 - len(known))])
+        return next((one.paths for one in found if self._are_likely(before, one)), None)
 
-    def _are_likely(self, known: Sequence[np.ndarray], paths: Sequence[np.ndarray]) -> bool:
-        """Return whether paths explain more than patterns of known objects that change."""
-        before = [self._whole.rise(known, modes) for modes in range(1, MODES + 2)]
-        after = [self._whole.rise(paths, modes) for modes in range(1, MODES + 1)]
-        return after[0] > max(before[:MODES]) + self.cells or max(after) > (1.0 + MIN_GAIN) * max(before)
+    def _interfering(self, known: Sequence[np.ndarray], likely: Sequence[list[np.ndarray]]) -> list[Together]:
+        """Return known objects and a further one with their interference, near paths that are likely without it, the likeliest first."""
+        begun = (one for paths in likely for one in begin_interference(self._quick, paths))
+        found = sorted(map(self._maximise, begun), key=lambda one: self.rise(one.tracks), reverse=True)
+        return [one for one in found if self._are_objects(known, one.paths)]
+
+    def _maximise(self, begun: Together) -> Together:
+        """Return objects at the maximum of their likelihood, if all frequencies say that they are likelier than begun ones."""
+        best = maximise(self._quick, begun, self._step)
+        return best if self.rise(best.tracks) > self.rise(begun.tracks) else begun
+
+    def _are_likely(self, before: Together, after: Together) -> bool:
+        """Return whether objects explain more than patterns of known ones that change."""
+        changing = [self._whole.rise(before.paths, modes) for modes in range(1, MODES + 2)]
+        if len(before.between):
+            changing += [self._whole.rise(before.tracks, modes) for modes in (1, 2)]
+        found = [self._whole.rise(after.paths, modes) for modes in range(1, MODES + 1)]
+        steady = found[0] > max(changing[:MODES]) + self.cells
+        return steady or max(*found, self.rise(after.tracks)) > (1.0 + MIN_GAIN) * max(changing)
 
     def _begun(self, known: Sequence[np.ndarray], candidates: Sequence[np.ndarray]) -> Iterator[list[np.ndarray]]:
         """Yield paths of known objects and of a further one, near the maximum of their likelihood."""
@@ -115,5 +115,5 @@ class Several:
         """Return whether paths are apart, and those of bright objects that explain more than known ones of what distant frames share."""
         (_, before), (powers, after) = self._shared.fit(known), self._shared.fit(paths)
         explains = after > before + self._shared.cells  # twice what noise would
-        apart = (are_distinct(*pair, self._lag, self.band) for pair in combinations(paths, 2))
-        return bool(explains and powers.min() > MIN_RELATIVE_POWER * powers.max() and all(apart))
+        distinct = (are_distinct(*pair, self._lag, self.band) for pair in combinations(paths, 2))
+        return bool(explains and powers.min() > MIN_RELATIVE_POWER * powers.max() and all(distinct))

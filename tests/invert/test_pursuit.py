@@ -138,8 +138,8 @@ def test_speckle_that_changes_is_no_second_object():
     spectra, band = _read_spectra(capture, 1)
     path = np.arange(40)[:, None] * np.array([1.2, 0.6])
     several = Several(spectra, band, [24, 12, 6], path)
-    settled = max((several.settle(one) for one in several._begun([path], [path])), key=several.rise)
-    assert several.rise(settled) > several.rise([path]) + 2.0 * several.cells
+    settled = max(several.rise(several.settle(one)) for one in several._begun([path], [path]))
+    assert settled > several.rise([path]) + 2.0 * several.cells
     assert several.add_object([path], [path]) is None
     assert len(cg.track(capture).others) == 0
 

@@ -1,0 +1,121 @@
+"""Interference of objects, and what frames show of objects together with it.
+
+The fields of two objects add, and frames show their product, too. If the albedos are Gaussian with the variances s1 and s2 and centres c1
+and c2, in units of spatial frequency, the product moves by d = (s1 d1 + s2 d2) / (s1 + s2) where the fields move by d1 and d2: along a path
+between theirs, nearer to that of the larger object. Its phase turns by c2 (d2 - d) - c1 (d1 - d), and by whatever light paths change. It
+fades as exp(-2 pi^2 |d1 - d2|^2 s1 s2 / (s1 + s2)). Because frames are real, each product appears with its conjugate, whose phase turns the
+other way. Where only one of them is seen, the other describes how it fades.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import minimize
+
+from invert.tracking.likelihood import Likelihood
+
+HALF, TURNS = 0.5, np.arange(0.0, 0.5, 0.02)
+"""Share of interference at which the search begins, and the turns of its phase among which the most likely is sought, in cycles per
+frame."""
+
+PRECISION, RISE, TRIALS = 0.05, 1e-4, 50
+"""Relative change of the numbers of a search for a maximum, and of the logarithm of the likelihood, at which it ends, and its steps per
+number at most. Shares and turns are in `BETWEEN_STEPS`."""
+
+BETWEEN_STEPS = np.array([0.1, 0.02])
+
+
+@dataclass(frozen=True)
+class Together:
+    """Objects with paths (frames, 2), and the interference of each two of them.
+
+    Attributes:
+        between: shares and turns, (pairs, 2), see `interference_tracks`; (0, 2) for objects that do not interfere.
+    """
+
+    paths: list[np.ndarray]
+    between: np.ndarray
+
+    @property
+    def tracks(self) -> list[np.ndarray]:
+        """Tracks of all patterns of the frames."""
+        if not len(self.between):
+            return self.paths
+        pairs = zip(combinations(self.paths, 2), self.between, strict=True)
+        return [*self.paths, *(track for pair, numbers in pairs for track in interference_tracks(*pair, *numbers))]
+
+
+def apart(paths: Sequence[np.ndarray]) -> Together:
+    """Return objects with paths (frames, 2), as if they did not interfere."""
+    return Together(list(paths), np.empty((0, 2)))
+
+
+def interference_tracks(one: np.ndarray, other: np.ndarray, share: float, turn: float) -> list[np.ndarray]:
+    """Return the tracks (frames, 3) of the interference of objects with paths (frames, 2): places in pixels, and phases in cycles.
+
+    Args:
+        share: part of the way from the first path to the other at which it moves.
+        turn: cycles by which its phase turns per frame.
+    """
+    between, phases = (1.0 - share) * one + share * other, turn * np.arange(len(one))
+    return [np.column_stack([between, phases]), np.column_stack([between, -phases])]
+
+
+def begin_interference(likelihood: Likelihood, paths: Sequence[np.ndarray]) -> tuple[Together, Together]:
+    """Return objects with the interference of each two that is the most likely without that of others: halfway between them, and anywhere.
+
+    Both lead to maxima, of which either may be the higher one.
+    """
+    known = [likelihood.pattern(one) for one in paths]
+
+    def of_pair(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def likely(numbers: np.ndarray) -> float:
+            return likelihood.of([*known, *(likelihood.pattern(each) for each in interference_tracks(one, other, *numbers))])
+
+        halfway = max((np.array([HALF, turn]) for turn in TURNS), key=likely)
+        least = likely(halfway)
+        step = _highest(lambda tried: likely(_limited(halfway + BETWEEN_STEPS * tried)) - least, 2)
+        return halfway, _limited(halfway + BETWEEN_STEPS * step)
+
+    found = np.array([of_pair(*pair) for pair in combinations(paths, 2)]).reshape(-1, 2, 2)
+    return Together(list(paths), found[:, 0]), Together(list(paths), found[:, 1])
+
+
+def find_interference(likelihood: Likelihood, paths: Sequence[np.ndarray]) -> Together:
+    """Return objects with the most likely interference."""
+    return maximise(likelihood, begin_interference(likelihood, paths)[1], 0.0)
+
+
+def maximise(likelihood: Likelihood, begun: Together, step: float) -> Together:
+    """Return objects at a maximum of their likelihood near begun ones.
+
+    The interference is free, and so are constant velocities that are added to all paths, in steps of some pixels per frame; paths stay if
+    the step is 0.
+    """
+    moving, frames = len(begun.paths) if step else 0, np.arange(len(begun.paths[0]))[:, None]
+
+    def at(tried: np.ndarray) -> Together:
+        velocities, between = np.split(tried.reshape(-1, 2), [moving])
+        paths = (
+            [path + step * frames * one for path, one in zip(begun.paths, velocities, strict=True)] if moving else begun.paths
+        )
+        return Together(paths, _limited(begun.between + BETWEEN_STEPS * between))
+
+    return at(_highest(lambda tried: likelihood.rise(at(tried).tracks), 2 * (moving + len(begun.between))))
+
+
+def _limited(between: np.ndarray) -> np.ndarray:
+    """Return shares and turns (..., 2) with shares from 0 to 1."""
+    return np.clip(between, (0.0, -np.inf), (1.0, np.inf))
+
+
+def _highest(rise: Callable[[np.ndarray], float], size: int) -> np.ndarray:
+    """Return the numbers near zero at which a function of so many is highest."""
+    if not size:
+        return np.zeros(0)
+    options = {"xtol": PRECISION, "ftol": RISE, "maxfev": TRIALS * size}
+    return minimize(lambda tried: -rise(tried), np.zeros(size), method="Powell", options=options).x
