@@ -65,29 +65,26 @@ def interference_tracks(one: np.ndarray, other: np.ndarray, share: float, turn: 
     return [np.column_stack([between, phases]), np.column_stack([between, -phases])]
 
 
-def begin_interference(likelihood: Likelihood, paths: Sequence[np.ndarray]) -> tuple[Together, Together]:
-    """Return objects with the interference of each two that is the most likely without that of others: halfway between them, and anywhere.
-
-    Both lead to maxima, of which either may be the higher one.
-    """
+def begin_interference(likelihood: Likelihood, paths: Sequence[np.ndarray]) -> Together:
+    """Return objects with the interference of each two that is the most likely without that of others."""
     known = [likelihood.pattern(one) for one in paths]
 
-    def of_pair(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def of_pair(one: np.ndarray, other: np.ndarray) -> np.ndarray:
         def likely(numbers: np.ndarray) -> float:
             return likelihood.of([*known, *(likelihood.pattern(each) for each in interference_tracks(one, other, *numbers))])
 
         halfway = max((np.array([HALF, turn]) for turn in TURNS), key=likely)
         least = likely(halfway)
-        step = _highest(lambda tried: likely(_limited(halfway + BETWEEN_STEPS * tried)) - least, 2)
-        return halfway, _limited(halfway + BETWEEN_STEPS * step)
+        return _limited(
+            halfway + BETWEEN_STEPS * _highest(lambda tried: likely(_limited(halfway + BETWEEN_STEPS * tried)) - least, 2)
+        )
 
-    found = np.array([of_pair(*pair) for pair in combinations(paths, 2)]).reshape(-1, 2, 2)
-    return Together(list(paths), found[:, 0]), Together(list(paths), found[:, 1])
+    return Together(list(paths), np.array([of_pair(*pair) for pair in combinations(paths, 2)]).reshape(-1, 2))
 
 
 def find_interference(likelihood: Likelihood, paths: Sequence[np.ndarray]) -> Together:
     """Return objects with the most likely interference."""
-    return maximise(likelihood, begin_interference(likelihood, paths)[1], 0.0)
+    return maximise(likelihood, begin_interference(likelihood, paths), 0.0)
 
 
 def maximise(likelihood: Likelihood, begun: Together, step: float) -> Together:

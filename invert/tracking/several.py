@@ -30,6 +30,9 @@ QUICK, QUICK_FREQUENCIES = 1e4, 1300
 """Paths are sought at as few frequencies as raise the logarithm of the likelihood by this along the path of a single object, and at no
 fewer than a number of them, or half of it, because they are evenly spaced."""
 
+MIN_GRAINS = 300.0
+"""Least number of grains in a frame from which interference is fitted: with fewer, its fits follow noise (docs/tracking.md, "Measured")."""
+
 PITCH, REACH = 1.5, 4
 """Pitch of the velocities at which an object is sought beside another, and their greatest difference in pitches."""
 
@@ -44,7 +47,7 @@ class Several:
     def __init__(self, spectra: np.ndarray, band: Band, lags: Sequence[int], alone: np.ndarray) -> None:
         """Take distances of frames, the largest first, and the path of a single object, (frames, 2)."""
         whole_band, band = band, central_lobe(band)
-        self._may_interfere = band is whole_band
+        self._fits_interference = band is whole_band and band.cells > MIN_GRAINS
         self._shared = Explained(spectra, band, lags)
         self._whole = Likelihood(spectra, band, WHOLE)
         whole = self._whole.frequencies
@@ -76,15 +79,15 @@ class Several:
         settled = sorted((self.settle(one) for one in self._begun(known, candidates)), key=self.rise, reverse=True)
         objects = [paths for paths in settled if self._are_objects(known, paths)]
         before, found = apart(known), [apart(paths) for paths in objects]
-        if self._may_interfere and objects:
+        if self._fits_interference and objects:
             before = find_interference(self._quick, known)
             found = self._interfering(known, objects[: max(1, STARTS + 1 - len(known))])
         return next((one.paths for one in found if self._are_likely(before, one)), None)
 
     def _interfering(self, known: Sequence[np.ndarray], likely: Sequence[list[np.ndarray]]) -> list[Together]:
         """Return known objects and a further one with their interference, near paths that are likely without it, the likeliest first."""
-        begun = (one for paths in likely for one in begin_interference(self._quick, paths))
-        found = sorted(map(self._maximise, begun), key=lambda one: self.rise(one.tracks), reverse=True)
+        found = [self._maximise(begin_interference(self._quick, paths)) for paths in likely]
+        found.sort(key=lambda one: self.rise(one.tracks), reverse=True)
         return [one for one in found if self._are_objects(known, one.paths)]
 
     def _maximise(self, begun: Together) -> Together:

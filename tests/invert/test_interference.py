@@ -60,7 +60,7 @@ def test_objects_and_their_interference_are_found_together(likelihood):
     """Half of the power is interference; without it, the most likely paths are those of no object."""
     numbers = np.arange(FRAMES)[:, None]
     begun = [numbers * (one + off) for one, off in zip(VELOCITIES, ((0.03, 0.05), (-0.04, 0.03)), strict=True)]
-    found = maximise(likelihood, begin_interference(likelihood, begun)[1], STEP)
+    found = maximise(likelihood, begin_interference(likelihood, begun), STEP)
     error, without = (
         np.abs(np.stack(paths)[:, -1] / (FRAMES - 1) - VELOCITIES).max()
         for paths in (found.paths, maximise(likelihood, apart(begun), STEP).paths)
