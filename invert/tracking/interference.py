@@ -18,6 +18,9 @@ from scipy.optimize import minimize
 
 from invert.tracking.likelihood import Likelihood
 
+MIN_GRAINS = 300.0
+"""Least number of grains in a frame from which interference is fitted: with fewer, its fits follow noise (docs/tracking.md, "Measured")."""
+
 HALF, TURNS = 0.5, np.arange(0.0, 0.5, 0.02)
 """Share of interference at which the search begins, and the turns of its phase among which the most likely is sought, in cycles per
 frame."""

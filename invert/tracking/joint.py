@@ -21,7 +21,7 @@ from invert.tracking.band import Band
 from invert.tracking.central_lobe import central_lobe
 from invert.tracking.components import MAX_LAG, Components, unmix
 from invert.tracking.follow import Followed, approximate
-from invert.tracking.interference import apart, find_interference
+from invert.tracking.interference import MIN_GRAINS, apart, find_interference
 from invert.tracking.light import at_equal_light
 from invert.tracking.likelihood import WHOLE, Likelihood
 from invert.tracking.normal_equations import NormalEquations
@@ -83,7 +83,7 @@ def follow_several(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> 
     may_interfere = central is band
     kept, fit = _fit_clear(spectra, central, begun, components, may_interfere)
     if fit:
-        is_doubtful = _is_less_likely(spectra, central, fit.paths, begun[kept], may_interfere)
+        is_doubtful = _is_less_likely(spectra, central, fit.paths, begun[kept], may_interfere and central.cells > MIN_GRAINS)
         shares = fit.components.in_common(band, len(spectra))
         for number, one, share in zip(kept, _describe(central, fit), shares, strict=True):
             if is_doubtful:
@@ -109,10 +109,11 @@ def _fit_clear(
         components = unmix(spectra, band, begun[kept])
 
 
-def _is_less_likely(spectra: np.ndarray, band: Band, paths: np.ndarray, others: np.ndarray, may_interfere: bool) -> bool:
-    """Return whether frames are less likely with paths than with others, (n, frames, 2) each, and the interference of their objects."""
+def _is_less_likely(spectra: np.ndarray, band: Band, paths: np.ndarray, others: np.ndarray, fits_interference: bool) -> bool:
+    """Return whether frames are less likely with paths than with others, (n, frames, 2) each; with the interference of their objects, if it
+    is fitted."""
     quick, whole = Likelihood(spectra, band, FOR_INTERFERENCE), Likelihood(spectra, band, WHOLE)
-    one, other = (find_interference(quick, list(each)) if may_interfere else apart(list(each)) for each in (paths, others))
+    one, other = (find_interference(quick, list(each)) if fits_interference else apart(list(each)) for each in (paths, others))
     return whole.rise(one.tracks) < whole.rise(other.tracks)
 
 

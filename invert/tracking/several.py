@@ -15,7 +15,7 @@ import numpy as np
 from invert.tracking.band import Band
 from invert.tracking.central_lobe import central_lobe
 from invert.tracking.explained import Explained
-from invert.tracking.interference import Together, apart, begin_interference, find_interference, maximise
+from invert.tracking.interference import MIN_GRAINS, Together, apart, begin_interference, find_interference, maximise
 from invert.tracking.likelihood import WHOLE, Likelihood
 from invert.tracking.start import are_distinct
 
@@ -29,9 +29,6 @@ explain the change of a single one, too. It may therefore have one mode more. St
 QUICK, QUICK_FREQUENCIES = 1e4, 1300
 """Paths are sought at as few frequencies as raise the logarithm of the likelihood by this along the path of a single object, and at no
 fewer than a number of them, or half of it, because they are evenly spaced."""
-
-MIN_GRAINS = 300.0
-"""Least number of grains in a frame from which interference is fitted: with fewer, its fits follow noise (docs/tracking.md, "Measured")."""
 
 PITCH, REACH = 1.5, 4
 """Pitch of the velocities at which an object is sought beside another, and their greatest difference in pitches."""
