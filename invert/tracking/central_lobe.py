@@ -23,7 +23,7 @@ smoothed before lobes are sought."""
 
 MIN_POWER, MAX_POWER = 0.1, 0.8
 """Least and largest share of the power of the speckle in its central lobe. Equal objects have one over their number there; a second object
-of a tenth of the power of the first (`several.MIN_RELATIVE_POWER`) leaves 0.64, if the band shows all of their interference apart."""
+of an eighth of the power of the first (`several.MIN_RELATIVE_POWER`) leaves 0.62, if the band shows all of their interference apart."""
 
 FLOOR = 1e-6
 """Power over its maximum below which it counts as none."""

@@ -19,7 +19,7 @@ from invert.tracking.interference import MIN_GRAINS, Together, apart, begin_inte
 from invert.tracking.likelihood import WHOLE, Likelihood
 from invert.tracking.start import are_distinct
 
-MIN_RELATIVE_POWER = 0.1
+MIN_RELATIVE_POWER = 0.12
 """Least power of the speckle of an object over that of the brightest."""
 
 MODES, MIN_GAIN = 3, 0.05
