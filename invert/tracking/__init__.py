@@ -9,6 +9,7 @@ parts.py     work on spectra in parts, on all cores
 start.py     objects and their approximate paths
 likely_path.py  most likely path where pairs of frames are dim
 likelihood.py  likelihood that the patterns of some objects are all that frames show
+interference.py  interference of objects, and the maximum of the likelihood with it
 explained.py what paths explain of the light that frames have in common
 several.py   several objects, by the likelihood of their paths together
 pursuit.py   all objects of a capture
