@@ -4,7 +4,8 @@ The fields of two objects add, and frames show their product, too. If the albedo
 and c2, in units of spatial frequency, the product moves by d = (s1 d1 + s2 d2) / (s1 + s2) where the fields move by d1 and d2: along a path
 between theirs, nearer to that of the larger object. Its phase turns by c2 (d2 - d) - c1 (d1 - d), and by whatever light paths change. It
 fades as exp(-2 pi^2 |d1 - d2|^2 s1 s2 / (s1 + s2)). Because frames are real, each product appears with its conjugate, whose phase turns the
-other way. Where only one of them is seen, the other describes how it fades.
+other way: the patterns are a exp(-2 pi i (f p + phase)). Where a frequency shows only one of them, the other, with a similar turn,
+describes how it fades.
 """
 
 from __future__ import annotations
@@ -25,11 +26,12 @@ HALF, TURNS = 0.5, np.arange(0.0, 0.5, 0.02)
 """Share of interference at which the search begins, and the turns of its phase among which the most likely is sought, in cycles per
 frame."""
 
-PRECISION, RISE, TRIALS = 0.05, 1e-4, 50
-"""Relative change of the numbers of a search for a maximum, and of the logarithm of the likelihood, at which it ends, and its steps per
-number at most. Shares and turns are in `BETWEEN_STEPS`."""
+PRECISION, RISE, TRIALS = 5e-4, 1e-4, 50
+"""Relative change of the numbers of a search for a maximum, of which each step takes a hundred times as much, and of what is raised, at
+which it ends; and the values of the likelihood per number at most."""
 
 BETWEEN_STEPS = np.array([0.1, 0.02])
+"""Units of shares and turns in a search for a maximum."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +111,9 @@ def maximise(likelihood: Likelihood, begun: Together, step: float) -> Together:
 
 
 def _limited(between: np.ndarray) -> np.ndarray:
-    """Return shares and turns (..., 2) with shares from 0 to 1."""
-    return np.clip(between, (0.0, -np.inf), (1.0, np.inf))
+    """Return shares and turns (..., 2) with shares folded into those from 0 to 1, so that no change of them is without effect."""
+    shares, turns = np.moveaxis(between, -1, 0)
+    return np.stack([np.abs((shares + 1.0) % 2.0 - 1.0), turns], -1)
 
 
 def _highest(rise: Callable[[np.ndarray], float], size: int) -> np.ndarray:

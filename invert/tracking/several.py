@@ -31,7 +31,8 @@ QUICK, QUICK_FREQUENCIES = 1e4, 1300
 fewer than a number of them, or half of it, because they are evenly spaced."""
 
 PITCH, REACH = 1.5, 4
-"""Pitch of the velocities at which an object is sought beside another, and their greatest difference in pitches."""
+"""Pitch of the velocities at which an object is sought beside another, in half grains over the largest distance of frames, and their
+greatest difference in pitches."""
 
 STARTS = 2
 """Numbers of paths from the candidates, and from beside other objects, that are moved to their maxima; and how many of these, one fewer for
@@ -99,7 +100,7 @@ class Several:
             changing += [self._whole.rise(before.tracks, modes) for modes in (1, 2)]
         found = [self._whole.rise(after.paths, modes) for modes in range(1, MODES + 1)]
         steady = found[0] > max(changing[:MODES]) + self.cells
-        return steady or max(*found, self.rise(after.tracks)) > (1.0 + MIN_GAIN) * max(changing)
+        return steady or max(*found, self.rise(after.tracks)) > (1.0 + MIN_GAIN) * max(changing) + self.cells
 
     def _begun(self, known: Sequence[np.ndarray], candidates: Sequence[np.ndarray]) -> Iterator[list[np.ndarray]]:
         """Yield paths of known objects and of a further one, near the maximum of their likelihood."""

@@ -57,16 +57,17 @@ def test_interference_moves_and_turns_by_the_closed_form(likelihood):
 
 
 def test_objects_and_their_interference_are_found_together(likelihood):
-    """Half of the power is interference; without it, the most likely paths are those of no object."""
+    """Half of the power is interference, which draws both paths. That of the smaller object, with fewer grains, is still drawn."""
     numbers = np.arange(FRAMES)[:, None]
-    begun = [numbers * (one + off) for one, off in zip(VELOCITIES, ((0.03, 0.05), (-0.04, 0.03)), strict=True)]
-    found = maximise(likelihood, begin_interference(likelihood, begun), STEP)
-    error, without = (
-        np.abs(np.stack(paths)[:, -1] / (FRAMES - 1) - VELOCITIES).max()
-        for paths in (found.paths, maximise(likelihood, apart(begun), STEP).paths)
+    begun = [numbers * (one + off) for one, off in zip(VELOCITIES, ((0.1, 0.12), (-0.1, 0.1)), strict=True)]
+    found, without = (
+        np.abs(np.stack(maximise(likelihood, one, STEP).paths)[:, -1] / (FRAMES - 1) - VELOCITIES)
+        for one in (begin_interference(likelihood, begun), apart(begun))
     )
-    assert error < 0.2
-    assert without > 1.4 * error
+    assert found[0].max() < 0.05
+    assert found.max() < 0.2
+    assert without[0].max() > 0.2
+    assert without.max() > 0.3
 
 
 def test_tracks_of_objects_and_of_each_two_of_them(rng):
@@ -77,11 +78,6 @@ def test_tracks_of_objects_and_of_each_two_of_them(rng):
     assert np.allclose(tracks[5][:, 2], 0.2 * np.arange(7))
     assert np.allclose(tracks[6][:, 2], -0.2 * np.arange(7))
     assert np.allclose(tracks[7][:, :2], paths[2])
-
-
-def test_a_track_without_phases_is_a_path(likelihood):
-    path = np.arange(FRAMES)[:, None] * VELOCITIES[0]
-    assert likelihood.rise([np.pad(path, ((0, 0), (0, 1)))]) == likelihood.rise([path])
 
 
 def test_interference_between_two_objects_draws_no_path():
