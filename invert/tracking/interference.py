@@ -17,6 +17,7 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import minimize
 
+from invert.tracking.band import Band
 from invert.tracking.likelihood import Likelihood
 
 MIN_GRAINS = 300.0
@@ -52,6 +53,11 @@ class Together:
             return self.paths
         pairs = zip(combinations(self.paths, 2), self.between, strict=True)
         return [*self.paths, *(track for pair, numbers in pairs for track in interference_tracks(*pair, *numbers))]
+
+
+def is_fitted(band: Band, central: Band) -> bool:
+    """Return whether interference is fitted: no valley parts it from the central lobe of a band, and a frame has enough grains."""
+    return central is band and band.cells > MIN_GRAINS
 
 
 def apart(paths: Sequence[np.ndarray]) -> Together:

@@ -21,7 +21,7 @@ from invert.tracking.band import Band
 from invert.tracking.central_lobe import central_lobe
 from invert.tracking.components import MAX_LAG, Components, unmix
 from invert.tracking.follow import Followed, approximate
-from invert.tracking.interference import MIN_GRAINS, apart, find_interference
+from invert.tracking.interference import apart, find_interference, is_fitted
 from invert.tracking.light import at_equal_light
 from invert.tracking.likelihood import WHOLE, Likelihood
 from invert.tracking.normal_equations import NormalEquations
@@ -83,7 +83,7 @@ def follow_several(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> 
     may_interfere = central is band
     kept, fit = _fit_clear(spectra, central, begun, components, may_interfere)
     if fit:
-        is_doubtful = _is_less_likely(spectra, central, fit.paths, begun[kept], may_interfere and central.cells > MIN_GRAINS)
+        is_doubtful = _is_less_likely(spectra, central, fit.paths, begun[kept], is_fitted(band, central))
         shares = fit.components.in_common(band, len(spectra))
         for number, one, share in zip(kept, _describe(central, fit), shares, strict=True):
             if is_doubtful:
@@ -112,9 +112,12 @@ def _fit_clear(
 def _is_less_likely(spectra: np.ndarray, band: Band, paths: np.ndarray, others: np.ndarray, fits_interference: bool) -> bool:
     """Return whether frames are less likely with paths than with others, (n, frames, 2) each; with the interference of their objects, if it
     is fitted."""
-    quick, whole = Likelihood(spectra, band, FOR_INTERFERENCE), Likelihood(spectra, band, WHOLE)
-    one, other = (find_interference(quick, list(each)) if fits_interference else apart(list(each)) for each in (paths, others))
-    return whole.rise(one.tracks) < whole.rise(other.tracks)
+    both = [apart(list(paths)), apart(list(others))]
+    if fits_interference:
+        quick = Likelihood(spectra, band, FOR_INTERFERENCE)
+        both = [find_interference(quick, each.paths) for each in both]
+    whole = Likelihood(spectra, band, WHOLE)
+    return whole.rise(both[0].tracks) < whole.rise(both[1].tracks)
 
 
 def _fit(spectra: np.ndarray, band: Band, begun: np.ndarray, components: Components) -> Fit | frozenset[int]:

@@ -59,7 +59,7 @@ class Likelihood:
     """Likelihood of the paths of objects, from spectra (frames, R, C).
 
     Args:
-        most: largest number of values of the spectra that are used, at evenly spaced frequencies; at least half as many are.
+        most: about the largest number of values of the spectra that are used, at evenly spaced frequencies; about half as many at least.
 
     Attributes:
         frequencies: number of frequencies.
@@ -112,18 +112,19 @@ class Likelihood:
         shared, found = self._shared_by(patterns), []
         for length in range(len(self._blocks)):
             coordinates, total = list(self._coordinates(length, patterns, shared)), 0.0
-            for squares, dimensions in [*((one.squares, one.noise) for one in coordinates), self._left(length, coordinates)]:
-                numbers = self._in_cells(dimensions)
-                mean = self._in_cells(squares) / np.maximum(numbers, 1e-9)
+            for one in [*coordinates, self._left(length, coordinates)]:
+                numbers = self._in_cells(one.noise)
+                mean = self._in_cells(one.squares) / np.maximum(numbers, 1e-9)
                 total -= float((numbers * np.log(np.maximum(mean, self._floor))).sum())
             found.append(total)
         return found
 
-    def _left(self, length: int, coordinates: Sequence[_Coordinate]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the power that coordinates leave, and in how many dimensions, (blocks, frequencies) each."""
+    def _left(self, length: int, coordinates: Sequence[_Coordinate]) -> _Coordinate:
+        """Return the power that coordinates leave, and the noise that they do not hold."""
         power = self._powers[length]
         left = power - sum((one.squares for one in coordinates), np.zeros(1))
-        return left, self._sizes(length) - sum((one.noise for one in coordinates), np.zeros(power.shape))
+        sizes = np.array([len(block) for block in self._blocks[length]], np.float64)[:, None]
+        return _Coordinate(left, sizes - sum((one.noise for one in coordinates), np.zeros(power.shape)))
 
     def _coordinates(self, length: int, patterns: Sequence[Pattern], shared_by: _Shared) -> Iterator[_Coordinate]:
         """Yield the coordinates in a basis of patterns, by Cholesky's decomposition L of their Gram matrix plus `RIDGE`, in their order."""
@@ -174,9 +175,6 @@ class Likelihood:
         turned = rows[:, self._rows]
         turned *= columns[:, self._columns]
         return turned
-
-    def _sizes(self, length: int) -> np.ndarray:
-        return np.array([len(block) for block in self._blocks[length]], np.float64)[:, None]
 
     def _in_cells(self, values: np.ndarray) -> np.ndarray:
         """Return the sums over cells of values (blocks, frequencies), times their counts, (cells,)."""

@@ -15,7 +15,7 @@ import numpy as np
 from invert.tracking.band import Band
 from invert.tracking.central_lobe import central_lobe
 from invert.tracking.explained import Explained
-from invert.tracking.interference import MIN_GRAINS, Together, apart, begin_interference, find_interference, maximise
+from invert.tracking.interference import Together, apart, begin_interference, find_interference, is_fitted, maximise
 from invert.tracking.likelihood import WHOLE, Likelihood
 from invert.tracking.start import are_distinct
 
@@ -45,7 +45,7 @@ class Several:
     def __init__(self, spectra: np.ndarray, band: Band, lags: Sequence[int], alone: np.ndarray) -> None:
         """Take distances of frames, the largest first, and the path of a single object, (frames, 2)."""
         whole_band, band = band, central_lobe(band)
-        self._fits_interference = band is whole_band and band.cells > MIN_GRAINS
+        self._fits_interference = is_fitted(whole_band, band)
         self._shared = Explained(spectra, band, lags)
         self._whole = Likelihood(spectra, band, WHOLE)
         whole = self._whole.frequencies
@@ -76,11 +76,14 @@ class Several:
         """Return the paths of known objects and of a further one, the most likely; None if there is none."""
         settled = sorted((self.settle(one) for one in self._begun(known, candidates)), key=self.rise, reverse=True)
         objects = [paths for paths in settled if self._are_objects(known, paths)]
+        if not objects:
+            return None
         before, found = apart(known), [apart(paths) for paths in objects]
-        if self._fits_interference and objects:
+        if self._fits_interference:
             before = find_interference(self._quick, known)
             found = self._interfering(known, objects[: max(1, STARTS + 1 - len(known))])
-        return next((one.paths for one in found if self._are_likely(before, one)), None)
+        limits = self._limits(before)
+        return next((one.paths for one in found if self._are_likely(one, *limits)), None)
 
     def _interfering(self, known: Sequence[np.ndarray], likely: Sequence[list[np.ndarray]]) -> list[Together]:
         """Return known objects and a further one with their interference, near paths that are likely without it, the likeliest first."""
@@ -93,14 +96,16 @@ class Several:
         best = maximise(self._quick, begun, self._step)
         return best if self.rise(best.tracks) > self.rise(begun.tracks) else begun
 
-    def _are_likely(self, before: Together, after: Together) -> bool:
-        """Return whether objects explain more than patterns of known ones that change."""
-        changing = [self._whole.rise(before.paths, modes) for modes in range(1, MODES + 2)]
-        if len(before.between):
-            changing += [self._whole.rise(before.tracks, modes) for modes in (1, 2)]
-        found = [self._whole.rise(after.paths, modes) for modes in range(1, MODES + 1)]
-        steady = found[0] > max(changing[:MODES]) + self.cells
-        return steady or max(*found, self.rise(after.tracks)) > (1.0 + MIN_GAIN) * max(changing) + self.cells
+    def _limits(self, known: Together) -> tuple[float, float]:
+        """Return what steady patterns of more objects must explain to be taken, and what patterns that change must."""
+        changing = [self._whole.rise(known.paths, modes) for modes in range(1, MODES + 2)]
+        with_interference = [self._whole.rise(known.tracks, modes) for modes in (1, 2)] if len(known.between) else []
+        return max(changing[:MODES]) + self.cells, (1.0 + MIN_GAIN) * max(changing + with_interference) + self.cells
+
+    def _are_likely(self, together: Together, steady: float, changing: float) -> bool:
+        """Return whether objects explain more than patterns of known ones that change; see `_limits`."""
+        found = [self._whole.rise(together.paths, modes) for modes in range(1, MODES + 1)]
+        return found[0] > steady or max(*found, self.rise(together.tracks)) > changing
 
     def _begun(self, known: Sequence[np.ndarray], candidates: Sequence[np.ndarray]) -> Iterator[list[np.ndarray]]:
         """Yield paths of known objects and of a further one, near the maximum of their likelihood."""
