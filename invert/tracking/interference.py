@@ -113,7 +113,8 @@ def maximise(likelihood: Likelihood, begun: Together, step: float) -> Together:
         )
         return Together(paths, _limited(begun.between + BETWEEN_STEPS * between))
 
-    return at(_highest(lambda tried: likelihood.rise(at(tried).tracks), 2 * (moving + len(begun.between))))
+    quick = likelihood.at_likely_length(begun.tracks)
+    return at(_highest(lambda tried: quick.rise(at(tried).tracks), 2 * (moving + len(begun.between))))
 
 
 def _limited(between: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ column.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
@@ -106,6 +107,13 @@ class Likelihood:
     def rise(self, paths: Sequence[np.ndarray], modes: int = 1) -> float:
         """Return by how much patterns along paths (frames, 2) or tracks (frames, 3) raise the logarithm of the likelihood of all frames."""
         return self.of([self.pattern(one, modes) for one in paths]) - self._none
+
+    def at_likely_length(self, paths: Sequence[np.ndarray]) -> Likelihood:
+        """Return the likelihood by blocks of that length alone at which patterns along paths (frames, 2) or tracks (frames, 3) are the most
+        likely."""
+        best, found = int(np.argmax(self._at_lengths([self.pattern(one) for one in paths]))), copy(self)
+        found._blocks, found._powers = [self._blocks[best]], [self._powers[best]]
+        return found
 
     def _at_lengths(self, patterns: Sequence[Pattern]) -> list[float]:
         """Return the logarithm of the likelihood for blocks of each length."""

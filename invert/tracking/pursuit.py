@@ -21,6 +21,7 @@ from invert.tracking.light import light_of_frames
 from invert.tracking.likely_path import refine_dim_path
 from invert.tracking.several import MIN_RELATIVE_POWER, Several
 from invert.tracking.shares import Shares, mean_overlap
+from invert.tracking.shifts import move_back
 from invert.tracking.start import Start, find_brightest, paths_at
 
 MAX_LAG, MAX_LAG_SHARE = 32, 0.6
@@ -141,9 +142,9 @@ def _pursue(spectra: np.ndarray, band: Band, lags: Sequence[int], alone: Start) 
     with suppress(InputError):  # nothing in common across a boundary, which several objects can show as well
         candidates.append(follow_over_jumps(spectra, band, alone).path)
     of_one = max(several.rise([path]) for path in candidates)
-    candidates += [one.path for lag in lags for one in _sought(spectra, several.band, lag)]
+    candidates += _sought(spectra, several.band, lags, [])
     known = several.settle([max(candidates, key=lambda path: several.rise([path]))])
-    while (more := several.add_object(known, candidates)) is not None:
+    while (more := several.add_object(known, candidates + _sought(spectra, several.band, lags, known))) is not None:
         objects = _objects_at(several, spectra, band, lags, more)
         known = [one.path for one in follow_several(spectra, band, objects)]
     together = several.rise(known)
@@ -163,10 +164,24 @@ def _objects_at(
     return found
 
 
-def _sought(spectra: np.ndarray, band: Band, lag: int) -> list[Start]:
-    """Return the candidates at a distance of frames, from blocks of different length."""
-    lengths = dict.fromkeys(max(1, (len(spectra) - lag) // blocks) for blocks in BLOCKS)
-    return [one for length in lengths for one in paths_at(spectra, band, lag, length)[0]]
+def _sought(spectra: np.ndarray, band: Band, lags: Sequence[int], known: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return the paths of candidates at some distances of frames, in what known objects leave of the spectra: all but the mean along their
+    paths in blocks of twice the distance. Blocks of pairs have different lengths."""
+    found = []
+    for lag in lags:
+        left, lengths = spectra, dict.fromkeys(max(1, (len(spectra) - lag) // blocks) for blocks in BLOCKS)
+        for path in known:
+            left = _changes_along(left, band, path, 2 * lag)
+        found += [one.path for length in lengths for one in paths_at(left, band, lag, length)[0]]
+    return found
+
+
+def _changes_along(spectra: np.ndarray, band: Band, path: np.ndarray, length: int) -> np.ndarray:
+    """Return spectra (frames, R, C) less what moves along a path (frames, 2) in blocks of about a number of frames."""
+    moved = move_back(spectra, band, path)
+    for block in np.array_split(moved, max(1, len(path) // length)):  # views
+        block -= block.mean(0)
+    return move_back(moved, band, -path)
 
 
 def is_alone(found: Sequence[Start]) -> bool:

@@ -17,10 +17,12 @@ from invert.tracking.central_lobe import central_lobe
 from invert.tracking.explained import Explained
 from invert.tracking.interference import Together, apart, begin_interference, find_interference, is_fitted, maximise
 from invert.tracking.likelihood import WHOLE, Likelihood
+from invert.tracking.maxima import MIN_RELATIVE_HEIGHT
 from invert.tracking.start import are_distinct
 
 MIN_RELATIVE_POWER = 0.12
-"""Least power of the speckle of an object over that of the brightest."""
+"""Least power of the speckle of an object over that of the brightest, if it shows no clear interference: strange frames look like a dim
+object. The interference of an object is several times brighter than its own speckle."""
 
 MODES, MIN_GAIN = 3, 0.05
 """Largest number of modes of patterns that change, and least part by which a further object must raise what is explained: two patterns
@@ -34,7 +36,7 @@ PITCH, REACH = 1.5, 4
 """Pitch of the velocities at which an object is sought beside another, in half grains over the largest distance of frames, and their
 greatest difference in pitches."""
 
-STARTS = 2
+STARTS = 3
 """Numbers of paths from the candidates, and from beside other objects, that are moved to their maxima; and how many of these, one fewer for
 each further object, are moved together with their interference."""
 
@@ -74,22 +76,22 @@ class Several:
 
     def add_object(self, known: Sequence[np.ndarray], candidates: Sequence[np.ndarray]) -> list[np.ndarray] | None:
         """Return the paths of known objects and of a further one, the most likely; None if there is none."""
-        settled = sorted((self.settle(one) for one in self._begun(known, candidates)), key=self.rise, reverse=True)
-        objects = [paths for paths in settled if self._are_objects(known, paths)]
-        if not objects:
+        before, settled = apart(known), [self.settle(one) for one in self._begun(known, candidates)]
+        found = [apart(paths) for paths in settled if self._are_objects(known, paths)]
+        if not found:
             return None
-        before, found = apart(known), [apart(paths) for paths in objects]
         if self._fits_interference:
-            before = find_interference(self._quick, known)
-            found = self._interfering(known, objects[: max(1, STARTS + 1 - len(known))])
+            before, found = find_interference(self._quick, known), self._interfering(known, found)
         limits = self._limits(before)
+        found.sort(key=lambda one: self.rise(one.tracks), reverse=True)
         return next((one.paths for one in found if self._are_likely(one, *limits)), None)
 
-    def _interfering(self, known: Sequence[np.ndarray], likely: Sequence[list[np.ndarray]]) -> list[Together]:
-        """Return known objects and a further one with their interference, near paths that are likely without it, the likeliest first."""
-        found = [self._maximise(begin_interference(self._quick, paths)) for paths in likely]
-        found.sort(key=lambda one: self.rise(one.tracks), reverse=True)
-        return [one for one in found if self._are_objects(known, one.paths)]
+    def _interfering(self, known: Sequence[np.ndarray], found: Sequence[Together]) -> list[Together]:
+        """Return known objects and a further one with their interference, near those found without it that are the most likely."""
+        begun = [begin_interference(self._quick, one.paths) for one in found]
+        begun.sort(key=lambda one: self._quick.rise(one.tracks), reverse=True)
+        likely = map(self._maximise, begun[: max(1, STARTS + 1 - len(known))])
+        return [one for one in likely if self._are_objects(known, one.paths)]
 
     def _maximise(self, begun: Together) -> Together:
         """Return objects at the maximum of their likelihood, if all frequencies say that they are likelier than begun ones."""
@@ -97,29 +99,50 @@ class Several:
         return best if self.rise(best.tracks) > self.rise(begun.tracks) else begun
 
     def _limits(self, known: Together) -> tuple[float, float]:
-        """Return what steady patterns of more objects must explain to be taken, and what patterns that change must."""
+        """Return what steady patterns of known objects that change explain, and what they explain with one mode more or by interference."""
         changing = [self._whole.rise(known.paths, modes) for modes in range(1, MODES + 2)]
         with_interference = [self._whole.rise(known.tracks, modes) for modes in (1, 2)] if len(known.between) else []
-        return max(changing[:MODES]) + self.cells, (1.0 + MIN_GAIN) * max(changing + with_interference) + self.cells
+        return max(changing[:MODES]), max(changing + with_interference)
 
     def _are_likely(self, together: Together, steady: float, changing: float) -> bool:
-        """Return whether objects explain more than patterns of known ones that change; see `_limits`."""
-        found = [self._whole.rise(together.paths, modes) for modes in range(1, MODES + 1)]
-        return found[0] > steady or max(*found, self.rise(together.tracks)) > changing
+        """Return whether objects explain more than patterns of known ones that change; see `_limits`. Dim ones must do so by their
+        interference."""
+        found, with_interference = self.rise(together.paths), self.rise(together.tracks)
+        powers = self.powers(together.paths)
+        interfere = with_interference > max(changing, found) + self.cells
+        if interfere or powers.min() <= MIN_RELATIVE_POWER * powers.max():
+            return interfere
+        changed = [self._whole.rise(together.paths, modes) for modes in range(1, MODES + 1)]
+        return found > steady + self.cells or max(changed) > (1.0 + MIN_GAIN) * changing + self.cells
 
     def _begun(self, known: Sequence[np.ndarray], candidates: Sequence[np.ndarray]) -> Iterator[list[np.ndarray]]:
-        """Yield paths of known objects and of a further one, near the maximum of their likelihood."""
+        """Yield paths of known objects and of a further one, near the maximum of their likelihood; or of two in place of a known one."""
         patterns = [self._quick.pattern(one) for one in known]
         places = [PITCH * np.array(one) for one in product(range(-REACH, REACH + 1), repeat=2) if 0 < np.hypot(*one) <= REACH]
         beside = [path + self._step * self._numbers * place for path in known for place in places]
-        for paths in (candidates, beside):
-            likely = [self._quick.of([*patterns, self._quick.pattern(one)]) for one in paths]
-            for index in np.argsort(likely)[: -STARTS - 1 : -1]:
-                yield [*known, paths[index]]
+
+        def likely(paths: Sequence[np.ndarray]) -> list[np.ndarray]:
+            values = [self._quick.of([*patterns, self._quick.pattern(one)]) for one in paths]
+            return self._distinct([paths[index] for index in np.argsort(values)[::-1]])
+
+        chosen = likely(candidates)
+        yield from ([*known, one] for one in chosen[:STARTS] + likely(beside)[:STARTS])
+        pairs = combinations(chosen[: 2 * STARTS], 2)
+        instead = [[*(other for other in known if other is not one), *pair] for pair in pairs for one in known]
+        yield from sorted(instead, key=self._quick.rise, reverse=True)[:STARTS]
+
+    def _distinct(self, paths: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """Return those paths (frames, 2) that differ from all before them."""
+        found: list[np.ndarray] = []
+        for path in paths:
+            if all(are_distinct(path, one, self._lag, self.band) for one in found):
+                found.append(path)
+        return found
 
     def _are_objects(self, known: Sequence[np.ndarray], paths: Sequence[np.ndarray]) -> bool:
         """Return whether paths are apart, and those of bright objects that explain more than known ones of what distant frames share."""
         (_, before), (powers, after) = self._shared.fit(known), self._shared.fit(paths)
         explains = after > before + self._shared.cells  # twice what noise would
         distinct = (are_distinct(*pair, self._lag, self.band) for pair in combinations(paths, 2))
-        return bool(explains and powers.min() > MIN_RELATIVE_POWER * powers.max() and all(distinct))
+        least = MIN_RELATIVE_HEIGHT if self._fits_interference else MIN_RELATIVE_POWER
+        return bool(explains and powers.min() > least * powers.max() and all(distinct))
