@@ -102,7 +102,8 @@ def maximise(likelihood: Likelihood, begun: Together, step: float) -> Together:
     """Return objects at a maximum of their likelihood near begun ones.
 
     The interference is free, and so are constant velocities that are added to all paths, in steps of some pixels per frame; paths stay if
-    the step is 0.
+    the step is 0. Blocks have the length that makes the frames most likely at the beginning of a search; another search follows if it is
+    another at its end.
     """
     moving, frames = len(begun.paths) if step else 0, np.arange(len(begun.paths[0]))[:, None]
 
@@ -113,8 +114,14 @@ def maximise(likelihood: Likelihood, begun: Together, step: float) -> Together:
         )
         return Together(paths, _limited(begun.between + BETWEEN_STEPS * between))
 
-    quick = likelihood.at_likely_length(begun.tracks)
-    return at(_highest(lambda tried: quick.rise(at(tried).tracks), 2 * (moving + len(begun.between))))
+    at_length = likelihood.at_likely_length(begun.tracks)
+    found = at(_highest(lambda tried: at_length.rise(at(tried).tracks), 2 * (moving + len(begun.between))))
+    is_last = likelihood.at_likely_length(found.tracks).block_count == at_length.block_count
+    return (
+        found
+        if is_last or likelihood.rise(found.tracks) <= likelihood.rise(begun.tracks)
+        else maximise(likelihood, found, step)
+    )
 
 
 def _limited(between: np.ndarray) -> np.ndarray:

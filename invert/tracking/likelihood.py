@@ -108,6 +108,11 @@ class Likelihood:
         """Return by how much patterns along paths (frames, 2) or tracks (frames, 3) raise the logarithm of the likelihood of all frames."""
         return self.of([self.pattern(one, modes) for one in paths]) - self._none
 
+    @property
+    def block_count(self) -> int:
+        """Number of blocks of the longest kind."""
+        return len(self._blocks[-1])
+
     def at_likely_length(self, paths: Sequence[np.ndarray]) -> Likelihood:
         """Return the likelihood by blocks of that length alone at which patterns along paths (frames, 2) or tracks (frames, 3) are the most
         likely."""
