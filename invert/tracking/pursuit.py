@@ -1,7 +1,7 @@
 """Objects of a capture: the paths that together make all frames most likely.
 
-Candidates are the maxima of the cross-correlation of frames at several distances. Objects are added one by one, each with the paths of all
-at the maximum of their likelihood.
+Candidates are the maxima of the cross-correlation of frames, and of what known objects leave of them, at several distances. Objects are
+added one by one, each with the paths of all at the maximum of their likelihood.
 """
 
 from __future__ import annotations

@@ -37,8 +37,8 @@ PITCH, REACH = 1.5, 4
 greatest difference in pitches."""
 
 STARTS = 3
-"""Numbers of paths from the candidates, and from beside other objects, that are moved to their maxima; and how many of these, one fewer for
-each further object, are moved together with their interference."""
+"""Numbers of paths from the candidates, from beside other objects, and of pairs, that are moved to their maxima; and how many of these, one
+fewer for each further object, are moved together with their interference."""
 
 
 class Several:
