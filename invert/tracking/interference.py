@@ -21,7 +21,7 @@ from invert.tracking.band import Band
 from invert.tracking.likelihood import Likelihood
 
 MIN_GRAINS = 300.0
-"""Least number of grains in a frame from which interference is fitted: with fewer, its fits follow noise (docs/tracking.md, "Measured")."""
+"""Least number of grains in a frame from which interference is fitted: with fewer, its fits follow noise (docs/tracking_measured.md)."""
 
 HALF, TURNS = 0.5, np.arange(0.0, 0.5, 0.02)
 """Share of interference at which the search begins, and the turns of its phase among which the most likely is sought, in cycles per

@@ -25,7 +25,7 @@ MAX_SHORTENED = 0.2
 
 MIN_GRAINS = 700.0
 """Grains in a frame of the speckle of one of several objects, below which interference makes paths unreliable. Evidence:
-docs/tracking.md."""
+docs/tracking_measured.md."""
 
 STILL_SIGMA, STILL_PIXELS = 3.0, 0.5
 """Standard errors that the path of a pattern at rest exceeds in no frame, and pixels that it may have whatever its error. The rms of its
@@ -98,7 +98,7 @@ class Track:
         if len(self.in_common) and self.grains < MIN_GRAINS:
             doubts.append(
                 f"several objects interfere, and a frame holds only {self.grains:.0f} grains of the speckle of this one: one in four of "
-                "such paths is wrong by more than four stated errors (docs/tracking.md); take larger frames"
+                "such paths is wrong by more than four stated errors (docs/tracking_measured.md); take larger frames"
             )
         if self.shortened > MAX_SHORTENED:
             doubts.append(
