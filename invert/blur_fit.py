@@ -4,9 +4,9 @@ Blur multiplies the estimate by a factor H that falls with the lag; soft edges o
 cannot tell them apart, but two limits hold. Blur lowers the contrast of the speckle, which is 1 otherwise: blurs that would raise it above
 1 when they are divided out are impossible. Ambient light, an unknown offset and a second polarisation lower the contrast, too, but leave
 r*r as it is. And no lag of r*r exceeds zero lag: so are blurs that would raise one above it. If a reconstruction without blur leaves much
-of the estimate unexplained, the search reconstructs under possible blurs, and fits the size of the blur to the reconstruction that explains
-most. It accepts the blur if the deficit in log-likelihood falls enough, if the network trusts the picture as well, and if the picture
-changes. The reconstruction of the explanation that was not chosen is kept: where it differs, so may the truth.
+of the estimate unexplained, the search reconstructs under possible blurs. It accepts the one that explains most if it halves the deficit in
+log-likelihood, and if the network trusts the picture as well. The reconstruction of the explanation that was not chosen is kept: where it
+differs, so may the truth.
 Evidence: docs/research.md, "Unknown blur".
 """
 
@@ -14,14 +14,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
-from typing import NamedTuple
 
 import numpy as np
 import torch
 
 from correlograph.lags import LAGS
-from invert.albedo.metrics import aligned_pearson
 from invert.likelihood.gamma import Likelihood
 from invert.measure.contrast import FULL_SIGMA, signal_sum
 from invert.measure.estimate import Estimate, apply_blur_transfer
@@ -33,9 +30,6 @@ Blur = tuple[float, float]
 KINDS: dict[Blur, tuple[float, ...]] = {(1.0, 1.0): (1.0, 0.7, 0.45), (0.0, 1.0): (1.0,), (1.0, 0.0): (1.0,)}
 """Kinds of blur along rows and columns, defocus and motion, and the fractions of the largest possible one of each kind that are tried. Less
 than the largest is left if other light or a second polarisation has lowered the contrast as well."""
-
-FINER = (1.0, 0.9, 0.8, 0.7, 0.6, 0.52, 0.45, 0.38)
-"""Fractions of which the one that explains most with the best reconstruction is chosen."""
 
 MAX_BLUR, RESOLUTION = 0.13, 2e-4
 """Largest standard deviation of a candidate, little below what `apply_blur_transfer` takes, and the resolution of the largest one that is
@@ -49,36 +43,16 @@ MIN_RESTORED = 0.5
 """Squared contrast below which other light is certain. The largest blur restores less than 1 without it, too, because lags that it hides in
 noise are lost."""
 
-MIN_GAIN_NATS, MIN_GAIN_NATS_OF_ALL = 200.0, 50.0
-"""Minimum reduction of the log-likelihood deficit by a reconstruction made with the blur, and of the lowest deficit over reconstructions
-of all blurs, in nats."""
-
-MIN_GAIN_FRACTION_OF_ALL = 0.2
-"""The second of them as a fraction of the deficit without blur."""
+MIN_GAIN_NATS, MIN_GAIN_FRACTION = 200.0, 0.5
+"""Minimum reduction of the log-likelihood deficit by a blur that is accepted, in nats and as a fraction of the deficit without blur."""
 
 MAX_CONFIDENCE_LOSS = 0.09
 """A blur is not accepted if the confidence of the reconstruction with it is lower by more than this."""
 
-
-class Limits(NamedTuple):
-    """Limits of a blur that is accepted.
-
-    Attributes:
-        gain: minimum fraction of the deficit without blur that a reconstruction made with the blur must explain.
-        likeness: maximum correlation of the pictures with the blur and without; one that hardly matters is found in sharp frames, too.
-    """
-
-    gain: float
-    likeness: float
-
-
-LIMITS, LIMITS_BESIDE_LIGHT = Limits(0.6, 0.9), Limits(0.9, 0.85)
-"""Limits if blur may be all that lowers the contrast, and if there is other light, so that the contrast is no evidence."""
-
 RECONSTRUCTIONS_PER_BLUR = 2
 """Reconstructions per blur; the one with the lower misfit counts."""
 
-MAX_RECONSTRUCTIONS = RECONSTRUCTIONS_PER_BLUR * (1 + sum(map(len, KINDS.values()))) + 1
+MAX_RECONSTRUCTIONS = RECONSTRUCTIONS_PER_BLUR * (1 + sum(map(len, KINDS.values())))
 """Maximum number of reconstructions of a search."""
 
 
@@ -130,28 +104,19 @@ class _Search:
         unexplained = min(self.misfits(estimate, sharp))
         if not np.isfinite(unexplained):
             return BlurSearch(estimate, sharp[0])
-        tried = [(kind, one) for kind, size in largest.items() for one in _blurred_by(estimate, size, KINDS[kind])]
+        tried = [one for kind, size in largest.items() for one in _blurred_by(estimate, size, KINDS[kind])]
         if unexplained < MIN_GAIN_NATS:
-            return BlurSearch(estimate, sharp[0], self.reconstruct(_read(tried[0][1]), 0))
-        blurred = [self.attempts(one) for _, one in tried]
-        explained = [min(self.misfits(one, made)) for (_, one), made in zip(tried, blurred, strict=True)]
-        best = int(np.argmin(explained))
-        finer = _blurred_by(estimate, largest[tried[best][0]], FINER)
-        left = np.array([self.misfits(one, blurred[best]) for one in finer])
-        size, fit = np.unravel_index(left.argmin(), left.shape)
-        chosen = finer[size] if explained[best] - left.min() > MIN_GAIN_NATS_OF_ALL else tried[best][1]
-        # A reconstruction made with a blur may explain the estimate without it.
-        without = min(self.misfits(estimate, [*sharp, *chain(*blurred)]))
-        assert estimate.record is not None
-        limits = LIMITS_BESIDE_LIGHT if estimate.record.needs_other_light else LIMITS
-        explains_more = unexplained - explained[best] >= max(MIN_GAIN_NATS, limits.gain * unexplained)
-        if not explains_more or without - left.min() < max(MIN_GAIN_NATS_OF_ALL, MIN_GAIN_FRACTION_OF_ALL * without):
-            return BlurSearch(estimate, sharp[0], blurred[best][fit])
-        found = self.reconstruct(_read(chosen), 0)
-        if not _is_trusted(found, sharp[0], limits.likeness):
+            return BlurSearch(estimate, sharp[0], self.reconstruct(_read(tried[0]), 0))
+        made = [self.attempts(one) for one in tried]
+        left = [min(self.misfits(one, each)) for one, each in zip(tried, made, strict=True)]
+        best = int(np.argmin(left))
+        blurred, found = tried[best], made[best][0]
+        explains_more = unexplained - left[best] >= max(MIN_GAIN_NATS, MIN_GAIN_FRACTION * unexplained)
+        if not explains_more or found.confidence < sharp[0].confidence - MAX_CONFIDENCE_LOSS:
             return BlurSearch(estimate, sharp[0], found)
-        record = replace(estimate.record, blur_found_pixels=chosen.blur_pixels)
-        return BlurSearch(replace(chosen, record=record), found, sharp[0])
+        assert estimate.record is not None
+        record = replace(estimate.record, blur_found_pixels=blurred.blur_pixels)
+        return BlurSearch(replace(blurred, record=record), found, sharp[0])
 
     def misfits(self, tried: Estimate, made: Sequence[Reconstruction]) -> list[float]:
         """Return the log-likelihood deficit of each reconstruction with the transfer of `tried`; infinite without an object."""
@@ -166,13 +131,6 @@ class _Search:
             if self.misfits(tried, made[-1:])[0] < MIN_GAIN_NATS:
                 break
         return made
-
-
-def _is_trusted(found: Reconstruction, sharp: Reconstruction, likeness: float) -> bool:
-    """Return whether a reconstruction with a blur may stand for that without: the network trusts it as much, and they differ."""
-    if not found.object_found or found.confidence < sharp.confidence - MAX_CONFIDENCE_LOSS:
-        return False
-    return aligned_pearson(found.albedo, sharp.albedo)[0] <= likeness
 
 
 def largest_blurs(estimate: Estimate) -> dict[Blur, Blur]:

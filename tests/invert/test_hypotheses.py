@@ -12,6 +12,8 @@ from scipy.stats import kstest, norm
 
 import correlograph as cg
 from invert.assess.hypotheses import (
+    BLUR_FOUND,
+    BLUR_FOUND_FALSELY,
     PRIOR_BLURRED,
     PRIOR_OTHER_LIGHT,
     PRIOR_SHARED,
@@ -114,7 +116,7 @@ def test_the_probability_of_blur_is_that_of_bayes():
     rng = np.random.default_rng(7)
     kind, error = rng.choice(3, 400000, p=(0.8, 0.1, 0.1)), 0.05
     square = np.where(kind == 0, 1.0, rng.random(len(kind))) + error * rng.standard_normal(len(kind))
-    is_found = rng.random(len(kind)) < np.where(kind == 2, 0.2, 0.02)
+    is_found = rng.random(len(kind)) < np.where(kind == 2, BLUR_FOUND, BLUR_FOUND_FALSELY)
     for value in (0.4, 0.7, 0.84, 0.97, 1.05):
         near = np.abs(square - value) < 0.01
         assert is_share(blur_probability(Contrast(value, error), False), kind[near] == 2)
