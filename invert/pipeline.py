@@ -118,6 +118,8 @@ def fulfil(request: Request, source: Source) -> Result:
     found = beside_other(found, search.other, blurred if estimate.blur_pixels is None else 1.0 - blurred)
     found = lower_confidence(found, doubts, object_probability(hypotheses))
     warnings = [one.advice for one in doubts if one.is_raised] + describe_frames(estimate.record, measurement)
+    if path is not None and estimate.record is not None and estimate.record.object_number is not None:
+        warnings += path.warnings
     if capture is not None and found.confidence <= MAX_SHARED_CONFIDENCE and may_be_one_pattern(capture, estimate):
         single = _of_one_pattern(request, capture)
         if single is not None and single.confidence > found.confidence:

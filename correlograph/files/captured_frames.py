@@ -35,6 +35,9 @@ RESULT_NAMES = {
 }
 """Names of output files of this program; they are not read as frames."""
 
+MIN_MEAN = -0.25
+"""Minimum mean of a frame over the standard deviation of its pixels; the mean of light is positive."""
+
 MAX_KEPT_BYTES = 2**30
 """Size of the frames up to which they are kept in memory; larger captures are read again when they are needed."""
 
@@ -293,6 +296,14 @@ def check_frame(pixels: np.ndarray, file: Path) -> None:
             "speckle",
             f"the same value {lowest:g} everywhere in {file.name}",
             "check the exposure or leave the frame out",
+        )
+    mean, deviation = float(pixels.mean(dtype=np.float64)), float(pixels.std(dtype=np.float64))
+    if mean < MIN_MEAN * deviation:
+        raise InputError(
+            "frame",
+            "a positive mean",
+            f"{mean:.3g} in {file.name}",
+            "subtract the offset of the camera once only, or give raw frames",
         )
     if min(pixels.shape) < LAG_SIDE:
         raise InputError(

@@ -24,6 +24,12 @@ does if this variance is not clear."""
 STRUCTURE_SIGMA = 10.0
 """Standard errors by which that median must exceed zero, for dim frames to be judged at all, and a variance, to be clear."""
 
+MIN_LIT_PIXELS = 100
+"""Number of pixels of all frames together that differ from the rest, below which frames count as dark: few photons have no statistics."""
+
+LIT_STEP = 8
+"""Step over rows and columns by which the value of the rest is found."""
+
 OFFSET_FRAMES = 4
 """Number of frames from which an offset is estimated."""
 
@@ -37,6 +43,12 @@ def prepare(capture: Capture, corrections: Corrections) -> tuple[Capture, list[s
     if not isinstance(capture.frames, FileFrames):
         check_copies(capture.frames)
     capture, notes = leave_out_empty(capture)
+    if (lit := count_lit(capture)) < MIN_LIT_PIXELS and lit:
+        dark = [np.zeros_like(frame) for frame in capture.frames]
+        return replace(capture, frames=dark), [
+            *notes,
+            f"only {lit} of all pixels are lit, which says nothing about an object; expose longer",
+        ]
     if corrections.dark is not None:
         return corrections.apply(capture), notes
     first = [np.asarray(frame) for frame in capture.frames[:OFFSET_FRAMES]]
@@ -68,6 +80,17 @@ def leave_out_empty(capture: Capture) -> tuple[Capture, list[str]]:
     }
     names = ", ".join(left_out.values())
     return replace(capture, **chosen), [f"{names} left out: without light, as a dark frame is (use --dark for it)"]
+
+
+def count_lit(capture: Capture) -> int:
+    """Return the number of pixels of all frames that differ from the median of their frame, counted until there are enough."""
+    total = 0
+    for frame in capture.frames:
+        pixels = np.asarray(frame)
+        total += int(np.count_nonzero(pixels != np.median(pixels[::LIT_STEP, ::LIT_STEP])))
+        if total >= MIN_LIT_PIXELS:
+            break
+    return total
 
 
 def find_empty(capture: Capture) -> dict[int, str]:

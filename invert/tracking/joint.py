@@ -20,6 +20,7 @@ import numpy as np
 from invert.tracking.band import Band
 from invert.tracking.central_lobe import central_lobe
 from invert.tracking.components import MAX_LAG, Components, unmix
+from invert.tracking.drawn import drawn_per_frame
 from invert.tracking.follow import Followed, approximate
 from invert.tracking.interference import apart, find_interference, is_fitted
 from invert.tracking.light import at_equal_light
@@ -84,12 +85,15 @@ def follow_several(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> 
     kept, fit = _fit_clear(spectra, central, begun, components, may_interfere)
     if fit:
         is_doubtful = _is_less_likely(spectra, central, fit.paths, begun[kept], is_fitted(band, central))
-        shares = fit.components.in_common(band, len(spectra))
-        for number, one, share in zip(kept, _describe(central, fit), shares, strict=True):
+        shares, drawn = fit.components.in_common(band, len(spectra)), np.zeros((len(kept), 2))
+        if may_interfere:
+            drawn = drawn_per_frame(spectra, band, fit.paths, shares, MIN_APART_GRAINS * band.grain_pixels)
+        for number, one, share, each in zip(kept, _describe(central, fit), shares, drawn, strict=True):
+            one = replace(one, error=np.hypot(one.error, each * np.arange(len(spectra))[:, None]), in_common=share)
             if is_doubtful:
                 path = begun[number] - begun[number, 0]
                 one = replace(one, path=path if may_interfere else one.path, error=np.hypot(one.error, path - one.path))
-            found[number] = replace(one, in_common=share)
+            found[number] = one
     return found
 
 

@@ -38,7 +38,7 @@ FLOOR = 1e-6
 
 @dataclass(frozen=True)
 class Pattern:
-    """Spectra moved back along a track (frames, 3): sums over the blocks of each length, times each mode, (modes, blocks,
+    """Spectra moved back along a track (frames that count, 3): sums over the blocks of each length, times each mode, (modes, blocks,
     frequencies)."""
 
     track: np.ndarray
@@ -61,13 +61,15 @@ class Likelihood:
 
     Args:
         most: about the largest number of values of the spectra that are used, at evenly spaced frequencies; about half as many at least.
+        used: whether each frame counts, bool (frames,); all do by default.
 
     Attributes:
         frequencies: number of frequencies.
         cells: number of cells of frequencies.
     """
 
-    def __init__(self, spectra: np.ndarray, band: Band, most: int) -> None:
+    def __init__(self, spectra: np.ndarray, band: Band, most: int, used: np.ndarray | None = None) -> None:
+        self._used = np.flatnonzero(np.ones(len(spectra), bool) if used is None else used)
         inside = band.counts > 0.0
         every = max(1.0, inside.sum() * len(spectra) / most)
         down = int(np.ceil(every**0.5))
@@ -80,10 +82,10 @@ class Likelihood:
         self._rows, self._columns = rows[order], columns[order]
         self._starts = np.flatnonzero(np.diff(cell[order], prepend=-1))
         self.frequencies, self.cells = len(rows), len(self._starts)
-        self._band, self._spectra = band, spectra[:, self._rows, self._columns]
+        self._band, self._spectra = band, spectra[self._used[:, None], self._rows, self._columns]
         # Two conjugate coefficients are one, and the window correlates neighbours.
         self._counts = 0.5 * band.counts[self._rows, self._columns] / band.noise_gain
-        frames, power = np.arange(len(spectra)), np.abs(self._spectra) ** 2
+        frames, power = np.arange(len(self._used)), np.abs(self._spectra) ** 2
         numbers = dict.fromkeys(max(1, len(frames) // length) for length in LENGTHS)
         self._blocks = [np.array_split(frames, number) for number in numbers]
         self._powers = [_sums(power, blocks) for blocks in self._blocks]
@@ -92,7 +94,7 @@ class Likelihood:
 
     def pattern(self, path: np.ndarray, modes: int = 1) -> Pattern:
         """Return what moves along a path (frames, 2) or a track (frames, 3), of some modes."""
-        track = np.pad(path, ((0, 0), (0, 3 - path.shape[1])))
+        track = np.pad(path, ((0, 0), (0, 3 - path.shape[1])))[self._used]
         moved = self._phases(track)
         moved *= self._spectra
         sums = []
@@ -112,6 +114,11 @@ class Likelihood:
     def block_count(self) -> int:
         """Number of blocks of the longest kind."""
         return len(self._blocks[-1])
+
+    @property
+    def frames(self) -> int:
+        """Number of frames in the longest block."""
+        return max(len(block) for block in self._blocks[-1])
 
     def at_likely_length(self, paths: Sequence[np.ndarray]) -> Likelihood:
         """Return the likelihood by blocks of that length alone at which patterns along paths (frames, 2) or tracks (frames, 3) are the most

@@ -40,6 +40,9 @@ BLOCKS = (8, 2)
 MIN_PERSISTENCE = 0.2
 """Least share of a single object in frames two apart over that in consecutive ones."""
 
+FEW_GRAINS = 10.0
+"""Number of grains of its speckle in a frame below which one of several objects is a remainder of the others."""
+
 LITTLE = 0.5
 """Least part of what another path explains that that of a single object by consecutive frames must explain to be taken."""
 
@@ -101,27 +104,27 @@ def _largest_lag(frames: int) -> int:
 
 def fading_along(spectra: np.ndarray, band: Band, path: np.ndarray) -> tuple[int, float] | None:
     """Return a distance of frames and the part of what consecutive ones share along the path (frames, 2) of a single object that frames so
-    far apart still share: the first power of two at which this is clearly less than half, or else the largest distance. None if what is
-    left there leaves no room for another object."""
+    far apart still share: the first power of two at which this is clearly less than half, or else the largest distance. If what is left
+    there leaves no room for another object, but the share of all speckle of consecutive frames does, return 1 and this share; None if
+    neither does."""
     # The overlap of windows far apart is known less well.
     steps = np.abs(path[-1] - path[0]) / (len(path) - 1) / np.array(band.shape)
-    lag = min(_largest_lag(len(spectra)), int(MAX_WAY_SHARE / max(steps.max(), 1e-9)))
-    if lag < 2:
-        return None
+    lag = max(1, min(_largest_lag(len(spectra)), int(MAX_WAY_SHARE / max(steps.max(), 1e-9))))
     shares = Shares(spectra, band, light_of_frames(spectra, band))
     near = shares.along(path, 1)
     if near <= 0.0:
         return None
 
-    def part_left(apart: int) -> tuple[float, float]:
+    def part_left(apart: int, of: float = near) -> tuple[float, float]:
         # Speckle that leaves the view and that which enters it have powers of their own, of cells that are seen once.
         changed = 2.0 * (1.0 - mean_overlap(path[apart:] - path[:-apart], band)) / band.cells
         error = np.hypot(shares.noise(len(spectra) - apart), near * changed**0.5)
-        return max(shares.along(path, apart), 0.0) / near, FADING_SIGMA * float(error) / near
+        return max(shares.along(path, apart), 0.0) / of, FADING_SIGMA * float(error) / of
 
-    left, error = part_left(lag)
+    left, error = part_left(lag) if lag > 1 else (1.0, 0.0)
     if left + error >= ALONE_SHARE:
-        return None
+        left, error = part_left(1, 1.0)
+        return (1, left) if left + error < ALONE_SHARE else None
     if left + error < HALF:
         for nearer in (2**power for power in range(1, lag.bit_length())):
             some, its_error = part_left(nearer)
@@ -145,8 +148,10 @@ def _pursue(spectra: np.ndarray, band: Band, lags: Sequence[int], alone: Start) 
     candidates += _sought(spectra, several.band, lags, [])
     known = several.settle([max(candidates, key=lambda path: several.rise([path]))])
     while (more := several.add_object(known, candidates + _sought(spectra, several.band, lags, known))) is not None:
-        objects = _objects_at(several, spectra, band, lags, more)
-        known = [one.path for one in follow_several(spectra, band, objects)]
+        followed = follow_several(spectra, band, _objects_at(several, spectra, band, lags, more))
+        if min(replace(band, signal=one.power).cells for one in followed) < FEW_GRAINS:
+            break
+        known = [one.path for one in followed]
     together = several.rise(known)
     if len(known) == 1 and of_one >= min(LITTLE * together, together - several.cells):
         return [alone]

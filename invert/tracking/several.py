@@ -19,6 +19,7 @@ from invert.tracking.interference import Together, apart, begin_interference, fi
 from invert.tracking.likelihood import WHOLE, Likelihood
 from invert.tracking.maxima import MIN_RELATIVE_HEIGHT
 from invert.tracking.start import are_distinct
+from invert.tracking.strange import are_strange
 
 MIN_RELATIVE_POWER = 0.12
 """Least power of the speckle of an object over that of the brightest, if it shows no clear interference: strange frames look like a dim
@@ -31,6 +32,9 @@ explain the change of a single one, too. It may therefore have one mode more. St
 QUICK, QUICK_FREQUENCIES = 1e4, 1300
 """Paths are sought at as few frequencies as raise the logarithm of the likelihood by this along the path of a single object, and at no
 fewer than a number of them, or half of it, because they are evenly spaced."""
+
+MAX_PATTERNS = 0.5
+"""Largest number of patterns of objects and their interference, over the number of frames in the longest block."""
 
 PITCH, REACH = 1.5, 4
 """Pitch of the velocities at which an object is sought beside another, in half grains over the largest distance of frames, and their
@@ -45,14 +49,16 @@ class Several:
     """Objects in spectra (frames, R, C), with paths (frames, 2), by the frequencies of a band."""
 
     def __init__(self, spectra: np.ndarray, band: Band, lags: Sequence[int], alone: np.ndarray) -> None:
-        """Take distances of frames, the largest first, and the path of a single object, (frames, 2)."""
+        """Take distances of frames, the largest first, and the path of a single object, (frames, 2). Frames that are strange along it do not
+        count: they look like a further object."""
         whole_band, band = band, central_lobe(band)
         self._fits_interference = is_fitted(whole_band, band)
         self._shared = Explained(spectra, band, lags)
-        self._whole = Likelihood(spectra, band, WHOLE)
+        used = ~are_strange(spectra, band, alone)
+        self._whole = Likelihood(spectra, band, WHOLE, used)
         whole = self._whole.frequencies
         wanted = max(QUICK_FREQUENCIES, whole * QUICK / max(self.rise([alone]), 1.0))
-        self._quick = Likelihood(spectra, band, len(spectra) * int(wanted)) if wanted < whole else self._whole
+        self._quick = Likelihood(spectra, band, len(spectra) * int(wanted), used) if wanted < whole else self._whole
         self.band, self._lag, self._step = band, lags[0], 0.5 * band.grain_pixels / lags[0]
         self._numbers = np.arange(len(spectra))[:, None]
 
@@ -80,11 +86,17 @@ class Several:
         found = [apart(paths) for paths in settled if self._are_objects(known, paths)]
         if not found:
             return None
-        if self._fits_interference:
-            before, found = find_interference(self._quick, known), self._interfering(known, found)
+        if self._may_interfere(len(known)):
+            before = find_interference(self._quick, known)
+        if self._may_interfere(len(known) + 1):
+            found = self._interfering(known, found)
         limits = self._limits(before)
         found.sort(key=lambda one: self.rise(one.tracks), reverse=True)
         return next((one.paths for one in found if self._are_likely(one, *limits)), None)
+
+    def _may_interfere(self, objects: int) -> bool:
+        """Return whether the interference of some objects is fitted: each two of them have two patterns more."""
+        return self._fits_interference and objects**2 <= MAX_PATTERNS * self._whole.frames
 
     def _interfering(self, known: Sequence[np.ndarray], found: Sequence[Together]) -> list[Together]:
         """Return known objects and a further one with their interference, near those found without it that are the most likely."""
@@ -99,17 +111,20 @@ class Several:
         return best if self.rise(best.tracks) > self.rise(begun.tracks) else begun
 
     def _limits(self, known: Together) -> tuple[float, float]:
-        """Return what steady patterns of known objects that change explain, and what they explain with one mode more or by interference."""
+        """Return what known objects explain by patterns that change, or by steady interference; and what they explain with one mode more, or
+        by interference that changes."""
         changing = [self._whole.rise(known.paths, modes) for modes in range(1, MODES + 2)]
         with_interference = [self._whole.rise(known.tracks, modes) for modes in (1, 2)] if len(known.between) else []
-        return max(changing[:MODES]), max(changing + with_interference)
+        return max(changing[:MODES] + with_interference[:1]), max(changing + with_interference)
 
     def _are_likely(self, together: Together, steady: float, changing: float) -> bool:
         """Return whether objects explain more than patterns of known ones that change; see `_limits`. Dim ones must do so by their
         interference."""
         found, with_interference = self.rise(together.paths), self.rise(together.tracks)
         powers = self.powers(together.paths)
-        interfere = with_interference > max(changing, found) + self.cells
+        # A single object shows no interference. That of two that are known differs from its model.
+        clear = 1.0 if len(together.paths) == 2 else 1.0 + MIN_GAIN
+        interfere = with_interference > clear * max(changing, found) + self.cells
         if interfere or powers.min() <= MIN_RELATIVE_POWER * powers.max():
             return interfere
         changed = [self._whole.rise(together.paths, modes) for modes in range(1, MODES + 1)]

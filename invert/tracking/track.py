@@ -52,8 +52,9 @@ class Track:
         stretch: standard deviation of what the illumination adds to a displacement of the speckle, in pixels (rows, columns) per metre
             of the object's displacement, (2,); None if the geometry is unknown.
         fading: distance of frames, and part of what consecutive frames share that frames so far apart share along the path of a single
-            object: the first power of two at which this is clearly less than half, or else the largest distance that is compared; None
-            if it leaves no room for another object, or three standard errors do.
+            object: the first power of two at which this is clearly less than half, or else the largest distance that is compared; 1,
+            and the share of all their speckle, if only this is low; None if neither leaves room for another object, or three standard
+            errors do.
         shortened: largest part by which the open shutter shortens a step; corrected, but not well if large.
         numbers: number of each frame from the first, (frames,), of which files may be missing; None if frames are counted.
         order: doubts about the order of the frames.
@@ -107,9 +108,12 @@ class Track:
             )
         if self.fading is not None:
             apart, part = self.fading
+            shared = f"frames {apart} apart share {100.0 * part:.0f} % of what consecutive ones share"
+            if apart == 1:
+                shared = f"consecutive frames share {100.0 * part:.0f} % of their speckle"
             doubts.append(
-                f"frames {apart} apart share {100.0 * part:.0f} % of what consecutive ones share: the illumination of the object changes, "
-                "or several objects have not moved apart by a grain of their speckle, and this path lies between theirs"
+                f"{shared}: the illumination of the object changes, or several objects have not moved apart by a grain of their speckle, "
+                "and this path lies between theirs"
             )
         return tuple(doubts)
 

@@ -92,6 +92,7 @@ def test_the_pipeline_reconstructs_the_object_that_was_asked_for():
     for result, path, truth, other in zip(both, paths, (UPRIGHT, WIDE), (WIDE, UPRIGHT), strict=True):
         assert any("2 objects move" in note for note in result.notes)
         assert result.hypotheses[Hypothesis.MOVING_OBJECT] > 0.99
+        assert set(result.track.warnings) <= set(result.warnings)
         own = cg.aligned_pearson(result.albedo, truth.astype(np.float32))[0]
         assert own > 0.65
         assert own > cg.aligned_pearson(result.albedo, other.astype(np.float32))[0] + 0.1

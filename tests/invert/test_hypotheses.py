@@ -151,6 +151,25 @@ def test_probabilities_of_frames_add_up_and_are_told(rng):
     assert "probability of an object: 0." in empty.notes[-1]
 
 
+def test_a_signal_that_does_not_rise_towards_zero_lag_is_no_object(rng):
+    flat = replace(read_measurement(np.abs(rng.standard_normal((127, 127))).astype(np.float32)), detection=50.0, peak=-1.0)
+    assert weigh_hypotheses(flat, None, None)[Hypothesis.NO_OBJECT] == 1.0
+
+
+def test_a_few_photons_are_no_object(rng):
+    """One bright pixel in each of three frames, and one photon in a small frame: no statistics, although every lag is known exactly."""
+    frames = np.zeros((3, 300, 340), np.float32)
+    for frame in frames:
+        frame[tuple(rng.integers(300, size=2))] = 1e4
+    single = np.zeros((200, 260), np.float32)
+    single[120, 77] = 1.0
+    for shown in (frames, single):
+        result = cg.reconstruct(shown, quality="fast")
+        assert not result.object_found
+        assert result.hypotheses[Hypothesis.NO_OBJECT] > 0.9
+        assert any("expose longer" in note for note in result.notes)
+
+
 def test_a_published_estimate_has_two_explanations(rng):
     measurement = read_measurement(np.abs(rng.standard_normal((127, 127))).astype(np.float32))
     found = weigh_hypotheses(measurement, None, None)

@@ -16,8 +16,8 @@ from invert.tracking.several import Several
 from invert.tracking.shares import Shares
 from invert.tracking.shifts import weight_of
 from invert.tracking.start import Start
-from invert.tracking.tracker import _read_spectra
-from tests.invert.field.speckle import fading_frames
+from invert.tracking.tracker import _read_spectra, track
+from tests.invert.field.speckle import fading_frames, letter, travelling_frames
 
 
 def test_a_maximum_of_noise_is_no_object():
@@ -152,3 +152,16 @@ def test_a_path_found_by_distant_frames_covers_the_capture(monkeypatch):
     spectra, band = _read_spectra(cg.Capture(two_patterns(rng, steps, np.ones(2))), 1)
     (one,) = find_objects(spectra, band)
     assert len(one.path) == len(spectra) == 20
+
+
+def test_few_frames_of_two_objects_that_hardly_part_have_a_warning():
+    """Three frames, whose consecutive ones are the most distant that are compared: one object shares all of its speckle, two do not."""
+    rng, numbers = np.random.default_rng(1), np.arange(3)[:, None]
+    one, other = (
+        travelling_frames(letter(), (320, 350), 256, rng, numbers * np.array(step), 1e9) for step in ((3.0, 1.0), (-2.0, 2.0))
+    )
+    assert track(cg.Capture([rng.poisson(light).astype(np.float32) for light in one])).warnings == ()
+    warnings = track(
+        cg.Capture([rng.poisson(first + second).astype(np.float32) for first, second in zip(one, other, strict=True)])
+    ).warnings
+    assert any(warning.startswith("consecutive frames share") for warning in warnings)

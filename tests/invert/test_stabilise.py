@@ -103,14 +103,28 @@ def test_speckle_at_rest_does_not_travel(rng):
     assert find_travel(capture) is None
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("shake", 2), ("circle", 2), ("vibration", 5), ("rest", 2)])
-def test_a_pattern_that_moves_to_and_fro_is_added_along_its_path(kind, seed):
-    """Two pixels rms, a closed circle of 20 pixels, a vibration of 9, and faint light at rest.
+@pytest.mark.parametrize("kind", ["shake", "circle", "vibration", "rest"])
+def test_a_pattern_that_moves_to_and_fro_is_added_along_its_path(kind):
+    """Two pixels rms, a closed circle of 20 pixels, a vibration of 9, and faint light at rest; five draws, because one pattern of speckle
+    changes an image by 0.07.
 
     Before, the images correlated with the letter by 0.3 to 0.6, because the mean of all frames was taken, or because what they share was
     subtracted. One frame of the same light shows what the pattern allows.
     """
-    rng, numbers = np.random.default_rng(seed), np.arange(16)[:, None]
+    gains, excesses = [], []
+    for seed in range(1, 6):
+        moving, still = to_and_fro(kind, np.random.default_rng(seed))
+        (correlation, confidence), (possible, _) = (image_of_letter(frames) for frames in (moving, [still]))
+        gains.append(correlation - possible)
+        excesses.append(confidence - correlation)
+    assert np.mean(gains) > -0.1
+    assert np.abs(np.mean(excesses)) < 0.1
+    assert np.abs(excesses).max() < 0.25
+
+
+def to_and_fro(kind, rng):
+    """Sixteen frames of a letter whose speckle moves to and fro, and one at rest of their light."""
+    numbers = np.arange(16)[:, None]
     turn = 2.0 * np.pi * numbers / 15.0
     away = {
         "shake": 2.0 * rng.standard_normal((16, 2)),
@@ -122,15 +136,14 @@ def test_a_pattern_that_moves_to_and_fro_is_added_along_its_path(kind, seed):
     wall = expected_frame(letter(64, 26), (380, 410), PATCH, rng)
     cropped = [wall[row : row + 320, column : column + 350] for row, column in places]
     still = rng.poisson(16.0 * light * cropped[0]).astype(np.float32)
+    return [rng.poisson(light * one).astype(np.float32) for one in cropped], still
 
-    def image(frames):
-        result = fulfil(Request(quality="fast", blur_pixels=0.0), cg.Capture(frames))
-        shown, truth = (one.astype(np.float32) for one in (result.albedo, letter(64, 26)))
-        return float(cg.aligned_pearson(shown, truth)[0]), result.confidence
 
-    correlation, confidence = image([rng.poisson(light * one).astype(np.float32) for one in cropped])
-    assert correlation > image([still])[0] - 0.12
-    assert confidence == pytest.approx(correlation, abs=0.2)
+def image_of_letter(frames):
+    """Correlation of the image from frames with the letter, and its confidence."""
+    result = fulfil(Request(quality="fast", blur_pixels=0.0), cg.Capture(frames))
+    shown, truth = (one.astype(np.float32) for one in (result.albedo, letter(64, 26)))
+    return float(cg.aligned_pearson(shown, truth)[0]), result.confidence
 
 
 def test_the_error_of_a_path_blurs_the_speckle_of_its_groups(rng):

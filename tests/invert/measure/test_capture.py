@@ -215,6 +215,7 @@ def test_refusals(tmp_path, rng):
     assert_refused("one size", a=good, b=good[:, :129])
     assert_refused("finite", a=np.where(good > 0.999, np.nan, good))
     assert_refused("the same value", a=np.full((130, 130), 7.0))
+    assert_refused("a positive mean, found -4.6", a=np.random.default_rng(0).poisson(0.4, (130, 130)) - 5.0)
     assert_refused("monochrome", a=np.dstack([good] * 3))
     assert_refused("repeats", a=good, b=good)
     assert_refused("at least 127", a=good[:100])
