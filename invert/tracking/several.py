@@ -49,8 +49,10 @@ class Several:
     """Objects in spectra (frames, R, C), with paths (frames, 2), by the frequencies of a band."""
 
     def __init__(self, spectra: np.ndarray, band: Band, lags: Sequence[int], alone: np.ndarray) -> None:
-        """Take distances of frames, the largest first, and the path of a single object, (frames, 2). Frames that are strange along it do not
-        count: they look like a further object."""
+        """Take distances of frames, the largest first, and the path of a single object, (frames, 2).
+
+        Frames that are strange along it do not count: they look like a further object.
+        """
         whole_band, band = band, central_lobe(band)
         self._fits_interference = is_fitted(whole_band, band)
         self._shared = Explained(spectra, band, lags)
@@ -111,8 +113,8 @@ class Several:
         return best if self.rise(best.tracks) > self.rise(begun.tracks) else begun
 
     def _limits(self, known: Together) -> tuple[float, float]:
-        """Return what known objects explain by patterns that change, or by steady interference; and what they explain with one mode more, or
-        by interference that changes."""
+        """Return what known objects explain by patterns that change, or by steady interference; and what with one mode more, or by
+        interference that changes."""
         changing = [self._whole.rise(known.paths, modes) for modes in range(1, MODES + 2)]
         with_interference = [self._whole.rise(known.tracks, modes) for modes in (1, 2)] if len(known.between) else []
         return max(changing[:MODES] + with_interference[:1]), max(changing + with_interference)
