@@ -92,11 +92,12 @@ def measure(number: int, objects: int, vibrating: bool) -> dict[str, Any]:
     limits = [max(grain, 0.01 * float(np.linalg.norm(way[-1]))) for way in ways]
     found = sum(one < limit for one, limit in zip(missed, limits, strict=True))
     steps = [one.step_pixels.round(3).tolist() for one in tracks]
-    if objects == 1:
-        deviation = np.abs(track.path_pixels[1:] - ways[0][1:]) / track.error_pixels[1:]
-        row |= {"largest_deviation_in_errors": float(deviation.max())}
+    nearest = [min((one.path_pixels - way for way in ways), key=lambda away: np.abs(away).max()) for one in tracks]
     return row | {
-        "warnings": track.warnings,
+        "warnings": [one.warnings for one in tracks],
+        "largest_deviations_in_errors": [
+            float(np.abs(away[1:] / one.error_pixels[1:]).max()) for away, one in zip(nearest, tracks, strict=True)
+        ],
         "steps": steps,
         "shares": [round(one.share, 3) for one in tracks],
         "rms_pixels": [one if np.isfinite(one) else None for one in missed],
@@ -116,9 +117,15 @@ def main(argv: Sequence[str] | None = None) -> None:
         rows.append(measure(number, options.objects, options.vibrating))
         print(json.dumps(rows[-1]), flush=True)
     found, of_none = (sum(row[key] for row in rows) for key in ("found", "of_none"))
-    if options.objects == 1:
-        worst = sorted(row["largest_deviation_in_errors"] for row in rows if "refused" not in row)
-        print(f"largest deviations in standard errors: {', '.join(f'{one:.2g}' for one in worst)}")
+    told = [row for row in rows if "refused" not in row]
+    for title, is_warned in (("without a warning", False), ("with one", True)):
+        worst = sorted(
+            one
+            for row in told
+            for one, warnings in zip(row["largest_deviations_in_errors"], row["warnings"], strict=True)
+            if bool(warnings) == is_warned
+        )
+        print(f"largest deviations of paths {title}, in standard errors: {', '.join(f'{one:.2g}' for one in worst)}")
     print(f"{found} of {options.objects * options.count} objects found, {of_none} paths of none")
 
 

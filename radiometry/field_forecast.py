@@ -68,8 +68,10 @@ class FieldForecast:
         cells = "" if self.cells_m is None else ", cells of {:.0f} x {:.0f} um".format(*(1e6 * cell for cell in self.cells_m))
         verdict = "enough" if self.suffices else "too few"
         looks = "1 look" if self.looks == 1 else f"{self.looks} looks"
-        resolution = "" if self.resolution_m is None else f" that resolve {1e6 * self.resolution_m:.0f} um before despeckling"
-        light = f"{self.photons_per_grain:.0f} photons per grain of the object's box ({self.needed_photons_per_grain:g} needed: {verdict})"
+        resolution = "" if self.resolution_m is None else f" resolving {1e6 * self.resolution_m:.0f} um before despeckling"
+        digits = 1 if self.photons_per_grain < 10.0 else 0
+        photons = f"{self.photons_per_grain:.{digits}f} photons per grain of the object's box"
+        light = f"{photons} ({self.needed_photons_per_grain:g} needed: {verdict})"
         return f"{light}{cells}, {looks}{resolution}, {self.cpu_s:.2g} CPU s"
 
 

@@ -33,6 +33,9 @@ QUICK, QUICK_FREQUENCIES = 1e4, 1300
 """Paths are sought at as few frequencies as raise the logarithm of the likelihood by this along the path of a single object, and at no
 fewer than a number of them, or half of it, because they are evenly spaced."""
 
+MIN_BETWEEN = 0.1
+"""Least distance of interference from the paths of both objects, over theirs from each other, that is told from a change of one of them."""
+
 MAX_PATTERNS = 0.5
 """Largest number of patterns of objects and their interference, over the number of frames in the longest block."""
 
@@ -124,9 +127,10 @@ class Several:
         interference."""
         found, with_interference = self.rise(together.paths), self.rise(together.tracks)
         powers = self.powers(together.paths)
-        # A single object shows no interference. That of two that are known differs from its model.
+        # A single object shows interference along its own path only, if its pattern swings. That of two known ones differs from its model.
+        is_between = (np.abs(together.between[:, 0] - 0.5) < 0.5 - MIN_BETWEEN).all()
         clear = 1.0 if len(together.paths) == 2 else 1.0 + MIN_GAIN
-        interfere = with_interference > clear * max(changing, found) + self.cells
+        interfere = bool(is_between) and with_interference > clear * max(changing, found) + self.cells
         if interfere or powers.min() <= MIN_RELATIVE_POWER * powers.max():
             return interfere
         changed = [self._whole.rise(together.paths, modes) for modes in range(1, MODES + 1)]
