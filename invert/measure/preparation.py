@@ -27,9 +27,6 @@ STRUCTURE_SIGMA = 10.0
 MIN_LIT_PIXELS = 100
 """Number of pixels of all frames together that differ from the rest, below which frames count as dark: few photons have no statistics."""
 
-LIT_STEP = 8
-"""Step over rows and columns by which the value of the rest is found."""
-
 OFFSET_FRAMES = 4
 """Number of frames from which an offset is estimated."""
 
@@ -87,7 +84,7 @@ def count_lit(capture: Capture) -> int:
     total = 0
     for frame in capture.frames:
         pixels = np.asarray(frame)
-        total += int(np.count_nonzero(pixels != np.median(pixels[::LIT_STEP, ::LIT_STEP])))
+        total += int(np.count_nonzero(pixels != np.median(pixels)))
         if total >= MIN_LIT_PIXELS:
             break
     return total
