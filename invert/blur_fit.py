@@ -112,8 +112,8 @@ class _Search:
         best = int(np.argmin(left))
         blurred, found = tried[best], made[best][0]
         explains_more = unexplained - left[best] >= max(MIN_GAIN_NATS, MIN_GAIN_FRACTION * unexplained)
-        if not explains_more or found.confidence < sharp[0].confidence - MAX_CONFIDENCE_LOSS:
-            return BlurSearch(estimate, sharp[0], found)
+        if not (explains_more and found.object_found and found.confidence >= sharp[0].confidence - MAX_CONFIDENCE_LOSS):
+            return BlurSearch(estimate, sharp[0], made[best][int(np.argmin(self.misfits(blurred, made[best])))])
         assert estimate.record is not None
         record = replace(estimate.record, blur_found_pixels=blurred.blur_pixels)
         return BlurSearch(replace(blurred, record=record), found, sharp[0])

@@ -21,7 +21,7 @@ from invert.measure.contrast import Contrast
 from invert.measure.estimate import EstimateRecord
 from invert.measure.patch_fit import signal_extent_lags
 from invert.measure.spectrum import Measurement
-from radiometry.noise.detection import DETECTION_LIMIT, TRIALS
+from radiometry.noise.detection import TRIALS
 
 PRIOR_NO_OBJECT = 0.5
 """Probability, before the frames are known, that there is no object."""
@@ -89,7 +89,7 @@ def weigh_hypotheses(
         may_shake: whether the motion between frames may be that of a camera that shakes.
     """
     none = noise_probability(measurement.detection, TRIALS)
-    if measurement.detection >= DETECTION_LIMIT and not measurement.detectable:  # r*r of any object rises towards zero lag
+    if measurement.peak <= 0.0:  # r*r of any object rises towards zero lag
         none = 1.0
     texture = 0.0 if record is None else texture_probability(test, record, may_shake=may_shake)
     blur = (

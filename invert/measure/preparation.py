@@ -35,17 +35,15 @@ def prepare(capture: Capture, corrections: Corrections) -> tuple[Capture, list[s
     """Return the capture with corrected frames, and notes on what was found and done.
 
     An offset is estimated from the noise of the frames if there is no dark frame, and if it matters: for a flat-field frame, and for an
-    uneven illumination, which are ratios of light. Raises InputError for unsuitable correction files, and for copies of frames in memory.
+    uneven illumination, which are ratios of light. Frames with hardly a lit pixel are returned as dark. Raises InputError for unsuitable
+    correction files, and for copies of frames in memory.
     """
     if not isinstance(capture.frames, FileFrames):
         check_copies(capture.frames)
     capture, notes = leave_out_empty(capture)
-    if (lit := count_lit(capture)) < MIN_LIT_PIXELS and lit:
-        dark = [np.zeros_like(frame) for frame in capture.frames]
-        return replace(capture, frames=dark), [
-            *notes,
-            f"only {lit} of all pixels are lit, which says nothing about an object; expose longer",
-        ]
+    if 0 < (lit := count_lit(capture)) < MIN_LIT_PIXELS:
+        notes.append(f"only {lit} of all pixels are lit, which says nothing about an object; expose longer")
+        return replace(capture, frames=[np.zeros_like(capture.frames[0])] * len(capture.frames)), notes
     if corrections.dark is not None:
         return corrections.apply(capture), notes
     first = [np.asarray(frame) for frame in capture.frames[:OFFSET_FRAMES]]

@@ -6,6 +6,8 @@ central_lobe.py  those of the speckle of objects, without their interference
 shifts.py    displacements from cross-spectra, with standard errors
 shares.py    share of the speckle that frames have in common along a path
 parts.py     work on spectra in parts, on all cores
+light.py     frames of uneven light
+maxima.py    maxima of cross-correlations that belong to an object each
 start.py     objects and their approximate paths
 likely_path.py  most likely path where pairs of frames are dim
 likelihood.py  likelihood that the patterns of some objects are all that frames show
@@ -23,6 +25,7 @@ boundaries.py  likeness of the frames on both sides of a boundary
 breaks.py    jumps of a path, and paths across them
 components.py  power and fading of each of several objects
 joint.py     exact paths of several objects together
+drawn.py     their errors by interference that overlaps with them
 normal_equations.py  score and information of these paths
 vibration.py periodic motion in a path
 to_object.py displacements of the object from those of its speckle

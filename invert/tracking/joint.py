@@ -20,7 +20,6 @@ import numpy as np
 from invert.tracking.band import Band
 from invert.tracking.central_lobe import central_lobe
 from invert.tracking.components import MAX_LAG, Components, unmix
-from invert.tracking.drawn import drawn_per_frame
 from invert.tracking.follow import Followed, approximate
 from invert.tracking.interference import apart, find_interference, is_fitted
 from invert.tracking.light import at_equal_light
@@ -54,7 +53,7 @@ FOR_INTERFERENCE = 2**16
 
 DRAWN_ERROR = 2.0
 """Error of what the windows draw paths by, over its first order, which is corrected. Paths of several objects are drawn by up to four times
-as much (docs/tracking.md, "Limits")."""
+as much (docs/tracking_measured.md)."""
 
 
 @dataclass(frozen=True)
@@ -85,15 +84,12 @@ def follow_several(spectra: np.ndarray, band: Band, starts: Sequence[Start]) -> 
     kept, fit = _fit_clear(spectra, central, begun, components, may_interfere)
     if fit:
         is_doubtful = _is_less_likely(spectra, central, fit.paths, begun[kept], is_fitted(band, central))
-        shares, drawn = fit.components.in_common(band, len(spectra)), np.zeros((len(kept), 2))
-        if may_interfere:
-            drawn = drawn_per_frame(spectra, band, fit.paths, shares, MIN_APART_GRAINS * band.grain_pixels)
-        for number, one, share, each in zip(kept, _describe(central, fit), shares, drawn, strict=True):
-            one = replace(one, error=np.hypot(one.error, each * np.arange(len(spectra))[:, None]), in_common=share)
+        shares = fit.components.in_common(band, len(spectra))
+        for number, one, share in zip(kept, _describe(central, fit), shares, strict=True):
             if is_doubtful:
                 path = begun[number] - begun[number, 0]
                 one = replace(one, path=path if may_interfere else one.path, error=np.hypot(one.error, path - one.path))
-            found[number] = one
+            found[number] = replace(one, in_common=share)
     return found
 
 

@@ -116,7 +116,7 @@ class Likelihood:
         return len(self._blocks[-1])
 
     @property
-    def frames(self) -> int:
+    def longest_block(self) -> int:
         """Number of frames in the longest block."""
         return max(len(block) for block in self._blocks[-1])
 

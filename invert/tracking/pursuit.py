@@ -104,9 +104,9 @@ def _largest_lag(frames: int) -> int:
 
 def fading_along(spectra: np.ndarray, band: Band, path: np.ndarray) -> tuple[int, float] | None:
     """Return a distance of frames and the part of what consecutive ones share along the path (frames, 2) of a single object that frames so
-    far apart still share: the first power of two at which this is clearly less than half, or else the largest distance. If what is left
-    there leaves no room for another object, but the share of all speckle of consecutive frames does, return 1 and this share; None if
-    neither does."""
+    far apart still share: the first power of two at which this is clearly less than half, or else the largest distance. If noise leaves no
+    room for another object there, or no frames are so far apart, return 1 and the share of all speckle of consecutive frames; None if this
+    leaves no room, either."""
     # The overlap of windows far apart is known less well.
     steps = np.abs(path[-1] - path[0]) / (len(path) - 1) / np.array(band.shape)
     lag = max(1, min(_largest_lag(len(spectra)), int(MAX_WAY_SHARE / max(steps.max(), 1e-9))))
@@ -115,19 +115,20 @@ def fading_along(spectra: np.ndarray, band: Band, path: np.ndarray) -> tuple[int
     if near <= 0.0:
         return None
 
-    def part_left(apart: int, of: float = near) -> tuple[float, float]:
+    def part_left(apart: int, whole: float) -> tuple[float, float]:
         # Speckle that leaves the view and that which enters it have powers of their own, of cells that are seen once.
         changed = 2.0 * (1.0 - mean_overlap(path[apart:] - path[:-apart], band)) / band.cells
         error = np.hypot(shares.noise(len(spectra) - apart), near * changed**0.5)
-        return max(shares.along(path, apart), 0.0) / of, FADING_SIGMA * float(error) / of
+        share = near if apart == 1 else max(shares.along(path, apart), 0.0)
+        return share / whole, FADING_SIGMA * float(error) / whole
 
-    left, error = part_left(lag) if lag > 1 else (1.0, 0.0)
+    left, error = part_left(lag, near)
     if left + error >= ALONE_SHARE:
-        left, error = part_left(1, 1.0)
-        return (1, left) if left + error < ALONE_SHARE else None
+        share, its_error = part_left(1, 1.0)
+        return (1, share) if (lag == 1 or left < ALONE_SHARE) and share + its_error < ALONE_SHARE else None
     if left + error < HALF:
         for nearer in (2**power for power in range(1, lag.bit_length())):
-            some, its_error = part_left(nearer)
+            some, its_error = part_left(nearer, near)
             if some + its_error < HALF:
                 return nearer, some
     return lag, left

@@ -18,7 +18,7 @@ from invert.tracking.explained import Explained
 from invert.tracking.interference import Together, apart, begin_interference, find_interference, is_fitted, maximise
 from invert.tracking.likelihood import WHOLE, Likelihood
 from invert.tracking.maxima import MIN_RELATIVE_HEIGHT
-from invert.tracking.start import are_distinct
+from invert.tracking.start import are_distinct, way_apart
 from invert.tracking.strange import are_strange
 
 MIN_RELATIVE_POWER = 0.12
@@ -32,9 +32,6 @@ explain the change of a single one, too. It may therefore have one mode more. St
 QUICK, QUICK_FREQUENCIES = 1e4, 1300
 """Paths are sought at as few frequencies as raise the logarithm of the likelihood by this along the path of a single object, and at no
 fewer than a number of them, or half of it, because they are evenly spaced."""
-
-MIN_BETWEEN = 0.1
-"""Least distance of interference from the paths of both objects, over theirs from each other, that is told from a change of one of them."""
 
 MAX_PATTERNS = 0.5
 """Largest number of patterns of objects and their interference, over the number of frames in the longest block."""
@@ -54,7 +51,7 @@ class Several:
     def __init__(self, spectra: np.ndarray, band: Band, lags: Sequence[int], alone: np.ndarray) -> None:
         """Take distances of frames, the largest first, and the path of a single object, (frames, 2).
 
-        Frames that are strange along it do not count: they look like a further object.
+        Frames that are strange along it do not count in the likelihood: they look like a further object.
         """
         whole_band, band = band, central_lobe(band)
         self._fits_interference = is_fitted(whole_band, band)
@@ -101,7 +98,7 @@ class Several:
 
     def _may_interfere(self, objects: int) -> bool:
         """Return whether the interference of some objects is fitted: each two of them have two patterns more."""
-        return self._fits_interference and objects**2 <= MAX_PATTERNS * self._whole.frames
+        return self._fits_interference and objects**2 <= MAX_PATTERNS * self._whole.longest_block
 
     def _interfering(self, known: Sequence[np.ndarray], found: Sequence[Together]) -> list[Together]:
         """Return known objects and a further one with their interference, near those found without it that are the most likely."""
@@ -123,18 +120,20 @@ class Several:
         return max(changing[:MODES] + with_interference[:1]), max(changing + with_interference)
 
     def _are_likely(self, together: Together, steady: float, changing: float) -> bool:
-        """Return whether objects explain more than patterns of known ones that change; see `_limits`. Dim ones must do so by their
-        interference."""
-        found, with_interference = self.rise(together.paths), self.rise(together.tracks)
-        powers = self.powers(together.paths)
-        # A single object shows interference along its own path only, if its pattern swings. That of two known ones differs from its model.
-        is_between = (np.abs(together.between[:, 0] - 0.5) < 0.5 - MIN_BETWEEN).all()
-        clear = 1.0 if len(together.paths) == 2 else 1.0 + MIN_GAIN
-        interfere = bool(is_between) and with_interference > clear * max(changing, found) + self.cells
-        if interfere or powers.min() <= MIN_RELATIVE_POWER * powers.max():
-            return interfere
-        changed = [self._whole.rise(together.paths, modes) for modes in range(1, MODES + 1)]
-        return found > steady + self.cells or max(changed) > (1.0 + MIN_GAIN) * changing + self.cells
+        """Return whether objects explain more than patterns of known ones that change, or by interference; see `_limits`."""
+        found, paths = self.rise(together.paths), together.paths
+        # The model does not explain all interference of two known objects.
+        least = (1.0 if len(paths) == 2 else 1.0 + MIN_GAIN) * max(changing, found) + self.cells
+        if self.rise(together.tracks) > least and self._moves_as_neither(together):
+            return True
+        changed = max(self._whole.rise(paths, modes) for modes in range(1, MODES + 1))
+        return found > steady + self.cells or changed > (1.0 + MIN_GAIN) * changing + self.cells
+
+    def _moves_as_neither(self, together: Together) -> bool:
+        """Return whether the interference of each two objects parts from both: along the path of one, it is a pattern that swings."""
+        ways = [way_apart(*pair, self._lag) for pair in combinations(together.paths, 2)]
+        parts = [min(share, 1.0 - share) * way for (share, _), way in zip(together.between, ways, strict=False)]
+        return all(part > self.band.grain_pixels for part in parts)
 
     def _begun(self, known: Sequence[np.ndarray], candidates: Sequence[np.ndarray]) -> Iterator[list[np.ndarray]]:
         """Yield paths of known objects and of a further one, near the maximum of their likelihood; or of two in place of a known one."""

@@ -134,7 +134,7 @@ def stabilise(capture: Capture, path: Track, least: int = MIN_GROUPS) -> Stabili
     """Return a capture whose frames follow a path. The size of a group is the power of two at which r*r is most significant, up to the
     distance at which frames along the path share less than half: beyond, the path may be wrong."""
     count, pixels = len(capture.frames), path.smooth_path_pixels
-    longest = path.fading[0] if path.fading and path.fading[1] < HALF else count
+    longest = path.fading[0] if path.fading and path.fading[0] > 1 and path.fading[1] < HALF else count
     first = max(0, (count - FRAMES_FOR_SIZE) // 2)
     some = range(first, min(count, first + FRAMES_FOR_SIZE))
     best, clearest, size, adder = 1, -np.inf, 1, _Adder(capture)

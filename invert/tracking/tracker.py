@@ -14,6 +14,7 @@ from correlograph.files.captured_frames import check_copies, check_frames_in_mem
 from invert.tracking.band import Band
 from invert.tracking.breaks import check_continuity, follow_over_jumps
 from invert.tracking.central_lobe import central_lobe
+from invert.tracking.drawn import add_drawn
 from invert.tracking.joint import follow_several
 from invert.tracking.light import at_even_power
 from invert.tracking.numbers import doubts_of_order, frame_numbers
@@ -65,7 +66,11 @@ def track(
     for one in starts:
         _check_steps(one.path, band)
     alone = is_alone(starts)
-    followed = [follow_over_jumps(spectra, band, starts[0])] if alone else follow_several(spectra, band, starts)
+    followed = (
+        [follow_over_jumps(spectra, band, starts[0])]
+        if alone
+        else add_drawn(spectra, band, follow_several(spectra, band, starts))
+    )
     if len(starts) == 1 and not starts[0].is_continuous:
         check_continuity(spectra, band if alone else central_lobe(band), followed[0].path)
     open_share, tracks = _open_share(capture, interval_s), []

@@ -69,7 +69,7 @@ def film_of(request: Request, source: Source, interval_s: float | None = None) -
     path = path and replace(path, interval_s=interval_s)
     if path is not None and len(followed.objects) > 1:
         alone = fulfil(request.for_estimate(), chosen)
-        return _film_of_one(alone, path, counted, interval_s, [*notes, *followed.notes, *of_objects])
+        return _film_of_one(alone, path, counted, interval_s, [*notes, *followed.notes, *of_objects, *path.warnings])
     if may_be_one_pattern(capture, whole) and ONE_PATTERN in (single := fulfil(request.for_capture(), capture)).notes:
         return _film_of_one(single, None, counted, interval_s, notes)
     looks = Looks.of(followed.capture, whole, request)
