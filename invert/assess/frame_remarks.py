@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from invert.measure.contrast import Contrast
 from invert.measure.estimate import EstimateRecord
 from invert.measure.patch_fit import is_wider_than_lags
 from invert.measure.spectrum import Measurement
@@ -18,9 +17,6 @@ MAX_SHIFT_PIXELS = 0.2
 
 MAX_PATTERN_FRACTION = 0.1
 """Maximum fraction of lags at which a static pattern is subtracted without a remark."""
-
-MAX_CONTRAST_SQUARE, CONTRAST_SIGMA = 1.2, 4.0
-"""Squared contrast that uneven light explains, and standard errors beyond it without a remark; speckle has 1 at most."""
 
 
 def has_shifted(record: EstimateRecord | None) -> bool:
@@ -39,10 +35,6 @@ def _describe_width(record: EstimateRecord | None, measurement: Measurement) -> 
         return []
     remedy = "take more lags" if record is None else "try --patch fit, or frames with smaller pixels"
     return [f"the object may be wider than the lags; {remedy}"]
-
-
-def _is_processed(contrast: Contrast | None) -> bool:
-    return contrast is not None and contrast.square - CONTRAST_SIGMA * contrast.error > MAX_CONTRAST_SQUARE
 
 
 def _describe_faults(record: EstimateRecord | None) -> list[str]:
@@ -70,7 +62,7 @@ def _describe_faults(record: EstimateRecord | None) -> list[str]:
             f"frames share a static pattern, which was subtracted at {100.0 * pattern:.0f} % of the lags",
         ),
         (
-            _is_processed(record.contrast),
+            record.contrast is not None and record.contrast.is_too_high,
             "the contrast of the speckle is higher than light makes it; use raw frames (not sharpened, interpolated or filtered), check "
             "the offset of the camera, and light the wall evenly",
         ),

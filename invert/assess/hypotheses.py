@@ -21,7 +21,7 @@ from invert.measure.contrast import Contrast
 from invert.measure.estimate import EstimateRecord
 from invert.measure.patch_fit import signal_extent_lags
 from invert.measure.spectrum import Measurement
-from radiometry.noise.detection import TRIALS
+from radiometry.noise.detection import DETECTION_LIMIT, TRIALS
 
 PRIOR_NO_OBJECT = 0.5
 """Probability, before the frames are known, that there is no object."""
@@ -39,6 +39,9 @@ sensor; the second number holds if periodic waves were found."""
 PRIOR_SHARED = 0.3
 """The same for several frames that share light at nearly all lags, which leaves texture if the level of a lamp changes, and for few frames
 whose light moves, as with a camera that shakes."""
+
+PRIOR_TOO_HIGH = 0.5
+"""The same at least, if the contrast is higher than light makes it: frames of an object that were sharpened have such a contrast, too."""
 
 MIN_SHARED_LAGS = 0.9
 """Fraction of the lags above which frames share light at nearly all of them."""
@@ -89,9 +92,11 @@ def weigh_hypotheses(
         may_shake: whether the motion between frames may be that of a camera that shakes.
     """
     none = noise_probability(measurement.detection, TRIALS)
-    if measurement.peak <= 0.0:  # r*r of any object rises towards zero lag
+    if measurement.detection >= DETECTION_LIMIT and measurement.peak <= 0.0:  # r*r of any object rises towards zero lag
         none = 1.0
     texture = 0.0 if record is None else texture_probability(test, record, may_shake=may_shake)
+    if record is not None and record.contrast is not None and record.contrast.is_too_high:
+        texture = max(texture, PRIOR_TOO_HIGH)
     blur = (
         0.0
         if record is None

@@ -22,6 +22,10 @@ FULL_SIGMA = 3.0
 """Standard errors by which the squared contrast must lie below 1 for a blur to be possible."""
 
 
+MAX_CONTRAST_SQUARE, CONTRAST_SIGMA = 1.2, 4.0
+"""Squared contrast that uneven light explains, and standard errors beyond it without a remark; speckle has 1 at most."""
+
+
 @dataclass(frozen=True)
 class Contrast:
     """Squared contrast of the speckle and its standard error. Pupil and pixels of the camera, but no blur, are divided out."""
@@ -33,6 +37,11 @@ class Contrast:
     def is_full(self) -> bool:
         """Whether the contrast may be 1, which leaves no room for blur."""
         return self.square + FULL_SIGMA * self.error >= 1.0
+
+    @property
+    def is_too_high(self) -> bool:
+        """Whether the contrast is higher than light makes it."""
+        return self.square - CONTRAST_SIGMA * self.error > MAX_CONTRAST_SQUARE
 
     def as_dict(self) -> dict[str, Any]:
         """Return the contrast for JSON."""

@@ -104,6 +104,14 @@ def test_light_that_frames_share_is_texture_if_its_contrast_is_low(error):
     assert texture_probability(unknown, record(3, contrast=Contrast(0.1, error)), may_shake=True) > 0.5
 
 
+def test_a_contrast_that_light_does_not_have_is_texture_or_processing():
+    measurement = replace(read_measurement(np.pad(np.ones((3, 3), np.float32), 62) + 0.1), detection=50.0, peak=1.0)
+    for square, probability in ((1.1, 0.0), (16.0, 0.5)):
+        shown = record(2, contrast=Contrast(square, 0.1))
+        shown.blur_found_pixels, shown.needs_other_light = None, False
+        assert weigh_hypotheses(measurement, shown, None)[Hypothesis.TEXTURE] == probability
+
+
 def test_a_single_frame_of_waves_without_a_third_moment_earns_no_confidence():
     unknown = replace(SPECKLE, third_moment_ratio=-30.0, error=60.0)
     probability = 1.0 - texture_probability(unknown, record(1, waves=26))
@@ -179,7 +187,8 @@ def test_a_published_estimate_has_two_explanations(rng):
 @pytest.mark.parametrize(("significance", "least", "most"), [(6.0, 0.5, 0.95), (8.0, 0.9999, 1.0), (None, 0.0, 0.0)])
 def test_motion_is_as_probable_as_it_is_significant(significance, least, most, rng):
     """At six standard deviations, one in a million displacements of noise may have reached it."""
-    measurement = replace(read_measurement(np.abs(rng.standard_normal((127, 127))).astype(np.float32)), detection=50.0)
+    measurement = read_measurement(np.abs(rng.standard_normal((127, 127))).astype(np.float32))
+    measurement = replace(measurement, detection=50.0, peak=1.0)
     found = weigh_hypotheses(measurement, None, None, significance)
     assert sum(found.values()) == pytest.approx(1.0)
     assert least <= found[Hypothesis.MOVING_OBJECT] <= most
