@@ -5,8 +5,8 @@ cannot tell them apart, but two limits hold. Blur lowers the contrast of the spe
 1 when they are divided out are impossible. Ambient light, an unknown offset and a second polarisation lower the contrast, too, but leave
 r*r as it is. And no lag of r*r exceeds zero lag: so are blurs that would raise one above it. If a reconstruction without blur leaves much
 of the estimate unexplained, the search reconstructs under possible blurs. It accepts the one that explains most if it halves the deficit in
-log-likelihood, and if the network trusts the picture as well. The reconstruction of the explanation that was not chosen is kept: where it
-differs, so may the truth.
+log-likelihood, if the network trusts the picture as well, and if the picture changes. The reconstruction of the explanation that was not
+chosen is kept: where it differs, so may the truth.
 Evidence: docs/research.md, "Unknown blur".
 """
 
@@ -19,6 +19,7 @@ import numpy as np
 import torch
 
 from correlograph.lags import LAGS
+from invert.albedo.metrics import aligned_pearson
 from invert.likelihood.gamma import Likelihood
 from invert.measure.contrast import FULL_SIGMA, signal_sum
 from invert.measure.estimate import Estimate, apply_blur_transfer
@@ -48,6 +49,9 @@ MIN_GAIN_NATS, MIN_GAIN_FRACTION = 200.0, 0.5
 
 MAX_CONFIDENCE_LOSS = 0.09
 """A blur is not accepted if the confidence of the reconstruction with it is lower by more than this."""
+
+MAX_LIKENESS = 0.9
+"""Maximum correlation of the pictures with a blur and without; one that changes less is often noise of a flat or dark frame."""
 
 RECONSTRUCTIONS_PER_BLUR = 2
 """Reconstructions per blur; the one with the lower misfit counts."""
@@ -112,7 +116,7 @@ class _Search:
         best = int(np.argmin(left))
         blurred, found = tried[best], made[best][0]
         explains_more = unexplained - left[best] >= max(MIN_GAIN_NATS, MIN_GAIN_FRACTION * unexplained)
-        if not (explains_more and found.object_found and found.confidence >= sharp[0].confidence - MAX_CONFIDENCE_LOSS):
+        if not explains_more or not _is_better(found, sharp[0]):
             return BlurSearch(estimate, sharp[0], made[best][int(np.argmin(self.misfits(blurred, made[best])))])
         assert estimate.record is not None
         record = replace(estimate.record, blur_found_pixels=blurred.blur_pixels)
@@ -131,6 +135,13 @@ class _Search:
             if self.misfits(tried, made[-1:])[0] < MIN_GAIN_NATS:
                 break
         return made
+
+
+def _is_better(found: Reconstruction, sharp: Reconstruction) -> bool:
+    """Return whether a reconstruction with a blur may stand for that without: the network trusts it as much, and they differ."""
+    if not found.object_found or found.confidence < sharp.confidence - MAX_CONFIDENCE_LOSS:
+        return False
+    return aligned_pearson(found.albedo, sharp.albedo)[0] <= MAX_LIKENESS
 
 
 def largest_blurs(estimate: Estimate) -> dict[Blur, Blur]:
