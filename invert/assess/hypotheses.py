@@ -60,7 +60,7 @@ frequent; and by how much less it is in noise, times the root of the significanc
 EXTENT_SCATTER, EXTENT_SCATTER_NOISE = 0.02, 0.45
 """Scatter of this extent as a logistic scale, and how it grows in noise. Evidence: the same."""
 
-BLUR_FOUND, BLUR_FOUND_FALSELY = 0.4, 0.05
+BLUR_FOUND, BLUR_FOUND_FALSELY = 0.3, 0.02
 """Rates at which the search finds a blur of half a pixel to five, and one in sharp frames of low contrast. Evidence: docs/research.md,
 "Unknown blur"."""
 
