@@ -22,8 +22,7 @@ from invert.tracking.start import are_distinct, way_apart
 from invert.tracking.strange import are_strange
 
 MIN_RELATIVE_POWER = 0.12
-"""Least power of the speckle of an object over that of the brightest, if it shows no clear interference: strange frames look like a dim
-object. The interference of an object is several times brighter than its own speckle."""
+"""Least power of the speckle of an object over that of the brightest, where interference is not fitted."""
 
 MODES, MIN_GAIN = 3, 0.05
 """Largest number of modes of patterns that change, and least part by which a further object must raise what is explained: two patterns
