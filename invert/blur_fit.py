@@ -112,12 +112,12 @@ class _Search:
         if unexplained < MIN_GAIN_NATS:
             return BlurSearch(estimate, sharp[0], self.reconstruct(_read(tried[0]), 0))
         made = [self.attempts(one) for one in tried]
-        left = [min(self.misfits(one, each)) for one, each in zip(tried, made, strict=True)]
-        best = int(np.argmin(left))
-        blurred, found = tried[best], made[best][0]
-        explains_more = unexplained - left[best] >= max(MIN_GAIN_NATS, MIN_GAIN_FRACTION * unexplained)
+        misfits = [self.misfits(one, each) for one, each in zip(tried, made, strict=True)]
+        best = min(range(len(tried)), key=lambda index: min(misfits[index]))
+        blurred, found, left = tried[best], made[best][0], min(misfits[best])
+        explains_more = unexplained - left >= max(MIN_GAIN_NATS, MIN_GAIN_FRACTION * unexplained)
         if not explains_more or not _is_better(found, sharp[0]):
-            return BlurSearch(estimate, sharp[0], made[best][int(np.argmin(self.misfits(blurred, made[best])))])
+            return BlurSearch(estimate, sharp[0], made[best][misfits[best].index(left)])
         assert estimate.record is not None
         record = replace(estimate.record, blur_found_pixels=blurred.blur_pixels)
         return BlurSearch(replace(blurred, record=record), found, sharp[0])

@@ -297,8 +297,8 @@ def check_frame(pixels: np.ndarray, file: Path) -> None:
             f"the same value {lowest:g} everywhere in {file.name}",
             "check the exposure or leave the frame out",
         )
-    mean = float(pixels.mean(dtype=np.float64)) if lowest < 0.0 else 0.0
-    if mean < 0.0 and mean < MIN_MEAN * float(pixels.std(dtype=np.float64)):
+    # Raw frames have no negative pixels, and are not summed up.
+    if lowest < 0.0 and (mean := float(pixels.mean(dtype=np.float64))) < MIN_MEAN * float(pixels.std(dtype=np.float64)):
         raise InputError(
             "frame",
             "a positive mean",

@@ -21,7 +21,6 @@ squared mean, less 8 because both rise together."""
 FULL_SIGMA = 3.0
 """Standard errors by which the squared contrast must lie below 1 for a blur to be possible."""
 
-
 MAX_CONTRAST_SQUARE, CONTRAST_SIGMA = 1.2, 4.0
 """Squared contrast that uneven light explains, and standard errors beyond it without a remark; speckle has 1 at most."""
 

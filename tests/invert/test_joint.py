@@ -244,7 +244,7 @@ def test_paths_of_two_objects_with_large_grains_are_within_their_errors():
 @pytest.mark.parametrize(("seed", "step"), [(0, (0.0, 0.0)), (1, (-2.5, 2.3)), (2, (1.8, 4.9))])
 def test_a_path_that_interference_draws_has_a_larger_error_or_a_warning(seed, step):
     """The fields of a tall object and of a wide one overlap and add, in frames of a few hundred grains. There is no third path, although
-    interference moves as neither object does. Before, errors were up to 13 times the stated ones."""
+    interference moves as neither object does. Without this error, such paths are off by up to 13 stated ones."""
     rng, numbers = np.random.default_rng(seed), np.arange(12)[:, None]
     paths = [numbers * np.array(one) for one in ((4.1, -2.4), step)]
     tall, wide = np.zeros((2, 64, 64))
