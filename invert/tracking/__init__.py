@@ -11,6 +11,8 @@ maxima.py    maxima of cross-correlations that belong to an object each
 start.py     objects and their approximate paths
 likely_path.py  most likely path where pairs of frames are dim
 likelihood.py  likelihood that the patterns of some objects are all that frames show
+fading.py    likelihood of patterns that fade
+climb.py     paths at its maximum
 interference.py  interference of objects, and the maximum of the likelihood with it
 explained.py what paths explain of the light that frames have in common
 several.py   several objects, by the likelihood of their paths together

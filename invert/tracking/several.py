@@ -2,7 +2,8 @@
 
 An object is added where the frames are most likely with it: at a candidate, or beside an object that is known, along a path that differs
 from its own by a constant velocity. All paths are then moved by constant velocities, together with their interference, to the maximum of
-their likelihood: what was one path between two objects becomes that of one of them.
+their likelihood: what was one path between two objects becomes that of one of them. Where patterns change more than objects interfere,
+this likelihood is that of patterns that fade (`fading.py`).
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ import numpy as np
 
 from invert.tracking.band import Band
 from invert.tracking.central_lobe import central_lobe
+from invert.tracking.climb import climb
 from invert.tracking.explained import Explained
+from invert.tracking.fading import FINE, SOUGHT, FadingLikelihood
 from invert.tracking.interference import Together, apart, begin_interference, find_interference, is_fitted, maximise
 from invert.tracking.likelihood import WHOLE, Likelihood
 from invert.tracking.maxima import MIN_RELATIVE_HEIGHT
@@ -39,6 +42,9 @@ PITCH, REACH = 1.5, 4
 """Pitch of the velocities at which an object is sought beside another, in half grains over the largest distance of frames, and their
 greatest difference in pitches."""
 
+CLIMB = 5.0
+"""Largest change of a velocity in a round of the search with patterns that fade, in half grains over the largest distance of frames."""
+
 STARTS = 3
 """Numbers of paths from the candidates, from beside other objects, and of pairs, that are moved to their maxima; and how many of these, one
 fewer for each further object, are moved together with their interference."""
@@ -60,8 +66,9 @@ class Several:
         whole = self._whole.frequencies
         wanted = max(QUICK_FREQUENCIES, whole * QUICK / max(self.rise([alone]), 1.0))
         self._quick = Likelihood(spectra, band, len(spectra) * int(wanted), used) if wanted < whole else self._whole
+        self._sought, self._fine = (FadingLikelihood(spectra, band, most, used) for most in (SOUGHT, FINE))
         self.band, self._lag, self._step = band, lags[0], 0.5 * band.grain_pixels / lags[0]
-        self._numbers = np.arange(len(spectra))[:, None]
+        self._numbers, self._climb = np.arange(len(spectra))[:, None], CLIMB * self._step
 
     @property
     def cells(self) -> int:
@@ -83,17 +90,26 @@ class Several:
 
     def add_object(self, known: Sequence[np.ndarray], candidates: Sequence[np.ndarray]) -> list[np.ndarray] | None:
         """Return the paths of known objects and of a further one, the most likely; None if there is none."""
-        before, settled = apart(known), [self.settle(one) for one in self._begun(known, candidates)]
-        found = [apart(paths) for paths in settled if self._are_objects(known, paths)]
+        begun = list(self._begun(known, candidates))
+        found = [apart(paths) for paths in map(self.settle, begun) if self._are_objects(known, paths)]
         if not found:
             return None
-        if self._may_interfere(len(known)):
-            before = find_interference(self._quick, known)
+        before = find_interference(self._quick, known) if self._may_interfere(len(known)) else apart(known)
         if self._may_interfere(len(known) + 1):
             found = self._interfering(known, found)
         limits = self._limits(before)
         found.sort(key=lambda one: self.rise(one.tracks), reverse=True)
-        return next((one.paths for one in found if self._are_likely(one, *limits)), None)
+        likely = next((one for one in found if self._are_likely(one, *limits)), None)
+        return likely and self._most_likely(known, likely, begun[:STARTS])
+
+    def _most_likely(self, known: Sequence[np.ndarray], found: Together, begun: Sequence[list[np.ndarray]]) -> list[np.ndarray]:
+        """Return the paths of known objects and of a further one: those found, unless patterns change more than they interfere. Then the
+        likelihood of patterns that fade is maximised, from them and from begun paths."""
+        if max(self._whole.rise(found.paths, modes) for modes in range(2, MODES + 1)) < self.rise(found.tracks):
+            return found.paths
+        climbed, _ = max((climb(self._sought, one, self._climb) for one in (found.paths, *begun)), key=lambda one: one[1])
+        climbed, _ = climb(self._fine, climbed, self._climb)
+        return climbed if self._are_objects(known, climbed) else found.paths
 
     def _may_interfere(self, objects: int) -> bool:
         """Return whether the interference of some objects is fitted: each two of them have two patterns more."""
