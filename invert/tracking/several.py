@@ -103,9 +103,10 @@ class Several:
         return likely and self._most_likely(known, likely, begun[:STARTS])
 
     def _most_likely(self, known: Sequence[np.ndarray], found: Together, begun: Sequence[list[np.ndarray]]) -> list[np.ndarray]:
-        """Return the paths of known objects and of a further one: those found, unless patterns change more than they interfere. Then the
-        likelihood of patterns that fade is maximised, from them and from begun paths."""
-        if max(self._whole.rise(found.paths, modes) for modes in range(2, MODES + 1)) < self.rise(found.tracks):
+        """Return the paths of known objects and of a further one: those found, unless patterns change more than they interfere, as far as
+        interference is fitted. Then the likelihood of patterns that fade is maximised, from them and from begun paths."""
+        changed = max(self._whole.rise(found.paths, modes) for modes in range(2, MODES + 1))
+        if not len(found.between) or changed < self.rise(found.tracks):
             return found.paths
         climbed, _ = max((climb(self._sought, one, self._climb) for one in (found.paths, *begun)), key=lambda one: one[1])
         climbed, _ = climb(self._fine, climbed, self._climb)
