@@ -73,9 +73,9 @@ class _Part:
 
     Attributes:
         turned: phases of each pattern, (K, frames).
-        alike: what frames of the window share of patterns that fade in each of the lengths, (lengths, frames, frames).
+        alike: likeness of the frames of a pattern that fades in each of the lengths, (lengths, frames, frames).
         patterns: covariance of each pattern, (K, frames, frames).
-        inverse: that of the covariance of all, (K, frames, frames).
+        inverse: inverse of the whole covariance, (K, frames, frames).
         likely: its product with the spectra, (K, frames).
         height: logarithm of the likelihood, (K,).
     """
@@ -89,7 +89,7 @@ class _Part:
 
     def terms(self, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return both terms of the slope with the powers of a pattern of some phases, (lengths, K) each."""
-        return _with_all(self.likely * turned.conj(), np.ones(1), self.alike), _with_all(
+        return _sum_products(self.likely * turned.conj(), np.ones(1), self.alike), _sum_products(
             turned.conj(), self.inverse, self.alike
         )
 
@@ -170,14 +170,14 @@ class FadingLikelihood:
         firsts = range(0, len(self._counts), PART)
         return [(number, slice(first, first + PART)) for number in range(len(self._windows)) for first in firsts]
 
-    def _turned(self, path: np.ndarray, number: int, some: slice) -> np.ndarray:
+    def _phases(self, path: np.ndarray, number: int, some: slice) -> np.ndarray:
         """Return the phases of a path (frames, 2) in a window at some frequencies, (K, frames)."""
         return np.exp(-1j * (path[self._windows[number]] @ self._turns[:, some]).T)
 
     def _part(self, paths: Sequence[np.ndarray], powers: Powers, number: int, some: slice) -> _Part:
         """Return the covariance of patterns along paths in a window, at some frequencies."""
         window, values = self._windows[number], self._values[number][some]
-        turned = [self._turned(path, number, some) for path in paths]
+        turned = [self._phases(path, number, some) for path in paths]
         alike = np.exp(-(((window[:, None] - window) / LENGTHS[:, None, None]) ** 2))
         patterns = [
             np.tensordot(own[:, some].T, alike, 1) * one[:, :, None] * one.conj()[:, None]
@@ -226,7 +226,7 @@ def _choose(band: Band, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return rows[order], columns[order], cell[order]
 
 
-def _with_all(vector: np.ndarray, matrix: np.ndarray, alike: np.ndarray) -> np.ndarray:
+def _sum_products(vector: np.ndarray, matrix: np.ndarray, alike: np.ndarray) -> np.ndarray:
     """Return the sums of the elements of v v*, with vectors v (K, frames), times those of matrices (K, frames, frames) and of each of
     some matrices (lengths, frames, frames), (lengths, K)."""
     products = (matrix * vector[:, :, None] * vector.conj()[:, None]).real
