@@ -36,9 +36,6 @@ WINDOW = 48
 PART, FOR_INFORMATION = 64, 4
 """Number of frequencies whose matrices are inverted at a time; one in so many of them gives the information."""
 
-ROUNDS, GAIN = 24, 0.05
-"""Largest number of rounds in which powers are fitted, and gain in a round, per cell, at which they are known."""
-
 FLOOR = 1e-6
 """Least noise over the mean power."""
 
@@ -89,9 +86,8 @@ class _Part:
 
     def terms(self, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return both terms of the slope with the powers of a pattern of some phases, (lengths, K) each."""
-        return _sum_products(self.likely * turned.conj(), np.ones(1), self.alike), _sum_products(
-            turned.conj(), self.inverse, self.alike
-        )
+        back = turned.conj()
+        return _sum_products(self.likely * back, np.ones(1), self.alike), _sum_products(back, self.inverse, self.alike)
 
 
 class FadingLikelihood:
@@ -121,8 +117,8 @@ class FadingLikelihood:
 
     def begin(self, patterns: int) -> Powers:
         """Return powers with which a fit begins: all the same."""
-        share = 0.5 * self._total if patterns else self._total
-        return Powers(np.tile(share / max(1, patterns * len(LENGTHS)), (patterns, len(LENGTHS), 1)), share)
+        shares = np.full((patterns, len(LENGTHS), 1), 0.5 / (patterns * len(LENGTHS)))
+        return Powers(shares * self._total, 0.5 * self._total)
 
     def step(self, paths: Sequence[np.ndarray], powers: Powers, moves: bool = False) -> Step:
         """Return the likelihood of patterns along paths (frames, 2), and a step up. Slope and information are zero unless paths move."""
@@ -154,16 +150,6 @@ class FadingLikelihood:
         noise = powers.noise * self._in_cells(noise_above) / self._in_cells(noise_below)
         higher = powers.patterns * self._in_cells(np.maximum(above, 0.0)) / np.maximum(self._in_cells(below), 1e-300)
         return Step(height - self._none, Powers(higher, np.maximum(noise, FLOOR * self._total)), slope, information)
-
-    def fit(self, paths: Sequence[np.ndarray]) -> tuple[float, Powers]:
-        """Return the logarithm of the likelihood of patterns along paths (frames, 2), over that of noise alone, and their powers."""
-        powers, height = self.begin(len(paths)), -np.inf
-        for _ in range(ROUNDS):
-            found = self.step(paths, powers)
-            gain, height, powers = found.height - height, found.height, found.powers
-            if gain < GAIN * self.cells:
-                break
-        return height, powers
 
     def _places(self) -> list[tuple[int, slice]]:
         """Return numbers of windows and parts of the frequencies."""
