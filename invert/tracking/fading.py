@@ -1,4 +1,4 @@
-"""Likelihood of patterns that fade, and the most likely paths near approximate ones.
+"""Likelihood of patterns that fade.
 
 The patterns are Gaussian random fields that travel along paths p and fade as the illumination on the objects changes. The spectra of frames
 t and s at a frequency f have the covariance
@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from invert.tracking.band import Band
+from invert.tracking.likelihood import frequencies_in_cells
 from invert.tracking.parts import on_all_cores
 
 LENGTHS = np.array([1.5, 4.0, 10.0, 25.0, 100.0])
@@ -104,9 +105,10 @@ class FadingLikelihood:
     def __init__(self, spectra: np.ndarray, band: Band, frequencies: int, used: np.ndarray) -> None:
         numbers = np.flatnonzero(used)
         self._windows = np.array_split(numbers, -(-len(numbers) // WINDOW))
-        rows, columns, cell = _choose(band, frequencies // len(self._windows))
-        first = np.diff(cell, prepend=-1) != 0
-        self._starts, self._cell, self.cells = np.flatnonzero(first), np.cumsum(first) - 1, int(first.sum())
+        every = max(1.0, (band.counts > 0.0).sum() / (frequencies // len(self._windows)))
+        down = round(every**0.5)
+        rows, columns, self._starts = frequencies_in_cells(band, (down, max(1, round(every / down))), CELL)
+        self.cells, self._sizes = len(self._starts), np.diff(self._starts, append=len(rows))
         self._turns = 2.0 * np.pi * np.stack([band.rows[rows], band.columns[columns]])
         counts = band.counts[rows, columns]
         # Two conjugate coefficients are one, the window correlates neighbours, and some stand for all.
@@ -195,21 +197,7 @@ class FadingLikelihood:
     def _in_cells(self, values: np.ndarray) -> np.ndarray:
         """Return the means over cells of values (..., frequencies), at each frequency."""
         sums, counts = (np.add.reduceat(one, self._starts, -1) for one in (self._counts * values, self._counts))
-        return (sums / counts)[..., self._cell]
-
-
-def _choose(band: Band, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return rows and columns of about a number of evenly spaced frequencies of a band, in the order of their cells, and the cells."""
-    inside = band.counts > 0.0
-    every = max(1.0, inside.sum() / most)
-    down = round(every**0.5)
-    right = max(1, round(every / down))
-    rows, columns = np.nonzero(inside)
-    chosen = (rows % down == 0) & (columns % right == 0)
-    rows, columns = rows[chosen], columns[chosen]
-    cell = rows // (CELL * down) * len(band.columns) + columns // (CELL * right)
-    order = np.argsort(cell, kind="stable")
-    return rows[order], columns[order], cell[order]
+        return np.repeat(sums / counts, self._sizes, -1)
 
 
 def _sum_products(vector: np.ndarray, matrix: np.ndarray, alike: np.ndarray) -> np.ndarray:

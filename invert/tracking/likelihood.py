@@ -70,17 +70,10 @@ class Likelihood:
 
     def __init__(self, spectra: np.ndarray, band: Band, most: int, used: np.ndarray | None = None) -> None:
         self._used = np.flatnonzero(np.ones(len(spectra), bool) if used is None else used)
-        inside = band.counts > 0.0
-        every = max(1.0, inside.sum() * len(spectra) / most)
+        every = max(1.0, (band.counts > 0.0).sum() * len(spectra) / most)
         down = int(np.ceil(every**0.5))
-        right = int(np.ceil(every / down))
-        thinned = np.zeros_like(inside)
-        thinned[::down, ::right] = inside[::down, ::right]
-        rows, columns = np.nonzero(thinned)
-        cell = rows // (CELL * down) * len(band.columns) + columns // (CELL * right)
-        order = np.argsort(cell, kind="stable")
-        self._rows, self._columns = rows[order], columns[order]
-        self._starts = np.flatnonzero(np.diff(cell[order], prepend=-1))
+        rows, columns, self._starts = frequencies_in_cells(band, (down, int(np.ceil(every / down))), CELL)
+        self._rows, self._columns = rows, columns
         self.frequencies, self.cells = len(rows), len(self._starts)
         self._band, self._spectra = band, spectra[self._used[:, None], self._rows, self._columns]
         # Two conjugate coefficients are one, and the window correlates neighbours.
@@ -199,6 +192,22 @@ class Likelihood:
     def _in_cells(self, values: np.ndarray) -> np.ndarray:
         """Return the sums over cells of values (blocks, frequencies), times their counts, (cells,)."""
         return np.add.reduceat(self._counts * values.sum(0), self._starts)
+
+
+def frequencies_in_cells(band: Band, every: tuple[int, int], side: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return rows and columns of evenly spaced frequencies of a band, cell by cell, and the indices at which cells begin.
+
+    Args:
+        every: distances of the frequencies along rows and columns.
+        side: side of a cell in these distances.
+    """
+    down, right = every
+    rows, columns = np.nonzero(band.counts > 0.0)
+    chosen = (rows % down == 0) & (columns % right == 0)
+    rows, columns = rows[chosen], columns[chosen]
+    cell = rows // (side * down) * len(band.columns) + columns // (side * right)
+    order = np.argsort(cell, kind="stable")
+    return rows[order], columns[order], np.flatnonzero(np.diff(cell[order], prepend=-1))
 
 
 def _weights(blocks: Sequence[np.ndarray], modes: int) -> np.ndarray:

@@ -9,6 +9,7 @@ this likelihood is that of patterns that fade (`fading.py`).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import combinations, product
 
 import numpy as np
@@ -66,7 +67,7 @@ class Several:
         whole = self._whole.frequencies
         wanted = max(QUICK_FREQUENCIES, whole * QUICK / max(self.rise([alone]), 1.0))
         self._quick = Likelihood(spectra, band, len(spectra) * int(wanted), used) if wanted < whole else self._whole
-        self._sought, self._fine = (FadingLikelihood(spectra, band, most, used) for most in (SOUGHT, FINE))
+        self._fading = partial(FadingLikelihood, spectra, band, used=used)
         self.band, self._lag, self._step = band, lags[0], 0.5 * band.grain_pixels / lags[0]
         self._numbers, self._climb = np.arange(len(spectra))[:, None], CLIMB * self._step
 
@@ -105,11 +106,11 @@ class Several:
     def _most_likely(self, known: Sequence[np.ndarray], found: Together, begun: Sequence[list[np.ndarray]]) -> list[np.ndarray]:
         """Return the paths of known objects and of a further one: those found, unless patterns change more than they interfere, as far as
         interference is fitted. Then the likelihood of patterns that fade is maximised, from them and from begun paths."""
-        changed = max(self._whole.rise(found.paths, modes) for modes in range(2, MODES + 1))
-        if not len(found.between) or changed < self.rise(found.tracks):
+        if not len(found.between) or max(self._rises(found.paths, MODES)[1:]) < self.rise(found.tracks):
             return found.paths
-        climbed, _ = max((climb(self._sought, one, self._climb) for one in (found.paths, *begun)), key=lambda one: one[1])
-        climbed, _ = climb(self._fine, climbed, self._climb)
+        sought = self._fading(SOUGHT)
+        climbed, _ = max((climb(sought, one, self._climb) for one in (found.paths, *begun)), key=lambda one: one[1])
+        climbed, _ = climb(self._fading(FINE), climbed, self._climb)
         return climbed if self._are_objects(known, climbed) else found.paths
 
     def _may_interfere(self, objects: int) -> bool:
@@ -131,9 +132,13 @@ class Several:
     def _limits(self, known: Together) -> tuple[float, float]:
         """Return what known objects explain by patterns that change, or by steady interference; and what with one mode more, or by
         interference that changes."""
-        changing = [self._whole.rise(known.paths, modes) for modes in range(1, MODES + 2)]
-        with_interference = [self._whole.rise(known.tracks, modes) for modes in (1, 2)] if len(known.between) else []
+        changing = self._rises(known.paths, MODES + 1)
+        with_interference = self._rises(known.tracks, 2) if len(known.between) else []
         return max(changing[:MODES] + with_interference[:1]), max(changing + with_interference)
+
+    def _rises(self, tracks: Sequence[np.ndarray], most: int) -> list[float]:
+        """Return by how much patterns of 1, 2, ... modes along tracks raise the logarithm of the likelihood of all frames."""
+        return [self._whole.rise(tracks, modes) for modes in range(1, most + 1)]
 
     def _are_likely(self, together: Together, steady: float, changing: float) -> bool:
         """Return whether objects explain more than patterns of known ones that change, or by interference; see `_limits`."""
@@ -142,7 +147,7 @@ class Several:
         least = (1.0 if len(paths) == 2 else 1.0 + MIN_GAIN) * max(changing, found) + self.cells
         if self.rise(together.tracks) > least and self._moves_as_neither(together):
             return True
-        changed = max(self._whole.rise(paths, modes) for modes in range(1, MODES + 1))
+        changed = max(self._rises(paths, MODES))
         return found > steady + self.cells or changed > (1.0 + MIN_GAIN) * changing + self.cells
 
     def _moves_as_neither(self, together: Together) -> bool:

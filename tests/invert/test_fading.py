@@ -8,6 +8,7 @@ import pytest
 from invert.tracking.band import Band
 from invert.tracking.climb import climb
 from invert.tracking.fading import FINE, LENGTHS, WINDOW, FadingLikelihood, Powers, Step
+from tests.invert.field.speckle import white
 
 SHAPE = (300, 420)
 NOISE = 0.4
@@ -37,10 +38,6 @@ def draw(paths: list[np.ndarray], powers: np.ndarray, band: Band, rng: np.random
             field = np.tensordot(np.linalg.cholesky(alike), white((len(at), *band.counts.shape), rng), 1)
             spectra = spectra + power**0.5 * field * np.exp(-2j * np.pi * turn)
     return spectra + NOISE**0.5 * white(spectra.shape, rng)
-
-
-def white(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
-    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / 2.0**0.5
 
 
 def fit(likelihood: FadingLikelihood, paths: list[np.ndarray]) -> Step:

@@ -16,7 +16,7 @@ from invert.tracking.joint import follow_several
 from invert.tracking.normal_equations import WINDOW, NormalEquations
 from invert.tracking.start import Start
 from invert.tracking.tracker import track
-from tests.invert.field.speckle import letter, travelling_fields, travelling_frames
+from tests.invert.field.speckle import letter, travelling_fields, travelling_frames, white
 
 SHAPE = (300, 420)
 FADING = np.array([0.0005, 0.004])
@@ -62,10 +62,6 @@ def draw(paths: np.ndarray, powers: np.ndarray, band: Band, rng: np.random.Gener
         turn = path[:, :1, None] * band.rows[:, None] + path[:, 1:, None] * band.columns
         spectra = spectra + field * np.exp(-2j * np.pi * turn)
     return (spectra + NOISE**0.5 * white(spectra.shape, rng)).astype(np.complex64)
-
-
-def white(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
-    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / 2.0**0.5
 
 
 def starts_near(paths: np.ndarray, rng: np.random.Generator) -> list[Start]:

@@ -32,6 +32,11 @@ def expected_frame(
     return intensity / (np.abs(phases) ** 2).sum()
 
 
+def white(shape: tuple[int, ...], rng: np.random.Generator) -> np.ndarray:
+    """Complex Gaussian numbers of variance 1."""
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / 2.0**0.5
+
+
 def travelling_frames(
     albedo: np.ndarray, shape: tuple[int, int], patch: int, rng: np.random.Generator, path: np.ndarray, memory: float
 ) -> list[np.ndarray]:
